@@ -1,0 +1,114 @@
+"""What a wheel is exposed to: one row per measurement or prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from smallwheel_ros.errors import SmallwheelError
+
+Array = NDArray[np.float64]
+
+ROLLING, PRESSED, PLATE = "rolling", "pressed", "plate"
+CONTACTS = (ROLLING, PRESSED, PLATE)
+
+
+class ConditionsError(SmallwheelError):
+    """Conditions that do not fit together, or a covariate that is not there."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Load, wheel and covariates of each row, in SI units; make one with `Conditions.of`.
+
+    load (N), diameter (m), width (m): shape (rows,). contact: one of `CONTACTS` per row.
+    soil: the soil's name per row, or None where there is but one. covariates: further columns by name
+    (slip, speed, pass_number, moisture, ...), each of shape (rows,).
+    """
+
+    load: Array
+    diameter: Array
+    width: Array
+    contact: NDArray[np.str_]
+    soil: NDArray[np.str_] | None = None
+    covariates: Mapping[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        load: ArrayLike,
+        diameter: ArrayLike,
+        width: ArrayLike,
+        *,
+        contact: ArrayLike = ROLLING,
+        soil: ArrayLike | None = None,
+        **covariates: ArrayLike,
+    ) -> Conditions:
+        """Conditions from scalars and arrays, broadcast to one length.
+
+        Raises ConditionsError where the lengths differ or a load, diameter or width is not positive.
+        """
+        numbers = {"load": load, "diameter": diameter, "width": width, **covariates}
+        columns = {name: np.asarray(value, dtype=float) for name, value in numbers.items()}
+        texts = {"contact": np.asarray(contact, dtype=np.str_)}
+        if soil is not None:
+            texts["soil"] = np.asarray(soil, dtype=np.str_)
+        try:
+            shape = np.broadcast_shapes((1,), *(a.shape for a in (*columns.values(), *texts.values())))
+        except ValueError:
+            lengths = ", ".join(f"{name} {a.size}" for name, a in columns.items())
+            raise ConditionsError(f"columns of different lengths: {lengths}") from None
+        if len(shape) != 1:
+            raise ConditionsError(f"conditions are one row per wheel, found an array of shape {shape}")
+        columns = {name: np.broadcast_to(a, shape) for name, a in columns.items()}
+        texts = {name: np.broadcast_to(a, shape) for name, a in texts.items()}
+        for name in ("load", "diameter", "width"):
+            needed = texts["contact"] != PLATE if name == "width" else np.ones(shape, dtype=bool)
+            bad = np.flatnonzero(needed & ~(columns[name] > 0) | np.isinf(columns[name]))
+            if bad.size:
+                raise ConditionsError(
+                    f"{name} in row {bad[0] + 1} is {columns[name][bad[0]]}, expected a number over 0"
+                )
+        unknown = set(np.unique(texts["contact"])) - set(CONTACTS)
+        if unknown:
+            raise ConditionsError(
+                f"contact '{sorted(unknown)[0]}' is unknown, expected one of {', '.join(CONTACTS)}"
+            )
+        return cls(
+            columns.pop("load"),
+            columns.pop("diameter"),
+            columns.pop("width"),
+            texts["contact"],
+            texts.get("soil"),
+            columns,
+        )
+
+    def __len__(self) -> int:
+        return int(self.load.size)
+
+    def __contains__(self, name: str) -> bool:
+        return name in ("load", "diameter", "width") or name in self.covariates
+
+    def __getitem__(self, name: str) -> Array:
+        """The column of that name. Raises ConditionsError naming what there is."""
+        if name in ("load", "diameter", "width"):
+            return np.asarray(getattr(self, name))
+        try:
+            return self.covariates[name]
+        except KeyError:
+            there = ", ".join(("load", "diameter", "width", *self.covariates))
+            raise ConditionsError(f"no column '{name}'. There is: {there}") from None
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Conditions:
+        """The rows of that index or mask."""
+        return Conditions(
+            self.load[rows],
+            self.diameter[rows],
+            self.width[rows],
+            self.contact[rows],
+            None if self.soil is None else self.soil[rows],
+            {name: column[rows] for name, column in self.covariates.items()},
+        )

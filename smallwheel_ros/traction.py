@@ -1,0 +1,63 @@
+"""Forces along the direction of travel: compaction resistance, thrust, drawbar pull."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+ThrustForm = Literal["integrated", "exponential"]
+
+
+def compaction_resistance(
+    sinkage: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
+) -> Array:
+    """R_c = b K z^(n+1) / (n+1), N: the work of the pressure over a metre of rut.
+
+    Bekker 1956; Meirion-Griffith and Spenko 2011, eq. 14. Exact for any shape of the contact.
+    sinkage, width: m. modulus: K = k D^m, Pa/m^n.
+    """
+    n = np.asarray(exponent, dtype=float)
+    work = np.asarray(modulus) * np.asarray(sinkage, dtype=float) ** (n + 1.0) / (n + 1.0)
+    return np.asarray(np.asarray(width) * work)
+
+
+def contact_length(sinkage: ArrayLike, diameter: ArrayLike) -> Array:
+    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r; to the axle at most."""
+    radius = 0.5 * np.asarray(diameter, dtype=float)
+    return np.asarray(radius * np.arccos(1.0 - np.clip(np.asarray(sinkage) / radius, 0.0, 1.0)))
+
+
+def thrust(
+    load: ArrayLike,
+    slip: ArrayLike,
+    sinkage: ArrayLike,
+    diameter: ArrayLike,
+    width: ArrayLike,
+    cohesion: ArrayLike,
+    friction_angle: ArrayLike,
+    shear_displacement: ArrayLike,
+    form: ThrustForm = "integrated",
+) -> Array:
+    """Thrust (N) of the soil on a wheel at a slip; negative where the wheel skids.
+
+    H0 = b l c + W tan(phi)                                     (eq. 1; Bekker 1956)
+    exponential: H = H0 (1 - exp(-i l / kappa))                 (eq. 2)
+    integrated:  H = H0 [1 - kappa/(i l) (1 - exp(-i l/kappa))] (Janosi and Hanamoto 1961)
+    The second averages the first over the contact, along which the shear displacement grows from 0 to i l.
+    load: N. slip: -1 .. 1. friction_angle: rad. shear_displacement: kappa, m.
+    """
+    length = contact_length(sinkage, diameter)
+    limit = np.asarray(width) * length * np.asarray(cohesion) + np.asarray(load) * np.tan(friction_angle)
+    i = np.asarray(slip, dtype=float)
+    x = np.abs(i) * length / np.asarray(shear_displacement)
+    if form == "exponential":
+        share = -np.expm1(-x)
+    else:
+        # 1 - (1 - e^-x)/x loses its digits for small x, where it is x/2 - x^2/6
+        safe = np.where(x > 1e-4, x, 1.0)
+        share = np.where(x > 1e-4, 1.0 + np.expm1(-safe) / safe, x / 2.0 - x**2 / 6.0)
+    return np.asarray(np.sign(i) * limit * share)
