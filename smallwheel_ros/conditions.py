@@ -57,12 +57,16 @@ class Conditions:
         if soil is not None:
             texts["soil"] = np.asarray(soil, dtype=np.str_)
         try:
-            shape = np.broadcast_shapes((1,), *(a.shape for a in (*columns.values(), *texts.values())))
+            shape = np.broadcast_shapes(
+                (1,), *(a.shape for a in (*columns.values(), *texts.values()))
+            )
         except ValueError:
             lengths = ", ".join(f"{name} {a.size}" for name, a in columns.items())
             raise ConditionsError(f"columns of different lengths: {lengths}") from None
         if len(shape) != 1:
-            raise ConditionsError(f"conditions are one row per wheel, found an array of shape {shape}")
+            raise ConditionsError(
+                f"conditions are one row per wheel, found an array of shape {shape}"
+            )
         columns = {name: np.broadcast_to(a, shape) for name, a in columns.items()}
         texts = {name: np.broadcast_to(a, shape) for name, a in texts.items()}
         for name in ("load", "diameter", "width"):

@@ -112,7 +112,11 @@ def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
 
 
 def contact_load(
-    sinkage: ArrayLike, diameter: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
+    sinkage: ArrayLike,
+    diameter: ArrayLike,
+    width: ArrayLike,
+    modulus: ArrayLike,
+    exponent: ArrayLike,
 ) -> Array:
     """Normal load (N) that a rolling wheel carries at this sinkage, by the contact integral.
 
@@ -123,7 +127,9 @@ def contact_load(
     return np.asarray(np.asarray(width) * np.asarray(modulus) * np.sqrt(d) * z ** (n + 0.5) * shape)
 
 
-def _solve_block(target: Array, diameter: Array, exponent: Array) -> tuple[Array, Array, Array, Array]:
+def _solve_block(
+    target: Array, diameter: Array, exponent: Array
+) -> tuple[Array, Array, Array, Array]:
     """ln z with (n + 1/2) ln z + ln I(n, z/D) = target, by Newton's method in ln z.
 
     ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from the left of

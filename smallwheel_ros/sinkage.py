@@ -30,7 +30,9 @@ def closed_form_sinkage(
     """
     n = np.asarray(exponent, dtype=float)
     d = np.asarray(diameter, dtype=float)
-    base = 3.0 * np.asarray(load, dtype=float) / (np.asarray(width) * (3.0 - n) * modulus * np.sqrt(d))
+    base = (
+        3.0 * np.asarray(load, dtype=float) / (np.asarray(width) * (3.0 - n) * modulus * np.sqrt(d))
+    )
     return np.asarray(base ** (2.0 / (2.0 * n + 1.0)))
 
 
@@ -44,7 +46,12 @@ def plate_sinkage(
 
 
 def layered_load(
-    sinkage: Array, diameter: Array, width: Array, modulus: Array, exponent: Array, factor: PressureFactor
+    sinkage: Array,
+    diameter: Array,
+    width: Array,
+    modulus: Array,
+    exponent: Array,
+    factor: PressureFactor,
 ) -> Array:
     """Load (N) on a wheel by the contact integral, for p = K z^n f(z) with any factor f of depth.
 

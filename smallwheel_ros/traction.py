@@ -51,7 +51,9 @@ def thrust(
     load: N. slip: -1 .. 1. friction_angle: rad. shear_displacement: kappa, m.
     """
     length = contact_length(sinkage, diameter)
-    limit = np.asarray(width) * length * np.asarray(cohesion) + np.asarray(load) * np.tan(friction_angle)
+    limit = np.asarray(width) * length * np.asarray(cohesion) + np.asarray(load) * np.tan(
+        friction_angle
+    )
     i = np.asarray(slip, dtype=float)
     x = np.abs(i) * length / np.asarray(shear_displacement)
     if form == "exponential":
