@@ -1,0 +1,210 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.bags import BagError, BagReader, BagWriter, message_type
+from smallwheel_ros.errors import SmallwheelError
+
+SECOND = 10**9
+EPOCH = 1_749_720_600 * SECOND
+SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+LOAD = "geometry_msgs/msg/WrenchStamped"
+
+
+def header(nanoseconds, frame="wheel"):
+    stamp = message_type("builtin_interfaces/msg/Time")(
+        sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND
+    )
+    return message_type("std_msgs/msg/Header")(stamp=stamp, frame_id=frame)
+
+
+def sinkage_message(nanoseconds: int, sinkage: float):
+    return message_type(SINKAGE)(header=header(nanoseconds), sinkage=sinkage, variance=1e-6)
+
+
+def load_message(nanoseconds: int, load: float):
+    vector = message_type("geometry_msgs/msg/Vector3")
+    wrench = message_type("geometry_msgs/msg/Wrench")(
+        force=vector(x=0.0, y=0.0, z=load), torque=vector(x=0.0, y=0.0, z=0.0)
+    )
+    return message_type(LOAD)(header=header(nanoseconds), wrench=wrench)
+
+
+def write_example(path: Path, storage: str = "mcap", count: int = 50) -> Path:
+    with BagWriter(path, storage=storage) as writer:
+        for i in range(count):
+            time = EPOCH + i * SECOND // 10
+            writer.write("/left/sinkage", SINKAGE, time + 5, sinkage_message(time, 0.001 * i))
+            writer.write("/left/load", LOAD, time + 7, load_message(time, 50.0 + i))
+    return path
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_what_is_written_is_read(tmp_path, storage):
+    bag = write_example(tmp_path / "drive", storage)
+    with BagReader(bag) as reader:
+        assert [(t.name, t.type, t.message_count, t.readable) for t in reader.topics] == [
+            ("/left/load", LOAD, 50, True),
+            ("/left/sinkage", SINKAGE, 50, True),
+        ]
+        assert reader.message_count == 100
+        assert (reader.start_time, reader.end_time) == (EPOCH + 5, EPOCH + 49 * SECOND // 10 + 7)
+        messages = list(reader.messages())
+        raw = list(reader.raw_messages())
+    assert [m.log_time for m in messages] == sorted(m.log_time for m in messages)
+    assert [(m.topic, m.log_time) for m in raw] == [(m.topic, m.log_time) for m in messages]
+    sinkages = [m for m in messages if m.topic == "/left/sinkage"]
+    assert np.allclose([m.message.sinkage for m in sinkages], 0.001 * np.arange(50))
+    assert {m.message.header.frame_id for m in sinkages} == {"wheel"}
+    assert sinkages[13].message.header.stamp.sec == EPOCH // SECOND + 1
+    assert sinkages[13].message.header.stamp.nanosec == 3 * SECOND // 10
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_foreign_tool_reads_the_bag_by_its_own_definitions(tmp_path, storage):
+    # Plain rosbags without any type store of ours stands for the foreign tool; on opening it also
+    # compares the definition with the type hash in the bag.
+    from rosbags.highlevel import AnyReader
+
+    bag = write_example(tmp_path / "drive", storage)
+    with AnyReader([bag]) as reader:
+        connection = next(c for c in reader.connections if c.topic == "/left/sinkage")
+        assert connection.msgdef.data.strip()
+        _, _, data = list(reader.messages([connection]))[7]
+        assert reader.deserialize(data, SINKAGE).sinkage == pytest.approx(0.007)
+
+
+def test_only_wanted_topics_and_times(tmp_path):
+    bag = write_example(tmp_path / "drive")
+    with BagReader(bag) as reader:
+        some = list(reader.messages({"/left/load"}, start=EPOCH + SECOND, stop=EPOCH + 2 * SECOND))
+        assert [m.message.wrench.force.z for m in some] == [50.0 + i for i in range(10, 20)]
+        assert list(reader.messages({"/no/such/topic"})) == []
+        assert list(reader.messages(set())) == []
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_single_storage_file_and_folder_without_metadata(tmp_path, storage):
+    bag = write_example(tmp_path / "drive", storage)
+    inside = next(f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match=r"metadata\.yaml.*reindex") as caught:
+        BagReader(bag)
+    assert str(inside) in str(caught.value)
+    with BagReader(inside) as reader:
+        assert len(list(reader.messages())) == 100
+
+
+def test_what_is_no_bag_is_named(tmp_path):
+    with pytest.raises(BagError, match="does not exist"):
+        BagReader(tmp_path / "nothing")
+    with pytest.raises(BagError, match="this is not a bag"):
+        BagReader(tmp_path)
+    text = tmp_path / "notes.txt"
+    text.write_text("no bag")
+    with pytest.raises(BagError, match=r"\.txt"):
+        BagReader(text)
+    for suffix in (".mcap", ".db3", ".bag"):
+        for content in (b"", b"garbage " * 30):
+            wrong = tmp_path / f"wrong{suffix}"
+            wrong.write_bytes(content)
+            with pytest.raises(BagError, match=f"wrong{suffix}.*cannot be read"), BagReader(wrong):
+                pass
+
+
+@pytest.mark.parametrize("share", [0.03, 0.3, 0.6, 0.9, 0.999])
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_truncated_bag_gives_a_bag_error_never_another(tmp_path, storage, share):
+    bag = write_example(tmp_path / "drive", storage, count=400)
+    inside = next(f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
+    os.truncate(inside, int(inside.stat().st_size * share))
+    with pytest.raises(BagError, match="drive"), BagReader(bag) as reader:
+        list(reader.messages())
+
+
+def collect(reader, into):
+    for message in reader.messages():
+        into.append(message)
+
+
+def test_damage_inside_says_how_far_it_was_good(tmp_path):
+    bag = write_example(tmp_path / "drive", count=30_000)  # several chunks
+    inside = next(bag.glob("*.mcap"))
+    content = bytearray(inside.read_bytes())
+    half = len(content) // 2
+    content[half : half + 200_000] = os.urandom(200_000)
+    inside.write_bytes(content)
+    good = []
+    with BagReader(bag) as reader, pytest.raises(BagError, match="damaged") as caught:
+        collect(reader, good)
+    assert 0 < len(good) < 60_000
+    assert caught.value.messages_read == len(good)
+
+
+class Refusing:
+    def append(self, message):
+        raise TypeError("not a BagMessage")
+
+
+def test_error_of_the_consumer_is_not_an_error_of_the_bag(tmp_path):
+    bag = write_example(tmp_path / "drive")
+    with pytest.raises(TypeError, match="not a BagMessage"), BagReader(bag) as reader:
+        collect(reader, Refusing())
+
+
+def write_half_a_bag(target):
+    with BagWriter(target) as writer:
+        writer.write("/left/load", LOAD, EPOCH, load_message(EPOCH, 1.0))
+        Refusing().append(None)
+
+
+def test_a_bag_appears_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "drive"
+    with pytest.raises(TypeError, match="not a BagMessage"):
+        write_half_a_bag(target)
+    assert list(tmp_path.iterdir()) == []
+    write_example(target)
+    before = {f.name: f.read_bytes() for f in target.iterdir()}
+    with pytest.raises(BagError, match="exists already"):
+        BagWriter(target)
+    assert {f.name: f.read_bytes() for f in target.iterdir()} == before
+    with pytest.raises(BagError, match="does not exist"):
+        BagWriter(tmp_path / "no" / "drive")
+    with pytest.raises(BagError, match="storage 'csv'"):
+        BagWriter(tmp_path / "other", storage="csv")
+
+
+def test_an_empty_bag_has_no_times(tmp_path):
+    with BagWriter(tmp_path / "empty"):
+        pass
+    with BagReader(tmp_path / "empty") as reader:
+        assert reader.topics == ()
+        assert reader.start_time is None
+        assert reader.end_time is None
+        assert list(reader.messages()) == []
+
+
+def test_unknown_message_type_is_named():
+    with pytest.raises(SmallwheelError, match="no_msgs/msg/Such"):
+        message_type("no_msgs/msg/Such")
+
+
+def test_ros1_bag_with_a_vendor_message():
+    root = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
+    bag = root / "data" / "cmu_wheel_rig" / "raw" / "force-displacement_6.bag"
+    if not bag.exists():
+        pytest.skip(f"the recorded rig trial is not here: {bag}")
+    with BagReader(bag) as reader:
+        topic = next(t for t in reader.topics if t.name.endswith("/forcetorque_readings"))
+        assert topic.readable
+        messages = list(reader.messages({topic.name}))
+        assert len(messages) == topic.message_count
+        assert reader.end_time == messages[-1].log_time
+    force = np.array([m.message.wrench.wrench.force.z for m in messages])
+    assert np.all(np.isfinite(force))
+    rate = (len(messages) - 1) / (messages[-1].log_time - messages[0].log_time) * 1e9
+    assert 80 < rate < 120
