@@ -45,9 +45,7 @@ def message_directory() -> Path:
 @cache
 def _definitions() -> tuple[tuple[str, str], ...]:
     files = sorted(message_directory().glob("*.msg"))
-    return tuple(
-        (f"{PACKAGE}/msg/{file.stem}", file.read_text(encoding="utf-8")) for file in files
-    )
+    return tuple((f"{PACKAGE}/msg/{file.stem}", file.read_text(encoding="utf-8")) for file in files)
 
 
 def message_definitions() -> dict[str, str]:

@@ -1,0 +1,52 @@
+# Everything that a developer starts. `make` alone says what there is.
+
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin/python
+
+# A sourced ROS installation or another environment must not leak into this one. LD_LIBRARY_PATH
+# is left alone unless it comes from such a ROS installation: some Pythons need it to start.
+ifdef AMENT_PREFIX_PATH
+unexport LD_LIBRARY_PATH
+endif
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.DEFAULT_GOAL := help
+.PHONY: help env test test-slow lint demo benchmark clean
+
+help:
+	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
+	@echo 'make test        the fast tests'
+	@echo 'make test-slow   the slow tests: Monte Carlo, soak, long drives'
+	@echo 'make lint        ruff and mypy'
+	@echo 'make benchmark   the benchmarks, each against a peer or a limit in the same run'
+	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
+	@echo 'make clean       remove everything that make has made'
+	@echo 'Another Python:  make PYTHON=python3.12 test      (3.10 to 3.13; default: $(PYTHON))'
+	@echo 'Some tests:      make test PYTEST_ADDOPTS="-k sinkage -x"'
+
+env:
+	@command -v $(PYTHON) >/dev/null || { echo 'smallwheel_ros: no $(PYTHON) found: install Python 3.10 to 3.13, or name one with make PYTHON=...' >&2; exit 1; }
+	@$(PYTHON) tools/environment.py $(if $(filter file,$(origin PYTHON)),--keep-python)
+
+# Two workers. Tests over DDS form one group (see test/conftest.py), so no two of them compete.
+test: env
+	@$(RUN) -m pytest -m "not slow" -n 2 --dist loadgroup
+
+test-slow: env
+	@$(RUN) -m pytest -m slow
+
+lint: env
+	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/ruff format --check .
+	@$(VENV)/bin/mypy --strict smallwheel_ros
+
+demo: env
+	@$(VENV)/bin/smallwheel demo
+
+benchmark: env
+	@set -e; for script in benchmarks/[!_]*.py; do echo "== $$script"; $(RUN) $$script; done
+
+clean:
+	rm -rf $(VENV) build install log out .pytest_cache .mypy_cache .ruff_cache .hypothesis

