@@ -1,0 +1,14 @@
+"""The truth simulator: data whose answer is known, made without the library's model.
+
+`simulate_drive` makes a rover's drive and `write_drive_bag` its bag; `simulate_rig` makes a table
+of single-wheel measurements and `measure` adds runs to it. Only the base of errors and
+the bags are shared with the rest of the package.
+"""
+
+from __future__ import annotations
+
+from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.truth import SimulationError
+
+__all__ = ["Drive", "DriveSettings", "SimulationError", "simulate_drive", "write_drive_bag"]

@@ -1,0 +1,200 @@
+"""The command `smallwheel simulate`: thin shells over `simulate_drive` and `simulate_rig`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import click
+
+from smallwheel_ros.bags import STORAGES, Storage, check_new_bag
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.files import check_folder, write_json
+from smallwheel_ros.simulate.hidden import FORMS, Form, hidden_names
+from smallwheel_ros.simulate.rover import ROVERS
+from smallwheel_ros.simulate.terrain import TERRAINS
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def _names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+class _BadInput(click.ClickException):
+    exit_code = 2
+
+
+def _one_message(command: Command) -> Command:
+    """Turn the package's own errors into one line on stderr and exit code 2."""
+
+    @wraps(command)
+    def guarded(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return command(*args, **kwargs)
+        except SmallwheelError as error:
+            raise _BadInput(str(error)) from error
+
+    return cast(Command, guarded)
+
+
+def _hidden_options(command: Command) -> Command:
+    for option in (
+        click.option(
+            "--form",
+            type=click.Choice(FORMS),
+            default="own",
+            show_default=True,
+            help="Form of the hidden effects: the simulator's own, or one from the literature.",
+        ),
+        click.option(
+            "--strength",
+            type=float,
+            default=1.0,
+            show_default=True,
+            help="Factor on the size of the hidden effects.",
+        ),
+        click.option(
+            "--seed", type=int, default=0, show_default=True, help="Same seed, same data."
+        ),
+        click.option(
+            "--hidden",
+            callback=_names,
+            default="none",
+            show_default=True,
+            metavar="EFFECT[,EFFECT]",
+            help=f"Effects in the truth: {', '.join(hidden_names())}.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _output_options(command: Command) -> Command:
+    for option in (
+        click.option(
+            "--json", "json_file", metavar="FILE", help="Summary as JSON, - for standard output."
+        ),
+        click.option(
+            "--answer",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="File for the truth (JSON).  [default: the output's name + .answer.json]",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _answer_path(answer: Path | None, output: Path) -> Path:
+    return answer if answer is not None else output.with_name(f"{output.name}.answer.json")
+
+
+def _report(json_file: str | None, summary: dict[str, Any], text: str) -> None:
+    if json_file == "-":
+        click.echo(json.dumps(summary, indent=1))
+        return
+    if json_file is not None:
+        write_json(Path(json_file), summary)
+    click.echo(text)
+
+
+@click.group()
+def simulate() -> None:
+    """Make data or a bag from the truth simulator."""
+
+
+@simulate.command()
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="BAG",
+    help="Folder for the bag; it must not exist.",
+)
+@_hidden_options
+@click.option("--distance", type=float, default=30.0, show_default=True, help="Way, m.")
+@click.option("--speed", type=float, default=0.5, show_default=True, help="Middle speed, m/s.")
+@click.option("--wheels", default="four", show_default=True, help=f"{' or '.join(ROVERS)}.")
+@click.option(
+    "--terrain", default="mixed", show_default=True, help=f"{' or '.join(TERRAINS)} soil."
+)
+@click.option(
+    "--noise", type=float, default=1.0, show_default=True, help="Factor on every sensor's noise."
+)
+@click.option(
+    "--outliers",
+    type=float,
+    default=0.0,
+    show_default=True,
+    metavar="FRACTION",
+    help="Share of measured sinkages that are grossly wrong.",
+)
+@click.option(
+    "--dropouts",
+    type=float,
+    default=0.01,
+    show_default=True,
+    metavar="FRACTION",
+    help="Share of load and sinkage messages that are missing.",
+)
+@click.option("--storage", type=click.Choice(STORAGES), default="mcap", show_default=True)
+@_output_options
+@_one_message
+def drive(
+    output: Path,
+    hidden: tuple[str, ...],
+    seed: int,
+    strength: float,
+    form: Form,
+    distance: float,
+    speed: float,
+    wheels: str,
+    terrain: str,
+    noise: float,
+    outliers: float,
+    dropouts: float,
+    storage: Storage,
+    answer: Path | None,
+    json_file: str | None,
+) -> None:
+    """Make a rosbag2 bag of a small rover's drive."""
+    check_new_bag(output)
+    answer_path = check_folder(_answer_path(answer, output))
+    made = simulate_drive(
+        DriveSettings(
+            seed=seed,
+            distance=distance,
+            speed=speed,
+            wheels=wheels,
+            terrain=terrain,
+            hidden=hidden,
+            strength=strength,
+            form=form,
+            noise=noise,
+            outliers=outliers,
+            dropouts=dropouts,
+        )
+    )
+    count = write_drive_bag(made, output, storage=storage)
+    write_json(answer_path, made.answer())
+    duration = float(made.truth.travel.time[-1])
+    summary = {
+        "bag": str(output),
+        "answer": str(answer_path),
+        "messages": count,
+        "duration": duration,
+        "distance": float(made.truth.travel.way[-1]),
+        "wheels": [wheel.name for wheel in made.rover.wheels],
+    }
+    _report(
+        json_file,
+        summary,
+        f"{output}: {count} messages, {duration:.0f} s, {summary['distance']:.1f} m,"
+        f" {len(made.rover.wheels)} wheels\n{answer_path}: the truth",
+    )

@@ -1,0 +1,217 @@
+"""Simulated drives of a small rover: what its sensors record, and the answer apart from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from smallwheel_ros.simulate.hidden import (
+    EFFECTS,
+    Form,
+    HiddenEffect,
+    check_form,
+    check_hidden,
+    draw_effects,
+    hidden_column,
+)
+from smallwheel_ros.simulate.ride import WheelTruth, ride
+from smallwheel_ros.simulate.rover import ROVERS, Rover
+from smallwheel_ros.simulate.sensors import (
+    EPOCH,
+    JointReadings,
+    LoadReadings,
+    OdometryReadings,
+    Sensors,
+    SinkageReadings,
+)
+from smallwheel_ros.simulate.terrain import Stretch, draw_ground, draw_stretches, travel
+from smallwheel_ros.simulate.truth import SimulationError, check_range
+
+
+@dataclass(frozen=True)
+class DriveSettings:
+    """What drive to simulate.
+
+    Parameters
+    ----------
+    seed
+        The same seed gives the same drive, to the byte.
+    distance, speed
+        Way (m) and middle speed (m/s).
+    wheels
+        Name of a rover (`ROVERS`), or one of your own.
+    terrain
+        ``"mixed"`` or ``"single"`` soil; `stretches`, where given, is used instead.
+    hidden, strength, form
+        Effects in the truth, factor on their size, and their form (module `hidden`).
+    noise
+        Factor on the noise of every sensor.
+    outliers
+        Share of measured sinkages that are grossly wrong.
+    dropouts
+        Share of load and sinkage messages that are missing; above 0 one wheel's sinkage is also
+        missing for 1.5 s.
+    """
+
+    seed: int = 0
+    distance: float = 30.0
+    speed: float = 0.5
+    wheels: str | Rover = "four"
+    terrain: str = "mixed"
+    stretches: tuple[Stretch, ...] | None = None
+    hidden: tuple[str, ...] = ()
+    strength: float = 1.0
+    form: Form = "own"
+    noise: float = 1.0
+    outliers: float = 0.0
+    dropouts: float = 0.01
+
+    def rover(self) -> Rover:
+        """Return the rover that drives."""
+        if isinstance(self.wheels, Rover):
+            return self.wheels
+        if self.wheels not in ROVERS:
+            raise SimulationError(
+                f"wheels {self.wheels!r} are unknown: expected {' or '.join(ROVERS)}"
+            )
+        return ROVERS[self.wheels]
+
+    def check(self) -> DriveSettings:
+        """Return the settings without `none` among the hidden effects.
+
+        Raises
+        ------
+        SimulationError
+            Naming the setting, what it was, and what was expected.
+        """
+        check_range("seed", self.seed, 0, 2**63 - 1)
+        check_range("distance", self.distance, 2.0, 20_000.0, "m")
+        check_range("speed", self.speed, 0.01, 3.0, "m/s")
+        check_range("strength", self.strength, 0.0, 10.0)
+        check_range("noise", self.noise, 0.0, 20.0)
+        check_range("outliers", self.outliers, 0.0, 0.5)
+        check_range("dropouts", self.dropouts, 0.0, 0.9)
+        check_form(self.form)
+        self.rover()
+        hidden = check_hidden(self.hidden)
+        for name in hidden:
+            if hidden_column(name) is not None or not EFFECTS[name].in_drives:
+                raise SimulationError(
+                    f"hidden effect {name!r} cannot be in a drive: its driver has no sensor there;"
+                    " use `simulate rig`"
+                )
+        return replace(self, hidden=hidden)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive: readings by wheel name and of the whole rover, and what was true."""
+
+    settings: DriveSettings
+    rover: Rover
+    stretches: tuple[Stretch, ...]
+    effects: tuple[HiddenEffect, ...]
+    truth: WheelTruth
+    load: Mapping[str, LoadReadings]
+    sinkage: Mapping[str, SinkageReadings]
+    odometry: OdometryReadings
+    joints: JointReadings
+
+    @property
+    def message_count(self) -> int:
+        """How many messages the readings are."""
+        stamps = [self.odometry.stamp, self.joints.stamp]
+        stamps += [readings.stamp for readings in self.load.values()]
+        stamps += [readings.stamp for readings in self.sinkage.values()]
+        return sum(stamp.size for stamp in stamps)
+
+    def answer(self) -> dict[str, Any]:
+        """Return what the bag must not say: soils, hidden effects, true values over time.
+
+        Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units.
+        """
+        truth, trip = self.truth, self.truth.travel
+        time = trip.time
+        settings = asdict(self.settings) | {"wheels": [asdict(w) for w in self.rover.wheels]}
+        settings.pop("stretches")
+        wheels = {}
+        for j, wheel in enumerate(self.rover.wheels):
+            readings = self.sinkage[wheel.name]
+            at = (readings.stamp - EPOCH) / 1e9
+            wheels[wheel.name] = {
+                "time": _rounded(at, 9),
+                "sinkage": _rounded(np.interp(at, time, truth.sinkage[:, j]), 7),
+                "load": _rounded(np.interp(at, time, truth.load[:, j]), 4),
+                "slip": _rounded(np.interp(at, time, truth.slip), 5),
+                "drawbar_pull": _rounded(np.interp(at, time, truth.drawbar_pull[:, j]), 4),
+                "stretch": truth.stretch[np.searchsorted(time, at, side="right") - 1, j].tolist(),
+                "moving": (np.interp(at, time, trip.speed) > 1e-3).tolist(),
+                "outlier": readings.outlier.tolist(),
+            }
+        return {
+            "kind": "drive",
+            "epoch_ns": EPOCH,
+            "settings": settings,
+            "hidden": [effect.describe() for effect in self.effects],
+            "stretches": [{"start": s.start} | asdict(s.soil) for s in self.stretches],
+            "wheels": wheels,
+            "rover": {
+                "time": _rounded(time, 3),
+                "way": _rounded(trip.way, 4),
+                "speed": _rounded(trip.speed, 4),
+            },
+        }
+
+
+def _rounded(values: Any, digits: int) -> list[float]:
+    rounded: list[float] = np.round(values, digits).tolist()
+    return rounded
+
+
+def simulate_drive(settings: DriveSettings) -> Drive:
+    """Simulate a drive; the same settings give the same numbers.
+
+    Raises
+    ------
+    SimulationError
+        If a setting is outside its range, or a wheel sinks to its axle.
+    """
+    settings = settings.check()
+    rover = settings.rover()
+    # Streams of their own: more outliers do not change the ground, nor another soil the noise.
+    effects = draw_effects(
+        settings.hidden,
+        np.random.default_rng([settings.seed, 10]),
+        settings.strength,
+        settings.form,
+    )
+    stretches = settings.stretches or draw_stretches(
+        settings.terrain, settings.distance, np.random.default_rng([settings.seed, 11])
+    )
+    ground = draw_ground(settings.distance, np.random.default_rng([settings.seed, 12]))
+    truth = ride(
+        rover, ground, stretches, effects, travel(ground, settings.distance, settings.speed)
+    )
+    sensors = Sensors(
+        truth,
+        rover,
+        settings.seed,
+        noise=settings.noise,
+        outliers=settings.outliers,
+        dropouts=settings.dropouts,
+    )
+    names = [wheel.name for wheel in rover.wheels]
+    return Drive(
+        settings=settings,
+        rover=rover,
+        stretches=stretches,
+        effects=effects,
+        truth=truth,
+        load={name: sensors.load(j) for j, name in enumerate(names)},
+        sinkage={name: sensors.sinkage(j) for j, name in enumerate(names)},
+        odometry=sensors.odometry(),
+        joints=sensors.joints(),
+    )

@@ -1,0 +1,150 @@
+"""Write a simulated drive as the rosbag2 bag that the rover would have recorded.
+
+Topics: ``/<wheel>/load`` (geometry_msgs/WrenchStamped, 50 Hz: force.z positive when the soil pushes
+the wheel up, force.x what it pushes the wheel forward with), ``/<wheel>/sinkage``
+(smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels) and
+``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``). Messages are
+recorded some milliseconds after the instant in their header.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from smallwheel_ros.bags import BagWriter, Storage, message_type
+from smallwheel_ros.simulate.drive import Drive
+from smallwheel_ros.simulate.sensors import (
+    JointReadings,
+    LoadReadings,
+    OdometryReadings,
+    SinkageReadings,
+)
+from smallwheel_ros.simulate.truth import Array
+
+LOAD = "geometry_msgs/msg/WrenchStamped"
+SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+ODOMETRY = "nav_msgs/msg/Odometry"
+JOINTS = "sensor_msgs/msg/JointState"
+
+
+class _Recorded(NamedTuple):
+    log_time: int
+    topic: str
+    kind: str
+    message: Any
+
+
+def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap") -> int:
+    """Write the drive's readings as a bag in a new folder; return the number of messages.
+
+    The folder appears when the bag is complete. A progress bar is shown on a terminal.
+
+    Raises
+    ------
+    BagError
+        If the folder exists, its parent does not, or it cannot be written.
+    """
+    with BagWriter(path, storage=storage) as writer:
+        # Header stamps and log times do not depend on the order of topics here; ties do.
+        messages = sorted(_messages(drive), key=lambda m: (m.log_time, m.topic))
+        for m in tqdm(messages, "writing the bag", unit=" messages", disable=None, leave=False):
+            writer.write(m.topic, m.kind, m.log_time, m.message)
+    return len(messages)
+
+
+def _messages(drive: Drive) -> Iterator[_Recorded]:
+    for wheel in drive.rover.wheels:
+        yield from _loads(wheel.name, drive.load[wheel.name])
+        yield from _sinkages(wheel.name, drive.sinkage[wheel.name])
+    yield from _odometry(drive.odometry)
+    yield from _joints([f"{w.name}_joint" for w in drive.rover.wheels], drive.joints)
+
+
+def _header(stamp: int, frame: str) -> Any:
+    time = message_type("builtin_interfaces/msg/Time")
+    return message_type("std_msgs/msg/Header")(
+        stamp=time(sec=int(stamp // 10**9), nanosec=int(stamp % 10**9)), frame_id=frame
+    )
+
+
+def _vector(x: float, y: float, z: float) -> Any:
+    return message_type("geometry_msgs/msg/Vector3")(x=float(x), y=float(y), z=float(z))
+
+
+def _loads(wheel: str, readings: LoadReadings) -> Iterator[_Recorded]:
+    wrench, stamped = message_type("geometry_msgs/msg/Wrench"), message_type(LOAD)
+    torque = _vector(0.0, 0.0, 0.0)
+    for i, stamp in enumerate(readings.stamp):
+        force = _vector(readings.pull[i], 0.0, readings.normal[i])
+        message = stamped(header=_header(stamp, wheel), wrench=wrench(force=force, torque=torque))
+        yield _Recorded(int(readings.log_time[i]), f"/{wheel}/load", LOAD, message)
+
+
+def _sinkages(wheel: str, readings: SinkageReadings) -> Iterator[_Recorded]:
+    kind = message_type(SINKAGE)
+    for i, stamp in enumerate(readings.stamp):
+        message = kind(
+            header=_header(stamp, wheel),
+            sinkage=float(readings.sinkage[i]),
+            variance=float(readings.variance[i]),
+        )
+        yield _Recorded(int(readings.log_time[i]), f"/{wheel}/sinkage", SINKAGE, message)
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> Any:
+    """Orientation of REP 103's fixed-axis roll, pitch, yaw (rad)."""
+    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a / 2), np.cos(a / 2)) for a in (roll, pitch, yaw))
+    return message_type("geometry_msgs/msg/Quaternion")(
+        x=float(sr * cp * cy - cr * sp * sy),
+        y=float(cr * sp * cy + sr * cp * sy),
+        z=float(cr * cp * sy - sr * sp * cy),
+        w=float(cr * cp * cy + sr * sp * sy),
+    )
+
+
+def _covariance(linear: float, angular: float) -> Array:
+    """Row-major 6x6 with one standard deviation for positions (m) and one for angles (rad)."""
+    return np.diag([linear**2] * 3 + [angular**2] * 3).ravel()
+
+
+def _odometry(readings: OdometryReadings) -> Iterator[_Recorded]:
+    odometry = message_type(ODOMETRY)
+    point, pose = message_type("geometry_msgs/msg/Point"), message_type("geometry_msgs/msg/Pose")
+    with_covariance = message_type("geometry_msgs/msg/PoseWithCovariance")
+    twist = message_type("geometry_msgs/msg/Twist")
+    twist_with_covariance = message_type("geometry_msgs/msg/TwistWithCovariance")
+    pose_covariance, twist_covariance = _covariance(0.02, 0.002), _covariance(0.008, 0.005)
+    for i, stamp in enumerate(readings.stamp):
+        place = point(x=float(readings.x[i]), y=float(readings.y[i]), z=float(readings.z[i]))
+        turned = _quaternion(readings.roll[i], readings.pitch[i], readings.yaw[i])
+        motion = twist(
+            linear=_vector(readings.forward_speed[i], 0.0, 0.0),
+            angular=_vector(0.0, 0.0, readings.yaw_rate[i]),
+        )
+        message = odometry(
+            header=_header(stamp, "odom"),
+            child_frame_id="base_link",
+            pose=with_covariance(
+                pose=pose(position=place, orientation=turned), covariance=pose_covariance
+            ),
+            twist=twist_with_covariance(twist=motion, covariance=twist_covariance),
+        )
+        yield _Recorded(int(readings.log_time[i]), "/odom", ODOMETRY, message)
+
+
+def _joints(names: list[str], readings: JointReadings) -> Iterator[_Recorded]:
+    kind = message_type(JOINTS)
+    for i, stamp in enumerate(readings.stamp):
+        message = kind(
+            header=_header(stamp, ""),
+            name=names,
+            position=readings.position[i],
+            velocity=readings.velocity[i],
+            effort=np.empty(0),
+        )
+        yield _Recorded(int(readings.log_time[i]), "/joint_states", JOINTS, message)

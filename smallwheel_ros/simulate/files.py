@@ -1,0 +1,57 @@
+"""Write files whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from smallwheel_ros.simulate.truth import SimulationError
+
+
+def check_folder(path: Path) -> Path:
+    """Return the path of a file; raise `SimulationError` unless a file can be put there."""
+    if not path.parent.is_dir():
+        raise SimulationError(
+            f"cannot write {path}: the folder {path.parent} does not exist; make it first"
+        )
+    if path.is_dir():
+        raise SimulationError(f"cannot write {path}: it is a folder; give the name of a file")
+    return path
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Let `write` make a file beside `path`, then put it there in one step.
+
+    Raises
+    ------
+    SimulationError
+        If the file cannot be written; what was at `path` is still there then.
+    """
+    check_folder(path)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    os.close(handle)
+    part = Path(name)
+    try:
+        write(part)
+        part.chmod(0o644)  # as any other new file, not private as a temporary one
+        part.replace(path)
+    except OSError as error:
+        raise SimulationError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON, refusing numbers that are not finite."""
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+    def write(part: Path) -> None:
+        part.write_text(text, encoding="utf-8")
+
+    write_whole(path, write)
