@@ -1,0 +1,123 @@
+"""What is allowed in a table of measurements but looks like a mistake: warnings in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.conditions import PLATE, Array
+
+if TYPE_CHECKING:
+    from smallwheel_ros.measurements import Measurements
+
+# Nothing called a small wheel is outside these; a value out there is most likely in another unit.
+_LARGEST = {"diameter": 3.0, "width": 2.0, "load": 1e5, "speed": 15.0, "grouser_height": 0.2}
+_SMALLEST = {"diameter": 0.005, "width": 0.002}
+_UNITS = {"diameter": "m", "width": "m", "load": "N", "speed": "m/s", "grouser_height": "m"}
+_SLIP_LIMIT = 0.95
+_STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
+
+
+def suspicions(data: Measurements, place: str) -> Iterator[str]:
+    """Yield one sentence for each thing that deserves a second look."""
+    yield from _sizes(data, place)
+    yield from _depths(data, place)
+    yield from _settings(data, place)
+    yield from _runs(data)
+
+
+def _where(data: Measurements, rows: NDArray[np.bool_], place: str) -> str:
+    count = int(rows.sum())
+    first = f"{place} {data.line[np.flatnonzero(rows)[0]]}"
+    return f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
+
+
+def _sizes(data: Measurements, place: str) -> Iterator[str]:
+    for limits, sign, word in ((_LARGEST, 1.0, "more"), (_SMALLEST, -1.0, "less")):
+        for name, limit in limits.items():
+            if name not in data.conditions:
+                continue
+            odd = sign * (data.conditions[name] - limit) > 0
+            if odd.any():
+                value = data.conditions[name][np.flatnonzero(odd)[0]]
+                yield (
+                    f"{name} is {value:.4g} {_UNITS[name]} {_where(data, odd, place)}, {word} than "
+                    f"expected of a small wheel: is the unit right? A header names it, like "
+                    f"'{name} [{'mm/s' if name == 'speed' else 'kN' if name == 'load' else 'mm'}]'"
+                )
+
+
+def _depths(data: Measurements, place: str) -> Iterator[str]:
+    if "sinkage" not in data.channels:
+        return
+    z, d = data.channels["sinkage"], data.conditions.diameter
+    plate = data.conditions.contact == PLATE
+    sunk = data.sunk_to_axle
+    if sunk.any():
+        yield (
+            f"sinkage is over half the diameter {_where(data, sunk, place)}, where the wheel is "
+            "dragged across its plane: deeper than any model of a rolling wheel holds"
+        )
+    deep = (z > d / 3) & ~plate & ~sunk
+    if deep.any():
+        yield f"sinkage is over a third of the diameter {_where(data, deep, place)}"
+    flat = (z > d) & plate
+    if flat.any():
+        yield f"sinkage of a plate is over its diameter {_where(data, flat, place)}"
+
+
+def _settings(data: Measurements, place: str) -> Iterator[str]:
+    nothing = np.all([np.isnan(values) for values in data.channels.values()], axis=0)
+    if nothing.any():
+        yield f"nothing was measured {_where(data, nothing, place)}"
+    if "slip" in data.conditions:
+        far = np.abs(data.conditions["slip"]) > _SLIP_LIMIT
+        if far.any():
+            yield (
+                f"slip is beyond ±{_SLIP_LIMIT} {_where(data, far, place)}: a wheel that spins on "
+                "the spot or is dragged locked, outside the range of the models"
+            )
+    if "speed" in data.conditions:
+        still = data.conditions["speed"] == 0.0
+        if still.any():
+            yield f"speed is 0 {_where(data, still, place)}: effects of speed have no value there"
+    if "resistance" in data.channels:
+        negative = data.channels["resistance"] < 0
+        if negative.any():
+            yield (
+                f"resistance is negative {_where(data, negative, place)}: it is positive against "
+                "the direction of travel"
+            )
+
+
+def _spread(values: Array, index: NDArray[np.intp], runs: int) -> tuple[Array, Array]:
+    low, high = np.full(runs, np.inf), np.full(runs, -np.inf)
+    np.minimum.at(low, index, values)
+    np.maximum.at(high, index, values)
+    return low, high
+
+
+def _runs(data: Measurements) -> Iterator[str]:
+    names, index = np.unique(data.run, return_inverse=True)
+    index = index.reshape(-1)
+    for what, column in (("wheels", data.wheel), ("soils", data.soil)):
+        codes = np.unique(column, return_inverse=True)[1].reshape(-1)
+        low, high = _spread(codes.astype(float), index, names.size)
+        if (low < high).any():
+            run = names[np.flatnonzero(low < high)[0]]
+            yield (
+                f"run '{run}' has rows of several {what}: rows of one run are repeats of one "
+                "setting. If runs are numbered anew for each, give each a name of its own"
+            )
+    low, high = _spread(data.conditions.load, index, names.size)
+    wide = high > _STEADY_LOAD * low
+    if wide.any():
+        first = int(np.flatnonzero(wide)[0])
+        yield (
+            f"the load varies within {int(wide.sum())} of {names.size} runs (run '{names[first]}': "
+            f"{low[first]:.4g} to {high[first]:.4g} N): a curve, not repeats. Its rows stay "
+            "together in every split, and say nothing of the repeatability"
+        )

@@ -1,0 +1,150 @@
+"""Column headers with units: `sinkage [mm]`, read by pint."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pint
+from numpy.typing import NDArray
+
+from smallwheel_ros.errors import SmallwheelError
+
+Array = NDArray[np.float64]
+
+RADIAN = "rad"
+DIMENSIONLESS = "1"
+
+
+class UnitsError(SmallwheelError):
+    """A unit that does not exist, or one of another dimension than the column's."""
+
+
+class Header(NamedTuple):
+    """A column's name and its unit: None without brackets, "1" for a pure number."""
+
+    name: str
+    unit: str | None
+
+
+# What may stand in brackets. A number raised to a power is refused: pint would evaluate it, and
+# 9**9**9**9 does not end.
+_UNIT = re.compile(r"[\w\s%°µμΩ·⋅*/^().+-]{1,40}")
+_NUMBER_POWER = re.compile(r"\d[\s)]*(\*\*|\^)")
+_EXAMPLES = "expected one like mm, N or m/s"
+_PURE_NUMBER = {"", "1", "-"}
+_NAMED = ("N", "Pa", "J", "W", "Hz")  # SI units with a name: shown by it
+_HINTS = {
+    "kilogram": "a mass is no force: use kgf, or multiply by 9.81 and write N",
+    "kilogram / meter / second ** 2": "a pressure: multiply by the area",
+}
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry[float]:
+    # Made on first use: pint reads its definitions for a tenth of a second.
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+def parse_header(text: str) -> Header:
+    """Split `sinkage [mm]` into name and unit; the unit is not looked up yet.
+
+    Raises UnitsError where a bracket is not closed or text follows it.
+    """
+    text = text.strip()
+    if "[" not in text and "]" not in text:
+        return Header(text, None)
+    found = re.fullmatch(r"([^\[\]]*)\[([^\[\]]*)\]", text)
+    if found is None:
+        raise UnitsError("expected a name and one unit in brackets at its end, like 'sinkage [mm]'")
+    unit = found[2].strip()
+    return Header(found[1].strip(), DIMENSIONLESS if unit in _PURE_NUMBER else unit)
+
+
+def _unit(text: str) -> pint.Unit:
+    registry = _registry()
+    if text == DIMENSIONLESS:
+        return registry.Unit("")
+    if not _UNIT.fullmatch(text) or _NUMBER_POWER.search(text):
+        raise UnitsError(f"unknown unit '{text}', {_EXAMPLES}")
+    try:
+        return registry.parse_units(text)
+    except pint.UndefinedUnitError as error:
+        # pint names only the part of a compound that it does not know
+        part = str(error).split("'")[1] if "'" in str(error) else text
+        raise UnitsError(f"unknown unit '{text}'{_near(registry, part)}, {_EXAMPLES}") from None
+    except Exception:  # pint's parser raises whatever its tokenizer meets
+        raise UnitsError(f"unknown unit '{text}', {_EXAMPLES}") from None
+
+
+def _near(registry: pint.UnitRegistry[float], text: str) -> str:
+    for other in (text.lower(), text.capitalize(), text.upper()):
+        if other != text and other in registry:
+            return f" (case matters: '{other}' exists)"
+    return ""
+
+
+def base_unit(unit: str) -> str:
+    """Name the SI unit that values in `unit` are converted to; "1" for a pure number.
+
+    Raises UnitsError where the unit does not exist.
+    """
+    return _base(_unit(unit))
+
+
+def _base(unit: pint.Unit) -> str:
+    root = _registry().get_base_units(unit)[1]
+    if root.dimensionless:
+        return RADIAN if "radian" in str(root) else DIMENSIONLESS
+    named = next((name for name in _NAMED if root == _registry().get_base_units(name)[1]), None)
+    return named or f"{root:~C}"
+
+
+def to_base(values: Array, unit: str, expected: str | None = None) -> Array:
+    """Values in `unit` in base SI units; angles in rad.
+
+    expected: the SI unit that the column is held in (m, N, m/s, rad, 1), or None for any.
+    Raises UnitsError where the unit does not exist or its dimension is not that of `expected`.
+    """
+    parsed = _unit(unit)
+    if expected is not None:
+        _check_dimension(unit, parsed, expected)
+    try:
+        with np.errstate(over="ignore"):  # an infinity is the caller's to report
+            converted = _registry().Quantity(values, parsed).to_base_units().magnitude
+    except Exception:  # logarithmic units, and whatever else has no plain factor
+        raise UnitsError(f"unit '{unit}' cannot be converted to SI") from None
+    return np.asarray(converted, dtype=float)
+
+
+def _check_dimension(text: str, parsed: pint.Unit, expected: str) -> None:
+    if _base(parsed) == _base(_unit(expected)):
+        return
+    found, wanted = _describe(parsed), _describe(_unit(expected))
+    root = str(_registry().get_base_units(parsed)[1])
+    hint = _HINTS.get(root, "")
+    if expected == RADIAN and found == "a pure number":
+        hint = "a ratio is no angle: take its arc tangent, or write rad or deg"
+    raise UnitsError(
+        f"unit '{text}' is {found}, expected {wanted} ({expected}){'; ' + hint if hint else ''}"
+    )
+
+
+_NAMES = {
+    "[length]": "a length",
+    "[mass] * [length] / [time] ** 2": "a force",
+    "[length] * [mass] / [time] ** 2": "a force",
+    "[length] / [time]": "a speed",
+    "[mass]": "a mass",
+    "[time]": "a time",
+    "[mass] / [length] / [time] ** 2": "a pressure",
+}
+
+
+def _describe(unit: pint.Unit) -> str:
+    if unit.dimensionless:
+        return "an angle" if _base(unit) == RADIAN else "a pure number"
+    dimension = str(unit.dimensionality)
+    return _NAMES.get(dimension, f"of dimension {dimension}")

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smallwheel_ros.units import Header, UnitsError, base_unit, parse_header, to_base
+
+
+@pytest.mark.parametrize(
+    ("text", "header"),
+    [
+        ("sinkage [mm]", Header("sinkage", "mm")),
+        (" sinkage[mm] ", Header("sinkage", "mm")),
+        ("slip [-]", Header("slip", "1")),
+        ("slip [ ]", Header("slip", "1")),
+        ("slip", Header("slip", None)),
+        ("moisture content", Header("moisture content", None)),
+    ],
+)
+def test_header_splits_into_name_and_unit(text: str, header: Header) -> None:
+    assert parse_header(text) == header
+
+
+@pytest.mark.parametrize("text", ["a [mm", "a mm]", "a [m] b", "a [m] [s]", "a [[m]]"])
+def test_brackets_that_do_not_fit_are_refused(text: str) -> None:
+    with pytest.raises(UnitsError, match="expected a name and one unit"):
+        parse_header(text)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "expected", "converted"),
+    [
+        (12.0, "mm", "m", 0.012),
+        (12.0, "cm", "m", 0.12),
+        (1.0, "inch", "m", 0.0254),
+        (1.0, "kgf", "N", 9.80665),
+        (2.0, "kN", "N", 2000.0),
+        (2.0, "mN", "N", 0.002),
+        (2.0, "MN", "N", 2e6),
+        (36.0, "km/h", "m/s", 10.0),
+        (180.0, "deg", "rad", np.pi),
+        (180.0, "°", "rad", np.pi),
+        (20.0, "%", "1", 0.2),
+        (20.0, "degC", None, 293.15),
+        (7.0, "1", "1", 7.0),
+    ],
+)
+def test_values_are_converted_to_si(
+    value: float, unit: str, expected: str | None, converted: float
+) -> None:
+    assert to_base(np.array([value]), unit, expected)[0] == pytest.approx(converted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected", "words"),
+    [
+        ("N", "m", "is a force, expected a length"),
+        ("mm", "N", "is a length, expected a force"),
+        ("kg", "N", "a mass is no force: use kgf"),
+        ("kPa", "N", "a pressure"),
+        ("deg", "1", "is an angle, expected a pure number"),
+        ("%", "rad", "a ratio is no angle"),
+        ("m/s^2", "m/s", "expected a speed"),
+        ("MM", "m", "expected a length"),  # megamolar: case matters
+    ],
+)
+def test_another_dimension_is_refused_with_both_named(unit: str, expected: str, words: str) -> None:
+    with pytest.raises(UnitsError, match=words.replace("^", r"\^")):
+        to_base(np.ones(1), unit, expected)
+
+
+@pytest.mark.parametrize("unit", ["foo", "2*m", "m)", "()", "9**9**9**9", "m**(9**9**9)", "1e5"])
+def test_what_is_no_unit_is_refused(unit: str) -> None:
+    with pytest.raises(UnitsError, match="unknown unit"):
+        to_base(np.ones(1), unit)
+
+
+def test_a_unit_in_the_wrong_case_gets_a_hint() -> None:
+    with pytest.raises(UnitsError, match="case matters: 'newton' exists"):
+        base_unit("Newton")
+
+
+@pytest.mark.parametrize(
+    ("unit", "base"), [("mm", "m"), ("kN", "N"), ("mm/s", "m/s"), ("deg", "rad"), ("%", "1")]
+)
+def test_base_units_are_shown_as_people_write_them(unit: str, base: str) -> None:
+    assert base_unit(unit) == base
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(max_size=30))
+def test_any_text_in_brackets_is_a_unit_or_a_units_error(text: str) -> None:
+    try:
+        header = parse_header(f"a [{text}]")
+        assert header.unit is not None
+        to_base(np.ones(1), header.unit)
+    except UnitsError:
+        pass
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text("mNskg0123456789*^/().- %°²", max_size=30))
+def test_any_text_that_looks_like_a_unit_is_one_or_a_units_error(text: str) -> None:
+    with contextlib.suppress(UnitsError):
+        to_base(np.ones(1), text.strip() or "1")
