@@ -81,8 +81,13 @@ def _unit(text: str) -> pint.Unit:
 
 def _near(registry: pint.UnitRegistry[float], text: str) -> str:
     for other in (text.lower(), text.capitalize(), text.upper()):
-        if other != text and other in registry:
-            return f" (case matters: '{other}' exists)"
+        if other == text:
+            continue
+        try:
+            registry.parse_units(other)
+        except Exception:  # as above: whatever the parser meets
+            continue
+        return f" (case matters: '{other}' exists)"
     return ""
 
 
