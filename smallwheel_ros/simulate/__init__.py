@@ -9,6 +9,26 @@ from __future__ import annotations
 
 from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.files import write_table
+from smallwheel_ros.simulate.rig import (
+    Rig,
+    RigSettings,
+    RigTruth,
+    measure,
+    simulate_rig,
+)
 from smallwheel_ros.simulate.truth import SimulationError
 
-__all__ = ["Drive", "DriveSettings", "SimulationError", "simulate_drive", "write_drive_bag"]
+__all__ = [
+    "Drive",
+    "DriveSettings",
+    "Rig",
+    "RigSettings",
+    "RigTruth",
+    "SimulationError",
+    "measure",
+    "simulate_drive",
+    "simulate_rig",
+    "write_drive_bag",
+    "write_table",
+]

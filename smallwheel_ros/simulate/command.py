@@ -14,10 +14,18 @@ from smallwheel_ros.bags import STORAGES, Storage, check_new_bag
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.files import check_folder, write_json
-from smallwheel_ros.simulate.hidden import FORMS, Form, hidden_names
+from smallwheel_ros.simulate.files import check_folder, check_suffix, write_json, write_table
+from smallwheel_ros.simulate.hidden import hidden_names
+from smallwheel_ros.simulate.hidden_effects import FORMS, Form
+from smallwheel_ros.simulate.rig import (
+    CHANNELS,
+    RigSettings,
+    simulate_rig,
+)
+from smallwheel_ros.simulate.rig_design import CONTINUOUS
 from smallwheel_ros.simulate.rover import ROVERS
 from smallwheel_ros.simulate.terrain import TERRAINS
+from smallwheel_ros.simulate.truth import SimulationError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -90,8 +98,14 @@ def _output_options(command: Command) -> Command:
     return command
 
 
-def _answer_path(answer: Path | None, output: Path) -> Path:
-    return answer if answer is not None else output.with_name(f"{output.name}.answer.json")
+def _places(output: Path, answer: Path | None, json_file: str | None) -> Path:
+    """Check where everything will be written, before the work; return the place of the answer."""
+    answer = output.with_name(f"{output.name}.answer.json") if answer is None else answer
+    summary = [] if json_file in (None, "-") else [Path(str(json_file))]
+    files = [check_folder(path) for path in (answer, *summary)]
+    if len({path.resolve() for path in (output, *files)}) <= len(files):
+        raise SimulationError(f"two outputs have one name ({output}): give each its own")
+    return answer
 
 
 def _report(json_file: str | None, summary: dict[str, Any], text: str) -> None:
@@ -165,7 +179,7 @@ def drive(
 ) -> None:
     """Make a rosbag2 bag of a small rover's drive."""
     check_new_bag(output)
-    answer_path = check_folder(_answer_path(answer, output))
+    answer_path = _places(output, answer, json_file)
     made = simulate_drive(
         DriveSettings(
             seed=seed,
@@ -197,4 +211,103 @@ def drive(
         summary,
         f"{output}: {count} messages, {duration:.0f} s, {summary['distance']:.1f} m,"
         f" {len(made.rover.wheels)} wheels\n{answer_path}: the truth",
+    )
+
+
+@simulate.command()
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE",
+    help="Table to write, .csv or .parquet; one that exists is replaced.",
+)
+@_hidden_options
+@click.option("--runs", type=int, default=32, show_default=True)
+@click.option(
+    "--rows-per-run", type=int, default=3, show_default=True, help="Repeats of each run's setting."
+)
+@click.option(
+    "--noise", type=float, default=0.03, show_default=True, help="Relative noise of the channels."
+)
+@click.option(
+    "--soil-scatter",
+    type=float,
+    default=0.05,
+    show_default=True,
+    help="Relative scatter of the soil's k from run to run.",
+)
+@click.option(
+    "--channels",
+    callback=_names,
+    default="sinkage,resistance",
+    show_default=True,
+    metavar="NAME[,NAME]",
+    help=f"What is measured: {', '.join(CHANNELS)}.",
+)
+@click.option(
+    "--tie",
+    callback=_names,
+    default="",
+    metavar="NAME,NAME",
+    help=f"Two settings driven together: {', '.join(CONTINUOUS)}, an extra column.",
+)
+@click.option(
+    "--outliers",
+    type=float,
+    default=0.0,
+    show_default=True,
+    metavar="FRACTION",
+    help="Share of rows in which one channel is grossly wrong.",
+)
+@_output_options
+@_one_message
+def rig(
+    output: Path,
+    hidden: tuple[str, ...],
+    seed: int,
+    strength: float,
+    form: Form,
+    runs: int,
+    rows_per_run: int,
+    noise: float,
+    soil_scatter: float,
+    channels: tuple[str, ...],
+    tie: tuple[str, ...],
+    outliers: float,
+    answer: Path | None,
+    json_file: str | None,
+) -> None:
+    """Make a table of single-wheel measurements."""
+    check_folder(check_suffix(output))
+    answer_path = _places(output, answer, json_file)
+    made = simulate_rig(
+        RigSettings(
+            seed=seed,
+            hidden=hidden,
+            strength=strength,
+            form=form,
+            runs=runs,
+            rows_per_run=rows_per_run,
+            noise=noise,
+            soil_scatter=soil_scatter,
+            channels=channels,
+            tie=tie,
+            outliers=outliers,
+        )
+    )
+    write_table(made.table, output)
+    write_json(answer_path, made.truth.answer())
+    summary = {
+        "table": str(output),
+        "answer": str(answer_path),
+        "runs": runs,
+        "rows": len(made.table),
+        "columns": list(made.table.columns),
+    }
+    _report(
+        json_file,
+        summary,
+        f"{output}: {runs} runs, {len(made.table)} rows\n{answer_path}: the truth",
     )

@@ -10,13 +10,12 @@ import numpy as np
 
 from smallwheel_ros.simulate.hidden import (
     EFFECTS,
-    Form,
-    HiddenEffect,
     check_form,
     check_hidden,
     draw_effects,
     hidden_column,
 )
+from smallwheel_ros.simulate.hidden_effects import Form, HiddenEffect
 from smallwheel_ros.simulate.ride import WheelTruth, ride
 from smallwheel_ros.simulate.rover import ROVERS, Rover
 from smallwheel_ros.simulate.sensors import (

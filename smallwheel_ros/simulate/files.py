@@ -10,7 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from smallwheel_ros.simulate.truth import SimulationError
+
+SUFFIXES = (".csv", ".parquet")
 
 
 def check_folder(path: Path) -> Path:
@@ -55,3 +59,37 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
         part.write_text(text, encoding="utf-8")
 
     write_whole(path, write)
+
+
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a table as CSV or Parquet, by its suffix, whole or not at all.
+
+    Raises
+    ------
+    SimulationError
+        If the suffix is another one or the file cannot be written.
+    """
+    path = check_suffix(Path(path))
+
+    def write(part: Path) -> None:
+        if path.suffix == ".csv":
+            table.to_csv(part, index=False, lineterminator="\n")
+            return
+        try:
+            table.to_parquet(part, index=False, engine="pyarrow")
+        except ImportError as error:
+            raise SimulationError(
+                f"cannot write {path}: Parquet needs pyarrow; install smallwheel_ros[parquet], or"
+                " write .csv"
+            ) from error
+
+    write_whole(path, write)
+
+
+def check_suffix(path: Path) -> Path:
+    """Return the path; raise `SimulationError` unless it is that of a table."""
+    if path.suffix not in SUFFIXES:
+        raise SimulationError(
+            f"cannot write {path}: the suffix {path.suffix!r} is not {' or '.join(SUFFIXES)}"
+        )
+    return path

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.simulate.hidden import HiddenEffect
+from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.truth import (
     Array,
     Circumstances,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from tqdm import tqdm
 
-from smallwheel_ros.simulate.hidden import HiddenEffect
+from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.response import Response, thrust_at, wheel_response
 from smallwheel_ros.simulate.rover import GRAVITY, Rover, wheel_loads
 from smallwheel_ros.simulate.terrain import (
@@ -22,6 +23,7 @@ from smallwheel_ros.simulate.truth import Array, Circumstances, SimulationError
 # The driver eases off before the wheels spin, and brakes before they lock.
 _SLIP_RANGE = (-0.3, 0.65)
 _BISECTIONS = 14
+_BLOCK = 4000  # rows at once, so that memory stays small on long drives
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,11 @@ class _Ride:
             hidden=np.interp(way, ground.way, ground.unrecorded).ravel(),
         )
         rows = self.stretch.ravel()
-        self._rows = [(stretches[i].soil, np.flatnonzero(rows == i)) for i in np.unique(rows)]
+        self._rows = [
+            (stretches[i].soil, block)
+            for i in np.unique(rows)
+            for block in _blocks(np.flatnonzero(rows == i))
+        ]
 
     def response(self, slip: Array) -> Response:
         """Response of every wheel, shape (times, wheels), for a slip at each time."""
@@ -111,13 +117,17 @@ class _Ride:
         needed = needed + np.sum(still.resistance, axis=1)
         low = np.full(self.shape[0], _SLIP_RANGE[0])
         high = np.full(self.shape[0], _SLIP_RANGE[1])
-        for _ in range(_BISECTIONS):
+        for _ in tqdm(range(_BISECTIONS), "driving", disable=None, leave=False, delay=1):
             middle = (low + high) / 2
             enough = np.sum(self._thrust(middle, still.depth) * self.grip, axis=1) >= needed
             high = np.where(enough, middle, high)
             low = np.where(enough, low, middle)
         slip: Array = (low + high) / 2
         return slip
+
+
+def _blocks(rows: np.ndarray) -> list[np.ndarray]:
+    return np.array_split(rows, -(-rows.size // _BLOCK))
 
 
 def _rows_of(at: Circumstances, rows: np.ndarray) -> Circumstances:
