@@ -137,6 +137,11 @@ def check_machine() -> None:
         With one sentence that says what to install.
     """
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    if not str(ROOT).isascii() or ";" in str(ROOT):
+        raise CannotBuild(
+            f"CMake and rosidl cannot build in {ROOT}: move the checkout to a path of plain ASCII"
+            " letters, without semicolon"
+        )
     with tempfile.TemporaryDirectory() as folder:
         programs = (("t.c", "#include <stdio.h>"), ("t.cpp", "#include <string>"))
         for command, (name, line) in zip(compilers(), programs, strict=True):
