@@ -1,0 +1,180 @@
+"""What a wheel can do in the soil as it is estimated: sinkage, resistance, thrust, drawbar pull.
+
+Each with its standard deviation, propagated to first order from what is uncertain: the soil's law
+and strength, load and slip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.conditions import PRESSED, ROLLING
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.force_gradients import UNCERTAIN, ForceGradients, force_gradients
+from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.wheel import Quantity, Strength, Wheel
+
+Array = NDArray[np.float64]
+
+
+class MobilityError(SmallwheelError):
+    """A wheel, a load or a slip that mobility cannot be worked out for."""
+
+
+class Status(IntEnum):
+    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
+
+    OK = 0
+    PRIOR_ONLY = 1
+    SLIP_UNKNOWN = 2
+    REJECTED = 3
+    LOAD_MISSING = 4
+    SUNK_TO_AXLE = 5
+
+
+@dataclass(frozen=True)
+class WheelForces:
+    """Sinkage (m) and forces (N) of a wheel.
+
+    rolling_resistance_coefficient: resistance over load, 1. probability_drawbar_pull_positive:
+    0 .. 1. The last three are None where slip is unknown, and for a pressed wheel, which shears no
+    soil.
+    """
+
+    sinkage: Quantity
+    compaction_resistance: Quantity
+    other_resistance: Quantity
+    rolling_resistance_coefficient: Quantity
+    thrust: Quantity | None
+    drawbar_pull: Quantity | None
+    probability_drawbar_pull_positive: float | None
+
+
+@dataclass(frozen=True)
+class MobilityEstimate:
+    """One wheel at one instant: what was measured, and what the model predicts; SI units.
+
+    stamp: ns. status_text: all conditions that apply, in words. sinkage_predicted is from the soil
+    as estimated before this sinkage was used, the forces are from after; both are None where load
+    is missing or the wheel is sunk to its axle.
+    """
+
+    wheel: str
+    stamp: int
+    status: Status
+    status_text: str
+    load: Quantity | None
+    slip: Quantity | None
+    sinkage_measured: Quantity | None
+    sinkage_predicted: Quantity | None
+    forces: WheelForces | None
+
+
+def wheel_forces(
+    wheel: Wheel,
+    soil: SoilEstimate,
+    strength: Strength,
+    load: Quantity,
+    slip: Quantity | None,
+    *,
+    scatter: float = 0.0,
+    effects: Sequence[Effect] = (),
+    speed: float | None = None,
+) -> WheelForces | None:
+    """Sinkage and forces of a wheel in the estimated soil; None where it is sunk to its axle.
+
+    Parameters
+    ----------
+    load, slip
+        N; -1 .. 1, None when unknown.
+    scatter
+        Standard deviation of ln k from spot to spot, on top of that of the estimate.
+    effects, speed
+        Effects of the model, and the travel speed (m/s) for those that read it.
+
+    Raises
+    ------
+    MobilityError
+        If load or slip is outside its domain, or the wheel's contact is not known here.
+    ModelError
+        If an effect lacks its covariate.
+    """
+    if not (math.isfinite(load.value) and load.value > 0):
+        raise MobilityError(f"wheel {wheel.name}: load is {load.value!r} N, expected more than 0")
+    if slip is not None and not abs(slip.value) <= 1:
+        raise MobilityError(f"wheel {wheel.name}: slip is {slip.value!r}, expected -1 to 1")
+    if wheel.contact not in (ROLLING, PRESSED):
+        raise MobilityError(
+            f"wheel {wheel.name}: contact is {wheel.contact!r}, expected {ROLLING} or {PRESSED}"
+        )
+    forces = force_gradients(
+        wheel,
+        soil,
+        strength,
+        load.value,
+        None if slip is None else slip.value,
+        effects=effects,
+        speed=speed,
+    )
+    if forces is None:
+        return None
+    covariance = _covariance(soil, strength, load, slip, scatter)
+    # A wheel that is pushed straight down does not shear the soil along a path.
+    traction = slip is not None and wheel.contact == ROLLING
+    return _quantities(forces, load.value, covariance, traction)
+
+
+def _covariance(
+    soil: SoilEstimate, strength: Strength, load: Quantity, slip: Quantity | None, scatter: float
+) -> Array:
+    """Covariance of what is uncertain, in the order of `UNCERTAIN`."""
+    covariance = np.zeros((len(UNCERTAIN), len(UNCERTAIN)))
+    covariance[:3, :3] = soil.log_covariance
+    covariance[0, 0] += scatter**2
+    single = (load, slip, strength.cohesion, strength.friction_angle, strength.shear_displacement)
+    for i, quantity in enumerate(single, start=3):
+        covariance[i, i] = 0.0 if quantity is None else quantity.standard_deviation**2
+    return covariance
+
+
+def _quantities(
+    forces: ForceGradients, load: float, covariance: Array, traction: bool
+) -> WheelForces:
+    sinkage, compaction, other, thrust = forces.value
+    by_sinkage, by_compaction, by_other, by_thrust = forces.gradient
+    resistance, by_resistance = compaction + other, by_compaction + by_other
+    by_coefficient = by_resistance / load
+    by_coefficient[UNCERTAIN.index("load")] -= resistance / load**2
+    gradients = np.stack(
+        [by_sinkage, by_compaction, by_other, by_coefficient, by_thrust, by_thrust - by_resistance]
+    )
+    # Rounding can leave a variance that is zero a little below it.
+    variance = np.maximum(np.einsum("ij,jk,ik->i", gradients, covariance, gradients), 0.0)
+    values = (sinkage, compaction, other, resistance / load, thrust, thrust - resistance)
+    depth, compacting, rest, coefficient, push, pull = (
+        Quantity(float(value), deviation)
+        for value, deviation in zip(values, np.sqrt(variance).tolist(), strict=True)
+    )
+    return WheelForces(
+        sinkage=depth,
+        compaction_resistance=compacting,
+        other_resistance=rest,
+        rolling_resistance_coefficient=coefficient,
+        thrust=push if traction else None,
+        drawbar_pull=pull if traction else None,
+        probability_drawbar_pull_positive=_probability_positive(pull) if traction else None,
+    )
+
+
+def _probability_positive(quantity: Quantity) -> float:
+    """Probability that a normally distributed quantity is above zero."""
+    if quantity.standard_deviation == 0.0:
+        return float(quantity.value > 0.0)
+    return 0.5 * math.erfc(-quantity.value / quantity.standard_deviation / math.sqrt(2.0))

@@ -1,0 +1,219 @@
+"""Short memories of what the sensors said, by header stamp: for node and replay alike.
+
+Stamps are whole nanoseconds. Messages of several topics come late, out of order, twice, or from a
+bag that starts again; what belongs to one instant is put together here, and what cannot be used is
+told apart by reason.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+from enum import Enum
+
+SECOND = 1_000_000_000  # ns
+
+
+def nanoseconds(seconds: float) -> int:
+    """Turn seconds into whole nanoseconds."""
+    return round(seconds * SECOND)
+
+
+class StampFault(Enum):
+    """Why a header stamp cannot be used; the values are keys to count by."""
+
+    ZERO = "stamp_zero"
+    FUTURE = "stamp_in_future"
+    TOO_OLD = "stamp_too_old"
+    LATE = "late"
+    DUPLICATE = "duplicate"
+    JUMP_BACK = "time_jump"
+
+
+@dataclass(frozen=True)
+class StampRules:
+    """What is expected of header stamps; all in ns.
+
+    Attributes
+    ----------
+    future_tolerance
+        How far a stamp may be ahead of the clock.
+    maximum_age
+        How far it may be behind the clock.
+    jump_tolerance
+        How far it may be behind the newest stamp before it counts as a jump of time.
+    """
+
+    future_tolerance: int
+    maximum_age: int
+    jump_tolerance: int
+
+    def fault(self, stamp: int, newest: int | None, now: int | None) -> StampFault | None:
+        """Judge a stamp by the newest one so far and the clock (None or 0: no clock, no opinion).
+
+        JUMP_BACK is not a bad message: time itself went back (a bag that loops), and what was
+        collected before is void.
+        """
+        if stamp <= 0:
+            return StampFault.ZERO
+        if now:
+            if stamp > now + self.future_tolerance:
+                return StampFault.FUTURE
+            if stamp < now - self.maximum_age:
+                return StampFault.TOO_OLD
+        if newest is None or stamp >= newest - self.jump_tolerance:
+            return None
+        # A clock that has not gone back itself makes this one message late, and time no jump.
+        clock_stands_by = now and now + self.future_tolerance >= newest
+        return StampFault.LATE if clock_stands_by else StampFault.JUMP_BACK
+
+
+class Series:
+    """The recent values of one stream, sorted by stamp in whatever order they came.
+
+    Parameters
+    ----------
+    horizon
+        How far back from the newest stamp values are kept (ns).
+    """
+
+    def __init__(self, horizon: int) -> None:
+        self.horizon = horizon
+        self.stamps: list[int] = []
+        self.values: list[tuple[float, ...]] = []
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def newest(self) -> int | None:
+        """The newest stamp; None when there is none."""
+        return self.stamps[-1] if self.stamps else None
+
+    def add(self, stamp: int, values: tuple[float, ...]) -> StampFault | None:
+        """Keep values at their place; a fault says why they were not kept."""
+        stamps = self.stamps
+        if not stamps or stamp > stamps[-1]:
+            stamps.append(stamp)
+            self.values.append(values)
+            self._forget()
+            return None
+        if stamp < stamps[-1] - self.horizon:
+            return StampFault.LATE
+        place = bisect_left(stamps, stamp)
+        if stamps[place] == stamp:
+            return StampFault.DUPLICATE
+        stamps.insert(place, stamp)
+        self.values.insert(place, values)
+        return None
+
+    def _forget(self) -> None:
+        oldest = self.stamps[-1] - self.horizon
+        # In batches: taking one element off the front of a list moves all others.
+        if self.stamps[0] < oldest - self.horizon:
+            keep = bisect_left(self.stamps, oldest)
+            del self.stamps[:keep], self.values[:keep]
+
+    def at(self, stamp: int, reach: int) -> tuple[float, ...] | None:
+        """Values at an instant: interpolated linearly, or held from the nearest stamp.
+
+        Only values within `reach` (ns) of the instant count; None when there is none.
+        """
+        after = bisect_left(self.stamps, stamp)
+        later = after < len(self.stamps) and self.stamps[after] - stamp <= reach
+        if later and self.stamps[after] == stamp:
+            return self.values[after]
+        earlier = after > 0 and stamp - self.stamps[after - 1] <= reach
+        if earlier and later:
+            start, end = self.stamps[after - 1], self.stamps[after]
+            share = (stamp - start) / (end - start)
+            return tuple(
+                a + share * (b - a)
+                for a, b in zip(self.values[after - 1], self.values[after], strict=True)
+            )
+        if earlier:
+            return self.values[after - 1]
+        return self.values[after] if later else None
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.stamps.clear()
+        self.values.clear()
+
+
+class Odometer:
+    """Way travelled, from a vehicle's speed; standing still adds nothing.
+
+    Parameters
+    ----------
+    horizon
+        How far back values are kept (ns).
+    longest_gap
+        Between stamps further apart than this (ns) the straight distance of the positions counts.
+    standstill
+        Speeds up to this (m/s) are noise of a standing vehicle.
+    """
+
+    def __init__(self, horizon: int, longest_gap: int, standstill: float) -> None:
+        self._series = Series(horizon)  # x, y, speed, yaw rate
+        self._way: list[float] = []  # at each stamp of the series
+        self._gap = longest_gap
+        self._standstill = standstill
+
+    @property
+    def newest(self) -> int | None:
+        """The newest stamp; None when there is none."""
+        return self._series.newest
+
+    def add(
+        self, stamp: int, x: float, y: float, speed: float, yaw_rate: float
+    ) -> StampFault | None:
+        """Keep one message; a fault says why it was not kept."""
+        series = self._series
+        before = len(series)
+        fault = series.add(stamp, (x, y, speed, yaw_rate))
+        if fault is not None:
+            return fault
+        forgotten = before + 1 - len(series)
+        del self._way[:forgotten]
+        place = bisect_left(series.stamps, stamp)
+        self._way.insert(place, 0.0)
+        if place == 0 and len(series) > 1:
+            self._way[0] = self._way[1] - self._step(0)
+        # A late message changes the way at every later stamp.
+        for i in range(max(place, 1), len(series)):
+            self._way[i] = self._way[i - 1] + self._step(i - 1)
+        return None
+
+    def _step(self, i: int) -> float:
+        """Way from stamp i to the next."""
+        (x0, y0, v0, _), (x1, y1, v1, _) = self._series.values[i : i + 2]
+        duration = self._series.stamps[i + 1] - self._series.stamps[i]
+        if duration > self._gap:
+            straight = math.hypot(x1 - x0, y1 - y0)
+            return straight if straight > self._standstill * duration / SECOND else 0.0
+        speeds = (abs(v) if abs(v) > self._standstill else 0.0 for v in (v0, v1))
+        return sum(speeds) / 2 * duration / SECOND
+
+    def way(self, stamp: int) -> float:
+        """Way travelled (m) at an instant; held before the first and after the last message."""
+        stamps = self._series.stamps
+        if not stamps:
+            return 0.0
+        after = bisect_right(stamps, stamp)
+        if after in (0, len(stamps)):
+            return self._way[min(after, len(stamps) - 1)]
+        start, end = stamps[after - 1], stamps[after]
+        share = (stamp - start) / (end - start)
+        return self._way[after - 1] + share * (self._way[after] - self._way[after - 1])
+
+    def motion(self, stamp: int, reach: int) -> tuple[float, float] | None:
+        """Speed (m/s) and yaw rate (rad/s) at an instant, as `Series.at`."""
+        values = self._series.at(stamp, reach)
+        return None if values is None else (values[2], values[3])
+
+    def clear(self) -> None:
+        """Forget everything, the way too."""
+        self._series.clear()
+        self._way.clear()

@@ -1,0 +1,65 @@
+"""A wheel, the strength of the soil under it, and its slip; values with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from smallwheel_ros.conditions import ROLLING
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value and its standard deviation, in the same unit."""
+
+    value: float
+    standard_deviation: float
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """One wheel; sizes in m.
+
+    contact: 'rolling', or 'pressed' for a wheel that is pushed straight down and so meets the soil
+    on both sides of its lowest point. lateral_position: m left of the vehicle's middle; in a turn
+    the wheels of one side travel faster than those of the other.
+    """
+
+    name: str
+    diameter: float
+    width: float
+    contact: str = ROLLING
+    lateral_position: float = 0.0
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Shear strength of the soil (Mohr-Coulomb, and Janosi-Hanamoto's deformation modulus).
+
+    cohesion: Pa. friction_angle: rad. shear_displacement: kappa, m. None of them is estimated.
+    """
+
+    cohesion: Quantity
+    friction_angle: Quantity
+    shear_displacement: Quantity
+
+
+def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quantity | None:
+    """Slip of a wheel: i = 1 - v/(r omega) driven, r omega/v - 1 skidding; None when standing.
+
+    speed, rim_speed: v and r omega, m/s, with one sign convention. A wheel that turns against the
+    travel has slip 1 (or -1 where it travels faster than it turns). standstill: m/s, of both. The
+    standard deviation is to first order, and at most 1.
+    """
+    v, rim = speed.value, rim_speed.value
+    if max(abs(v), abs(rim)) <= standstill:
+        return None
+    driven = abs(rim) >= abs(v)
+    base, other = (rim, v) if driven else (v, rim)
+    ratio = other / base
+    spread = math.hypot(
+        (speed if driven else rim_speed).standard_deviation,
+        ratio * (rim_speed if driven else speed).standard_deviation,
+    ) / abs(base)
+    slip = min(1.0, 1.0 - ratio)
+    return Quantity(slip if driven else -slip, min(spread, 1.0))

@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smallwheel_ros.streams import (
+    SECOND,
+    Odometer,
+    Series,
+    StampFault,
+    StampRules,
+    nanoseconds,
+)
+
+RULES = StampRules(
+    future_tolerance=nanoseconds(0.5),
+    maximum_age=nanoseconds(5.0),
+    jump_tolerance=nanoseconds(1.0),
+)
+T = 1_700_000_000 * SECOND
+
+
+def series(*pairs: tuple[float, float], horizon: float = 100.0) -> Series:
+    made = Series(nanoseconds(horizon))
+    for time, value in pairs:
+        assert made.add(T + nanoseconds(time), (value,)) is None
+    return made
+
+
+def value_at(made: Series, time: float, reach: float = 0.2) -> float | None:
+    values = made.at(T + nanoseconds(time), nanoseconds(reach))
+    return None if values is None else values[0]
+
+
+class TestStampRules:
+    @pytest.mark.parametrize(
+        ("stamp", "newest", "now", "fault"),
+        [
+            (0, None, T, StampFault.ZERO),
+            (-5, None, None, StampFault.ZERO),
+            (T, None, None, None),
+            (T, None, 0, None),  # a simulated clock that nobody has set yet has no opinion
+            (T, T, T, None),
+            (T + nanoseconds(0.4), None, T, None),
+            (T + nanoseconds(0.6), None, T, StampFault.FUTURE),
+            (T - nanoseconds(4.9), None, T, None),
+            (T - nanoseconds(5.1), None, T, StampFault.TOO_OLD),
+            (T - nanoseconds(0.9), T, None, None),
+            (T - nanoseconds(1.1), T, None, StampFault.JUMP_BACK),
+            # late for the newest stamp, while the clock says that time goes on
+            (T - nanoseconds(2.0), T, T + nanoseconds(0.1), StampFault.LATE),
+            # the clock went back together with the stamps
+            (T - nanoseconds(100.0), T, T - nanoseconds(99.9), StampFault.JUMP_BACK),
+        ],
+    )
+    def test_judges(
+        self, stamp: int, newest: int | None, now: int | None, fault: StampFault | None
+    ) -> None:
+        assert RULES.fault(stamp, newest, now) is fault
+
+
+class TestSeries:
+    def test_interpolates_between_neighbours(self) -> None:
+        made = series((0.0, 10.0), (0.1, 20.0))
+        assert value_at(made, 0.025) == pytest.approx(12.5)
+        assert value_at(made, 0.1) == 20.0
+
+    def test_holds_the_nearest_within_reach_only(self) -> None:
+        made = series((0.0, 10.0), (1.0, 20.0))
+        assert value_at(made, 0.15) == 10.0
+        assert value_at(made, 0.85) == 20.0
+        assert value_at(made, 0.5) is None
+        assert value_at(made, 1.15) == 20.0
+        assert value_at(made, -0.15) == 10.0
+        assert value_at(made, 1.25) is None
+        assert value_at(Series(10), 0.0) is None
+
+    def test_does_not_interpolate_over_a_gap(self) -> None:
+        # Both neighbours must be within reach: half way over a long gap nothing is known.
+        made = series((0.0, 0.0), (0.3, 30.0))
+        assert value_at(made, 0.15, reach=0.2) == pytest.approx(15.0)
+        assert value_at(made, 0.05, reach=0.2) == 0.0
+
+    def test_faults(self) -> None:
+        made = series((0.0, 1.0), (0.2, 2.0), (0.5, 3.0), horizon=0.4)
+        assert made.add(T + nanoseconds(0.2), (9.0,)) is StampFault.DUPLICATE
+        assert made.add(T + nanoseconds(0.05), (9.0,)) is StampFault.LATE
+        assert value_at(made, 0.2) == 2.0
+
+    @given(st.lists(st.integers(0, 400), min_size=1, unique=True), st.randoms())
+    def test_order_of_arrival_does_not_matter(
+        self, times: list[int], shuffler: random.Random
+    ) -> None:
+        in_order = series(*((t / 100, math.sin(t)) for t in sorted(times)))
+        shuffled = list(times)
+        shuffler.shuffle(shuffled)
+        mixed = series(*((t / 100, math.sin(t)) for t in shuffled))
+        for i in range(420):
+            assert value_at(mixed, i / 100) == value_at(in_order, i / 100)
+
+    def test_memory_is_bounded(self) -> None:
+        made = Series(nanoseconds(1.0))
+        longest = 0
+        for i in range(10_000):
+            made.add(T + i * nanoseconds(0.01), (float(i),))
+            longest = max(longest, len(made))
+        assert longest <= 202
+        # nothing within the horizon was lost
+        assert made.stamps[-101:] == [T + i * nanoseconds(0.01) for i in range(9899, 10_000)]
+
+
+class TestOdometer:
+    def odometer(self, horizon: float = 100.0) -> Odometer:
+        return Odometer(nanoseconds(horizon), nanoseconds(0.2), standstill=0.01)
+
+    def test_integrates_speed(self) -> None:
+        made = self.odometer()
+        for i in range(101):
+            t = i / 50
+            made.add(T + nanoseconds(t), 0.0, 0.0, 0.5 * t, 0.1)
+        assert made.way(T + 2 * SECOND) == pytest.approx(1.0, rel=0.01)
+        assert made.way(T + SECOND) == pytest.approx(0.25, rel=0.02)
+        assert made.motion(T + SECOND, SECOND) == pytest.approx((0.5, 0.1))
+
+    def test_reverse_is_travel_too(self) -> None:
+        made = self.odometer()
+        for i in range(11):
+            made.add(T + nanoseconds(i / 10), 0.0, 0.0, -0.5, 0.0)
+        assert made.way(T + SECOND) == pytest.approx(0.5)
+
+    def test_standing_still_adds_nothing(self) -> None:
+        made = self.odometer()
+        noise = random.Random(1)
+        for i in range(1000):
+            made.add(T + nanoseconds(i / 30), noise.gauss(0, 1), 0.0, noise.gauss(0, 0.003), 0.0)
+        assert made.way(T + 60 * SECOND) < 0.003
+
+    def test_a_gap_counts_by_position(self) -> None:
+        made = self.odometer()
+        made.add(T, 0.0, 0.0, 0.5, 0.0)
+        made.add(T + 10 * SECOND, 3.0, 4.0, 0.0, 0.0)
+        assert made.way(T + 10 * SECOND) == pytest.approx(5.0)
+        # a position that only wobbles is no travel
+        made.add(T + 20 * SECOND, 3.0, 4.05, 0.0, 0.0)
+        assert made.way(T + 20 * SECOND) == pytest.approx(5.0)
+
+    def test_way_is_held_outside(self) -> None:
+        made = self.odometer()
+        assert made.way(T) == 0.0
+        made.add(T, 0.0, 0.0, 1.0, 0.0)
+        made.add(T + nanoseconds(0.1), 0.1, 0.0, 1.0, 0.0)
+        assert made.way(T - SECOND) == 0.0
+        assert made.way(T + SECOND) == pytest.approx(0.1)
+
+    @given(st.permutations(range(12)))
+    def test_order_of_arrival_does_not_matter(self, order: list[int]) -> None:
+        made, sorted_one = self.odometer(), self.odometer()
+        for numbers, target in ((order, made), (range(12), sorted_one)):
+            for i in numbers:
+                target.add(T + i * nanoseconds(0.05), 0.0, 0.0, math.cos(i), 0.0)
+        # The way's zero is at whatever came first, so differences are compared.
+        for i in range(1, 12):
+            ways = [
+                o.way(T + i * nanoseconds(0.05)) - o.way(T + (i - 1) * nanoseconds(0.05))
+                for o in (made, sorted_one)
+            ]
+            assert ways[0] == pytest.approx(ways[1], abs=1e-12)
+
+    def test_memory_is_bounded_and_the_way_goes_on(self) -> None:
+        made = self.odometer(horizon=1.0)
+        for i in range(5001):
+            made.add(T + i * nanoseconds(0.02), 0.0, 0.0, 1.0, 0.0)
+        assert made.way(T + 100 * SECOND) == pytest.approx(100.0)
+        assert len(made._series) == len(made._way) <= 110
