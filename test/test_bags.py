@@ -193,11 +193,8 @@ def test_unknown_message_type_is_named():
         message_type("no_msgs/msg/Such")
 
 
-def test_ros1_bag_with_a_vendor_message():
-    root = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
-    bag = root / "data" / "cmu_wheel_rig" / "raw" / "force-displacement_6.bag"
-    if not bag.exists():
-        pytest.skip(f"the recorded rig trial is not here: {bag}")
+def test_ros1_bag_with_a_vendor_message(shared_data):
+    bag = shared_data / "cmu_wheel_rig" / "raw" / "force-displacement_6.bag"
     with BagReader(bag) as reader:
         topic = next(t for t in reader.topics if t.name.endswith("/forcetorque_readings"))
         assert topic.readable

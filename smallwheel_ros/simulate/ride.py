@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from tqdm import tqdm
 
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.response import Response, thrust_at, wheel_response
@@ -18,11 +17,10 @@ from smallwheel_ros.simulate.terrain import (
     stretch_index,
     wave_value,
 )
-from smallwheel_ros.simulate.truth import Array, Circumstances, SimulationError
+from smallwheel_ros.simulate.truth import Array, Circumstances, SimulationError, bracketed_root
 
 # The driver eases off before the wheels spin, and brakes before they lock.
 _SLIP_RANGE = (-0.3, 0.65)
-_BISECTIONS = 14
 _BLOCK = 4000  # rows at once, so that memory stays small on long drives
 
 
@@ -36,8 +34,7 @@ class WheelTruth:
     speed: Array  # m/s, of the wheel's own place
     load: Array  # N
     sinkage: Array  # m, as an instrument without noise would show it
-    drawbar_pull: Array  # N
-    resistance: Array  # N
+    drawbar_pull: Array  # N, what each wheel adds to moving the rover
 
 
 class _Ride:
@@ -105,25 +102,27 @@ class _Ride:
             thrust[rows] = thrust_at(soil, self.effects, at, self._scatter[rows], deep[rows])
         return thrust.reshape(self.shape)
 
-    def slip(self, rover: Rover, trip: Travel) -> Array:
-        """Slip at each time: the one at which the wheels together pull what the rover needs.
+    def balance(self, rover: Rover, trip: Travel) -> tuple[Array, Array]:
+        """Slip at each time, and the pull of each wheel (N) that together move the rover.
 
-        Depth and resistance in this balance are those at no slip. With the resistance of digging in
-        as well, a rover that begins to slip in loose sand is stuck for good in many drives, and
-        nothing would be left to record.
+        Depth and resistance in this balance are those at no slip: here digging in deepens the rut
+        and does not hold the rover back. With the resistance of the greater depth as well, a rover
+        that begins to slip in loose sand is stuck for good in many drives, and nothing would be
+        left to record.
         """
-        needed = rover.mass * (GRAVITY * np.sin(trip.climb) + trip.acceleration)
         still = self.response(np.zeros(self.shape[0]))
-        needed = needed + np.sum(still.resistance, axis=1)
-        low = np.full(self.shape[0], _SLIP_RANGE[0])
-        high = np.full(self.shape[0], _SLIP_RANGE[1])
-        for _ in tqdm(range(_BISECTIONS), "driving", disable=None, leave=False, delay=1):
-            middle = (low + high) / 2
-            enough = np.sum(self._thrust(middle, still.depth) * self.grip, axis=1) >= needed
-            high = np.where(enough, middle, high)
-            low = np.where(enough, low, middle)
-        slip: Array = (low + high) / 2
-        return slip
+        weight = rover.mass * (GRAVITY * np.sin(trip.climb) + trip.acceleration)
+
+        def pull(slip: Array) -> Array:
+            return self._thrust(slip, still.depth) * self.grip - still.resistance
+
+        def excess(slip: Array) -> Array:
+            total: Array = np.sum(pull(slip), axis=1) - weight
+            return total
+
+        low, high = (np.full(self.shape[0], end) for end in _SLIP_RANGE)
+        slip = bracketed_root(excess, low, high, 1e-4)
+        return slip, pull(slip)
 
 
 def _blocks(rows: np.ndarray) -> list[np.ndarray]:
@@ -154,7 +153,7 @@ def ride(
         If a wheel sinks to its axle: soil or hidden effects are too much for this rover.
     """
     wheels = _Ride(rover, ground, stretches, effects, trip)
-    slip = wheels.slip(rover, trip)
+    slip, pull = wheels.balance(rover, trip)
     response = wheels.response(slip)
     if not np.all(np.isfinite(response.depth)):
         time, wheel = np.argwhere(~np.isfinite(response.depth))[0]
@@ -171,6 +170,5 @@ def ride(
         speed=wheels.speed,
         load=wheels.load,
         sinkage=response.shown_sinkage,
-        drawbar_pull=response.thrust * wheels.grip - response.resistance,
-        resistance=response.resistance,
+        drawbar_pull=pull,
     )

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from smallwheel_ros.simulate.truth import Array, SimulationError, TruthSoil
 
 TERRAINS = ("mixed", "single")
-TICK = 0.05  # s, step of the truth
+TICK = 0.1  # s, step of the truth
 _GROUND_STEP = 0.02  # m, step of the soil's texture
 _REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
 

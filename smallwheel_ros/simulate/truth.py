@@ -163,36 +163,47 @@ def shear_thrust(law: PressureLaw, soil: TruthSoil, at: Circumstances, sinkage: 
     return thrust
 
 
-def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
-    """Sinkage (m) at which the soil carries the load; NaN where the wheel sinks to its axle.
+def bracketed_root(
+    function: Callable[[Array], Array], low: Array, high: Array, tolerance: float
+) -> Array:
+    """Where rising functions are zero, one for each element, by regula falsi (Illinois rule).
 
-    Regula falsi with the Illinois rule on ln(load) over ln(sinkage), which is nearly a straight
-    line; it never leaves its bracket.
+    Never leaves the bracket; gives its nearer end where a function has no zero in it.
     """
-    target = np.log(load)
-    low = np.log(diameter / 2 * 1e-7)
-    high = np.log(diameter / 2)
-
-    def excess(log_sinkage: Array) -> Array:
-        return np.log(supported_load(law, diameter, width, np.exp(log_sinkage))) - target
-
-    at_low, at_high = excess(low), excess(high)
-    sunk = at_high < 0
-    side = np.zeros(load.shape)
+    at_low, at_high = function(low), function(high)
+    below, above = at_high <= 0, at_low >= 0
+    first, last = low, high
+    side = np.zeros(low.shape)
     middle = high
     for _ in range(_ITERATIONS):
         previous = middle
         with np.errstate(invalid="ignore", divide="ignore"):
             middle = high - at_high * (high - low) / (at_high - at_low)
         middle = np.where(np.isfinite(middle), np.clip(middle, low, high), (low + high) / 2)
-        at_middle = excess(middle)
-        above = at_middle > 0
-        # Illinois: the end that stayed twice counts half, so that it moves at last.
-        at_low = np.where(above & (side == 1), at_low / 2, at_low)
-        at_high = np.where(~above & (side == -1), at_high / 2, at_high)
-        high, at_high = np.where(above, middle, high), np.where(above, at_middle, at_high)
-        low, at_low = np.where(above, low, middle), np.where(above, at_low, at_middle)
-        side = np.where(above, 1.0, -1.0)
-        if np.all((np.abs(middle - previous) < 1e-10) | sunk):
+        value = function(middle)
+        up = value > 0
+        # The end that stayed twice counts half, so that it moves at last.
+        at_low = np.where(up & (side == 1), at_low / 2, at_low)
+        at_high = np.where(~up & (side == -1), at_high / 2, at_high)
+        high, at_high = np.where(up, middle, high), np.where(up, value, at_high)
+        low, at_low = np.where(up, low, middle), np.where(up, at_low, value)
+        side = np.where(up, 1.0, -1.0)
+        if np.all((np.abs(middle - previous) < tolerance) | below | above):
             break
-    return np.where(sunk, np.nan, np.exp(middle))
+    return np.where(below, last, np.where(above, first, middle))
+
+
+def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
+    """Sinkage (m) at which the soil carries the load; NaN where the wheel sinks to its axle.
+
+    Solved for ln(load) over ln(sinkage), which is nearly a straight line.
+    """
+    target = np.log(load)
+
+    def excess(log_sinkage: Array) -> Array:
+        carried: Array = np.log(supported_load(law, diameter, width, np.exp(log_sinkage)))
+        return carried - target
+
+    axle = np.log(diameter / 2)
+    root = bracketed_root(excess, np.log(diameter / 2 * 1e-7), axle, 1e-10)
+    return np.where(root < axle, np.exp(root), np.nan)

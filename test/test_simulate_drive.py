@@ -1,0 +1,319 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.simulate import (
+    DriveSettings,
+    SimulationError,
+    simulate_drive,
+    write_drive_bag,
+)
+from smallwheel_ros.simulate.rover import GRAVITY, ROVERS, Rover, RoverWheel, wheel_loads
+from smallwheel_ros.simulate.sensors import EPOCH
+from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+
+WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return simulate_drive(DriveSettings(seed=0))
+
+
+@pytest.fixture(scope="module")
+def bag(drive, tmp_path_factory):
+    path = tmp_path_factory.mktemp("bags") / "drive"
+    assert write_drive_bag(drive, path) == drive.message_count
+    return path
+
+
+@pytest.fixture(scope="module")
+def messages(bag):
+    by_topic = {}
+    with BagReader(bag) as reader:
+        for message in reader.messages():
+            by_topic.setdefault(message.topic, []).append(message)
+    return by_topic
+
+
+def stamps(messages):
+    return np.array(
+        [m.message.header.stamp.sec * 10**9 + m.message.header.stamp.nanosec for m in messages]
+    )
+
+
+def test_topics_and_types_are_those_of_the_interface(bag):
+    with BagReader(bag) as reader:
+        found = {topic.name: topic.type for topic in reader.topics}
+    expected = {"/odom": "nav_msgs/msg/Odometry", "/joint_states": "sensor_msgs/msg/JointState"}
+    for wheel in WHEELS:
+        expected[f"/{wheel}/load"] = "geometry_msgs/msg/WrenchStamped"
+        expected[f"/{wheel}/sinkage"] = "smallwheel_ros/msg/WheelSinkage"
+    assert found == expected
+
+
+def test_default_drive_is_about_a_minute_and_30_metres(drive):
+    assert 50 < drive.truth.travel.time[-1] < 80
+    assert drive.truth.travel.way[-1] == pytest.approx(30.0, abs=0.01)
+
+
+def test_rates_stamps_and_delays(messages):
+    rates = {"load": 50, "sinkage": 10, "odom": 30, "joint_states": 50}
+    first = set()
+    for topic, recorded in messages.items():
+        stamp = stamps(recorded)
+        log_time = np.array([m.log_time for m in recorded])
+        assert np.all(np.diff(stamp) > 0), topic
+        assert np.all(log_time > stamp), topic
+        assert np.max(log_time - stamp) < 0.3e9, topic
+        rate = 1e9 / np.median(np.diff(stamp))
+        assert rate == pytest.approx(rates[topic.rpartition("/")[2]], rel=0.03)
+        assert EPOCH <= stamp[0] < EPOCH + 0.2e9
+        first.add(int(stamp[0]))
+    assert len(first) == len(messages)  # no two sensors start at the same instant
+
+
+def test_frames_names_and_quaternions(messages):
+    for wheel in WHEELS:
+        for kind in ("load", "sinkage"):
+            assert {m.message.header.frame_id for m in messages[f"/{wheel}/{kind}"]} == {wheel}
+    odometry = [m.message for m in messages["/odom"]]
+    assert {m.header.frame_id for m in odometry} == {"odom"}
+    assert {m.child_frame_id for m in odometry} == {"base_link"}
+    turned = [m.pose.pose.orientation for m in odometry]
+    norm = np.array([q.x**2 + q.y**2 + q.z**2 + q.w**2 for q in turned])
+    assert norm == pytest.approx(np.ones(norm.size), abs=1e-12)
+    joints = [m.message for m in messages["/joint_states"]]
+    assert {tuple(m.name) for m in joints} == {tuple(f"{w}_joint" for w in WHEELS)}
+    assert {m.velocity.size for m in joints} == {4}
+
+
+def test_orientation_says_the_slope_that_the_rover_climbs(drive, messages):
+    odometry = [m.message for m in messages["/odom"]]
+    time = (stamps(messages["/odom"]) - EPOCH) / 1e9
+    q = [m.pose.pose.orientation for m in odometry]
+    nose_down = np.arcsin([2 * (p.w * p.y - p.z * p.x) for p in q])
+    climb = np.interp(time, drive.truth.travel.time, drive.truth.travel.climb)
+    assert np.max(np.abs(-nose_down - climb)) < 0.015
+    height = np.array([m.pose.pose.position.z for m in odometry])
+    way = np.interp(time, drive.truth.travel.time, drive.truth.travel.way)
+    slope = np.diff(height[::30]) / np.maximum(np.diff(way[::30]), 1e-6)
+    moving = np.diff(way[::30]) > 0.2
+    assert np.corrcoef(slope[moving], climb[::30][1:][moving])[0, 1] > 0.95
+
+
+def test_odometry_pose_is_the_integral_of_its_twist(messages):
+    odometry = [m.message for m in messages["/odom"]]
+    time = stamps(messages["/odom"]) / 1e9
+    speed = np.array([m.twist.twist.linear.x for m in odometry])
+    rate = np.array([m.twist.twist.angular.z for m in odometry])
+    way = np.sum(speed[1:] * np.diff(time))
+    place = np.array([[m.pose.pose.position.x, m.pose.pose.position.y] for m in odometry])
+    height = np.array([m.pose.pose.position.z for m in odometry])
+    steps = np.hypot(*np.diff(place[::30], axis=0).T)
+    assert np.sum(np.hypot(steps, np.diff(height[::30]))) == pytest.approx(way, rel=0.02)
+    q = [m.pose.pose.orientation for m in odometry]
+    yaw = np.arctan2(
+        [2 * (p.w * p.z + p.x * p.y) for p in q], [1 - 2 * (p.y**2 + p.z**2) for p in q]
+    )
+    assert np.max(np.abs(yaw - np.cumsum(rate * np.gradient(time)))) < 0.05
+
+
+def test_slip_from_the_bag_is_the_true_slip(drive, messages):
+    answer = drive.answer()
+    time = (stamps(messages["/odom"]) - EPOCH) / 1e9
+    speed = np.array([m.message.twist.twist.linear.x for m in messages["/odom"]])
+    joint_time = (stamps(messages["/joint_states"]) - EPOCH) / 1e9
+    joints = np.array([m.message.velocity for m in messages["/joint_states"]])
+    for j, wheel in enumerate(WHEELS):
+        truth = answer["wheels"][wheel]
+        at, moving = np.array(truth["time"]), np.array(truth["moving"])
+        rim = np.interp(at, joint_time, joints[:, j]) * 0.125
+        v = np.interp(at, time, speed)
+        fast = moving & (v > 0.2)
+        slip = np.where(rim >= v, 1 - v / np.maximum(rim, 1e-3), rim / np.maximum(v, 1e-3) - 1)
+        error = slip[fast] - np.array(truth["slip"])[fast]
+        assert abs(np.median(error)) < 0.03  # in turns a wheel is faster or slower than the rover
+        assert np.quantile(np.abs(error), 0.95) < 0.08
+
+
+def test_readings_scatter_about_the_truth_as_declared(drive, messages):
+    answer = drive.answer()
+    for wheel in WHEELS:
+        recorded = [m.message for m in messages[f"/{wheel}/sinkage"]]
+        truth = answer["wheels"][wheel]
+        assert len(recorded) == len(truth["time"])
+        read = np.array([m.sinkage for m in recorded])
+        variance = np.array([m.variance for m in recorded])
+        normed = (read - np.array(truth["sinkage"])) / np.sqrt(variance)
+        assert np.all(read > 0)
+        assert abs(np.mean(normed)) < 0.15
+        assert 0.85 < np.std(normed) < 1.15
+        load = np.array([m.message.wrench.force.z for m in messages[f"/{wheel}/load"]])
+        at = (stamps(messages[f"/{wheel}/load"]) - EPOCH) / 1e9
+        true = np.interp(at, truth["time"], truth["load"])
+        assert np.std(load - true) < 2.0
+
+
+def test_the_drive_is_varied(drive):
+    """What an estimator needs: other loads, other slips, other soils, standing still, skidding."""
+    truth = drive.truth
+    assert np.quantile(truth.load, 0.95) > 1.6 * np.quantile(truth.load, 0.05)
+    assert np.quantile(truth.slip, 0.95) - np.quantile(truth.slip, 0.05) > 0.15
+    assert np.max(truth.slip) > 0.4
+    soils = [np.median(truth.sinkage[truth.stretch == i]) for i in range(len(drive.stretches))]
+    assert max(soils) > 2 * min(soils)
+    assert np.sum(truth.travel.speed < 1e-6) * 0.1 > 4.0
+    assert np.all(truth.sinkage < 0.3 * 0.25)
+
+
+def test_loads_carry_the_rover_and_balance_on_slopes():
+    rover = ROVERS["four"]
+    climb, roll = np.radians([0.0, 8.0, 0.0]), np.radians([0.0, 0.0, -6.0])
+    still, twist = np.zeros(3), np.array([0.2, 0.0, 0.0])
+    loads = wheel_loads(rover, climb, roll, still, twist)
+    weight = rover.mass * GRAVITY
+    assert loads.sum(axis=1) == pytest.approx(weight * np.cos(climb) * np.cos(roll), rel=1e-9)
+    x = np.array([w.x for w in rover.wheels])
+    y = np.array([w.y for w in rover.wheels])
+    assert loads[1, x < 0].sum() > loads[1, x > 0].sum()  # uphill: onto the rear wheels
+    assert loads[2, y > 0].sum() > loads[2, y < 0].sum()  # left side lower: onto it
+    # Moments about the axes through the ground, level: the resultant is under the centre.
+    assert loads[0] @ x / weight == pytest.approx(rover.gravity_x, abs=1e-9)
+    assert loads[0] @ y / weight == pytest.approx(rover.gravity_y, abs=1e-9)
+
+
+def test_wheels_together_pull_what_the_rover_needs(drive):
+    truth, rover = drive.truth, drive.rover
+    needed = rover.mass * (GRAVITY * np.sin(truth.travel.climb) + truth.travel.acceleration)
+    free = (truth.slip > -0.29) & (truth.slip < 0.64)
+    assert truth.drawbar_pull.sum(axis=1)[free] == pytest.approx(needed[free], abs=0.1)
+
+
+def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
+    settings = DriveSettings(seed=5, distance=3.0, outliers=0.05)
+    for name in ("a", "b"):
+        folder = tmp_path / name
+        folder.mkdir()
+        made = simulate_drive(settings)
+        write_drive_bag(made, folder / "bag")
+        (folder / "answer").write_text(json.dumps(made.answer()))
+    for file in ("bag/bag.mcap", "bag/metadata.yaml", "answer"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    other = simulate_drive(DriveSettings(seed=6, distance=3.0))
+    assert other.answer()["stretches"] != made.answer()["stretches"]
+
+
+def test_outliers_and_their_marks_change_nothing_else():
+    plain = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.0))
+    wild = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.0, outliers=0.1))
+    for wheel in WHEELS:
+        calm, odd = plain.sinkage[wheel], wild.sinkage[wheel]
+        assert not calm.outlier.any()
+        assert 0.03 < odd.outlier.mean() < 0.2
+        assert np.array_equal(calm.sinkage[~odd.outlier], odd.sinkage[~odd.outlier])
+        assert np.all(odd.sinkage[odd.outlier] > 1.5 * calm.sinkage[odd.outlier])
+        assert np.array_equal(plain.load[wheel].normal, wild.load[wheel].normal)
+
+
+def test_dropouts():
+    full = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.0))
+    gaps = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.3))
+    assert 0.6 < gaps.load["rear_left"].stamp.size / full.load["rear_left"].stamp.size < 0.8
+    assert np.max(np.diff(full.sinkage["front_right"].stamp)) < 0.3e9
+    assert np.max(np.diff(gaps.sinkage["front_right"].stamp)) > 1.4e9
+    assert set(gaps.sinkage["rear_left"].stamp) <= set(full.sinkage["rear_left"].stamp)
+
+
+def test_no_noise_is_the_truth():
+    made = simulate_drive(DriveSettings(seed=1, distance=4.0, noise=0.0))
+    truth = made.answer()["wheels"]["rear_right"]
+    readings = made.sinkage["rear_right"]
+    assert readings.sinkage == pytest.approx(truth["sinkage"], abs=1e-7)
+    assert np.all(readings.variance > 0)
+
+
+def test_two_wheel_sizes_in_one_soil():
+    made = simulate_drive(DriveSettings(seed=3, distance=6.0, wheels="two_sizes", terrain="single"))
+    assert len(made.stretches) == 1
+    assert {(w.diameter, w.width) for w in made.rover.wheels} == {(0.25, 0.10), (0.40, 0.12)}
+    # Rear wheels are larger: they sink less under the same load.
+    ratio = made.truth.sinkage / made.truth.load
+    assert np.median(ratio[:, 2:]) < 0.8 * np.median(ratio[:, :2])
+
+
+def test_own_rover_and_own_soils():
+    rover = Rover(
+        (RoverWheel("probe", 0.2, 0.05, 0.2, 0.0), RoverWheel("main", 0.3, 0.1, -0.2, 0.1))
+    )
+    soils = tuple(
+        Stretch(start, soil_of_pressure(f"s{start}", pressure, 0.8, 0.3))
+        for start, pressure in ((0.0, 60e3), (3.0, 25e3))
+    )
+    made = simulate_drive(DriveSettings(distance=6.0, wheels=rover, stretches=soils))
+    assert set(made.load) == {"probe", "main"}
+    assert [s["name"] for s in made.answer()["stretches"]] == ["s0.0", "s3.0"]
+    truth = made.truth
+    assert np.median(truth.sinkage[truth.stretch == 1]) > 1.4 * np.median(
+        truth.sinkage[truth.stretch == 0]
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["slip_sinkage", "multipass", "penetration_rate", "sinkage_offset"]
+)
+def test_hidden_effects_are_in_the_truth_and_in_the_answer_only(name, tmp_path):
+    plain = simulate_drive(DriveSettings(seed=4, distance=6.0))
+    hidden = simulate_drive(DriveSettings(seed=4, distance=6.0, hidden=(name,)))
+    ratio = hidden.truth.sinkage / plain.truth.sinkage
+    assert np.max(np.abs(ratio - 1.0)) > 0.05
+    if name == "multipass":  # the front wheels make the rut in which the rear ones roll
+        assert np.all(ratio[:, :2] == pytest.approx(1.0, abs=1e-6))
+        assert np.all(ratio[:, 2:] > 1.1)
+    assert hidden.answer()["hidden"][0]["effect"] == name
+    write_drive_bag(hidden, tmp_path / "drive")
+    recorded = b"".join(f.read_bytes() for f in (tmp_path / "drive").iterdir())
+    assert name.encode() not in recorded
+    for secret in (b"dry_sand", b"loose_sand", b"hidden", b"answer"):
+        assert secret not in recorded
+
+
+@pytest.mark.parametrize(
+    ("settings", "match"),
+    [
+        ({"distance": -1.0}, "distance is -1.0"),
+        ({"distance": float("nan")}, "distance is nan"),
+        ({"speed": 0.0}, "speed is 0.0: expected a number from 0.01 to 3 m/s"),
+        ({"outliers": 1.5}, "outliers is 1.5"),
+        ({"noise": -0.1}, "noise is -0.1"),
+        ({"seed": -1}, "seed is -1"),
+        ({"wheels": "six"}, "four or two_sizes"),
+        ({"terrain": "moon"}, "mixed or single"),
+        ({"form": "mine"}, "own or published"),
+        ({"hidden": ("moisture",)}, "simulate rig"),
+        ({"hidden": ("slip_angle_sinkage",)}, "simulate rig"),
+        ({"hidden": ("hardpam",)}, "did you mean 'hardpan'"),
+    ],
+)
+def test_bad_settings_are_named(settings, match):
+    with pytest.raises(SimulationError, match=match):
+        simulate_drive(DriveSettings(**settings))
+
+
+def test_a_rover_that_sinks_to_its_axle_is_named():
+    mud = (Stretch(0.0, soil_of_pressure("mud", 300.0, 0.8, 0.0)),)
+    with pytest.raises(
+        SimulationError, match=r"wheel front_left sinks to its axle at 0\.0 m in mud"
+    ):
+        simulate_drive(DriveSettings(distance=3.0, stretches=mud))
+
+
+def test_an_existing_bag_is_left_alone(drive, bag):
+    before = sorted((f.name, f.stat().st_mtime_ns) for f in bag.iterdir())
+    with pytest.raises(BagError, match="exists already"):
+        write_drive_bag(drive, bag)
+    assert sorted((f.name, f.stat().st_mtime_ns) for f in bag.iterdir()) == before
