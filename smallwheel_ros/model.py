@@ -62,6 +62,14 @@ class Model:
     def __add__(self, effect: Effect) -> Model:
         return replace(self, effects=(*self.effects, effect))
 
+    @property
+    def contact_rule(self) -> str:
+        """The geometry rule after the effects had their say."""
+        rule: str = self.geometry
+        for effect in self.effects:
+            rule = effect.geometry(rule)
+        return rule
+
     def missing_covariates(self, conditions: Conditions) -> dict[str, list[str]]:
         """By effect, the covariates that it needs and that the conditions do not have."""
         lacks = {
@@ -119,7 +127,7 @@ def _static_sinkage(
     shaping = [e for e in model.effects if type(e).pressure_factor is not Effect.pressure_factor]
     if shaping:
         z, sunk = _layered_sinkage(shaping, conditions, carried, diameter, width, modulus, n)
-    elif model.geometry == "closed_form":
+    elif model.contact_rule == "closed_form":
         z = closed_form_sinkage(carried, diameter, width, modulus, n)
         sunk = sunk_to_axle(z, diameter)
     else:

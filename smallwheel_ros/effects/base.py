@@ -1,8 +1,10 @@
 """What a physical effect is, and the one class that each effect's file derives from.
 
 An effect is a small frozen dataclass: its fields are its parameters, its methods are the places at
-which it changes what the model computes. A model runs the stages in this order, each effect in turn:
+which it changes what the model computes. A model runs the stages in this order, each effect
+in turn:
 
+    geometry            the rule by which the contact is computed
     normal_load         the load that reaches the soil                        N      -> N
     wheel_diameter      the diameter that the soil meets                      m      -> m
     modulus_factor      multiplies k                                          1
@@ -15,7 +17,8 @@ which it changes what the model computes. A model runs the stages in this order,
     thrust_factor       multiplies the thrust                                 1
     measured_sinkage    what the instrument shows of the sinkage              m      -> m
 
-Override only what the effect changes. To write your own, copy a file of this folder.
+The first parameter of every effect is its strength: at 0 the effect is absent. Override only what
+the effect changes. To write your own, copy a file of this folder.
 """
 
 from __future__ import annotations
@@ -57,7 +60,7 @@ def parameter(
     unit: str = "1",
     published: tuple[float, float] | None = None,
 ) -> Any:  # a dataclass field stands for a value of its annotated type
-    """Declare a parameter of an effect: `rate: float = parameter(1.0, (0.0, 8.0), "growth with slip")`.
+    """Declare a parameter of an effect: `a: float = parameter(1.0, (0.0, 8.0), "growth")`.
 
     start: value where a fit starts. bounds: what a fit may reach. published: the range that the
     literature gives (outside it a fitted value is called implausible), None where there is none.
@@ -74,7 +77,7 @@ def parameter(
 
 
 class WheelState(NamedTuple):
-    """The wheel in the soil after the solve, for effects on resistance and thrust; arrays of shape (rows,)."""
+    """The wheel in the soil after the solve; arrays of shape (rows,)."""
 
     load: Array  # N, what reaches the soil
     diameter: Array  # m
@@ -86,7 +89,7 @@ class WheelState(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect:
-    """Base of every effect. Class attributes describe it; fields (made by `parameter`) are its numbers."""
+    """Base of every effect: class attributes describe it, fields are its parameters."""
 
     id: ClassVar[str] = ""  # the physical idea; forms of one idea share it
     form: ClassVar[str] = ""  # which published form of the idea this is
@@ -103,7 +106,8 @@ class Effect:
             low, high = known.bounds
             if not (np.isfinite(value) and low <= value <= high):
                 raise EffectError(
-                    f"effect '{self.id}': {known.name} is {value!r}, expected {low:g} to {high:g} [{known.unit}]"
+                    f"effect '{self.id}': {known.name} is {value!r}, "
+                    f"expected {low:g} to {high:g} [{known.unit}]"
                 )
 
     @classmethod
@@ -126,6 +130,9 @@ class Effect:
         """Name and value of each parameter."""
         for known in self.parameters():
             yield known.name, float(getattr(self, known.name))
+
+    def geometry(self, rule: str) -> str:
+        return rule
 
     def normal_load(self, load: Array, conditions: Conditions) -> Array:
         return load
