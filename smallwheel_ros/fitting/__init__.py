@@ -1,0 +1,60 @@
+"""Fit a model of wheel and soil to measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.fitting.calibrate import calibrate
+from smallwheel_ros.fitting.layout import make_layout
+from smallwheel_ros.fitting.observations import FittingError, observe
+from smallwheel_ros.fitting.parameters import SoilPrior
+from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
+from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.model import Geometry
+from smallwheel_ros.soil import Soil
+from smallwheel_ros.traction import ThrustForm
+
+__all__ = ["FitResult", "FittedParameter", "FittingError", "SoilPrior", "fit_model"]
+
+
+def fit_model(
+    measurements: Measurements,
+    effects: Sequence[Effect] = (),
+    geometry: Geometry = "contact_integral",
+    *,
+    soils: Sequence[Soil] | None = None,
+    priors: Mapping[str, SoilPrior] | None = None,
+    thrust_form: ThrustForm = "integrated",
+) -> FitResult:
+    """Fit soils and effects to all channels at once, weighted and robustly.
+
+    The noise is sigma^2 = absolute^2 + (relative * level)^2 by channel, from repeats where there are any;
+    runs differ by a random effect on ln k (and each channel's own). One soil for each that the rows name.
+
+    Parameters
+    ----------
+    measurements
+        The table. Its rows need not be complete: a channel that a row did not measure is left out.
+    effects
+        To fit with the soils; each starts at the values that it carries.
+    geometry
+        How load and sinkage belong together.
+    soils
+        Where to start, by name; a parameter that the data cannot determine (m, with one diameter)
+        keeps its value from there.
+    priors
+        Soils known from elsewhere (from an indentation test, say) with their covariance.
+    thrust_form
+        Law of thrust, for drawbar_pull.
+
+    Raises
+    ------
+    FittingError
+        Where nothing usable was measured.
+    """
+    observations = observe(measurements)
+    layout = make_layout(
+        observations, effects, geometry, soils=soils, priors=priors, thrust_form=thrust_form
+    )
+    return result_of(calibrate(observations, layout))
