@@ -1,0 +1,100 @@
+"""The command `smallwheel`: one group, its commands imported only when they are used."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any
+
+import click
+
+from smallwheel_ros import __version__
+from smallwheel_ros.errors import SmallwheelError
+
+# name: (where it is, what `smallwheel --help` says of it)
+COMMANDS = {
+    "predict": (
+        "commands.physics:predict",
+        "Sinkage, resistance and drawbar pull of a wheel on a soil.",
+    ),
+    "compare": ("commands.bench_compare:compare", "Models against measurements, side by side."),
+    "diagnose": ("commands.bench:diagnose", "Find which physical effect a model is missing."),
+    "fit": (
+        "commands.bench:fit",
+        "Calibrate soil and effects on measurements, write a model file.",
+    ),
+    "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
+    "effects": ("commands.physics:effects", "List the effects, or explain one."),
+    "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
+    "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),
+    "demo": (
+        "commands.drive:demo",
+        "Play a simulated drive into the node over DDS, draw what it finds.",
+    ),
+    "play": ("commands.drive:play", "Publish a bag over DDS."),
+    "convert-trial": (
+        "commands.drive:convert_trial",
+        "Turn a recorded indentation trial into a bag.",
+    ),
+}
+
+
+class BadInput(click.ClickException):
+    """What the user gave cannot be used: one message, exit code 2."""
+
+    exit_code = 2
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands by a table and imports one when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of the table: the order in which people come to need them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, imported now."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[cmd_name][0].split(":")
+        command = getattr(importlib.import_module(f"smallwheel_ros.{module}"), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click does, but an unknown name is answered with the nearest one."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            from smallwheel_ros.soil import nearest
+
+            ctx.fail(f"no command '{args[0]}': {nearest(args[0], list(COMMANDS))}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands from the table, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run, and turn what the library says of bad input into one message."""
+        try:
+            return super().invoke(ctx)
+        except SmallwheelError as error:
+            raise BadInput(str(error)) from error
+
+
+@click.command(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="smallwheel")
+def main() -> None:
+    """Terramechanics of small wheels: predict, compare, diagnose, estimate.
+
+    Exit codes: 0 done, 1 a check that you asked for failed, 2 bad input or usage.
+    """
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The commands of `smallwheel`, each a thin shell over a function of the library."""

@@ -1,0 +1,288 @@
+"""Model files: the one reader and the one writer of them.
+
+A model file is YAML for people: soils, geometry rule, effects with their parameters, the joint
+covariance of what was fitted, and where it all came from. It holds numbers and names only; reading
+one never runs code, so an effect that is not installed must be given beforehand.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect, EffectError
+from smallwheel_ros.effects.registry import Families, effect_class
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.soil import Soil, SoilError, nearest
+from smallwheel_ros.traction import ThrustForm
+
+Array = NDArray[np.float64]
+
+VERSION = 1
+_TOP = (
+    "smallwheel_model",
+    "geometry",
+    "thrust_form",
+    "soils",
+    "effects",
+    "covariance",
+    "provenance",
+)
+_SOIL_NUMBERS = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
+_HEAD = """\
+# A model of wheel and soil for smallwheel. Units are SI; angles in rad.
+# k in Pa/m^(n+m): pressure p = k z^n D^m. cohesion in Pa, shear_displacement in m.
+# covariance: of the parameters named, where a soil's first is ln of the pressure (Pa) at 10 mm of
+# sinkage under a wheel of 0.2 m. Take it out after editing values by hand.
+"""
+
+
+class ModelFileError(SmallwheelError):
+    """A model file that cannot be read, or written."""
+
+
+@dataclass(frozen=True)
+class CalibratedModel:
+    """A model with how well its parameters are known, and where they came from.
+
+    names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`
+    and `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
+    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
+    """
+
+    model: Model
+    names: tuple[str, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def standard_deviation(self, name: str) -> float | None:
+        """Standard deviation of a parameter, None where it is not known."""
+        if name not in self.names:
+            return None
+        at = self.names.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
+
+
+def write_model(path: str | Path, calibrated: CalibratedModel) -> None:
+    """Write a model file, whole or not at all. Raises ModelFileError where that is not possible."""
+    target = Path(path)
+    text = _HEAD + yaml.safe_dump(_document(calibrated), sort_keys=False, allow_unicode=True)
+    try:
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, target)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise ModelFileError(f"{target}: cannot be written: {error.strerror or error}") from error
+
+
+def _document(calibrated: CalibratedModel) -> dict[str, Any]:
+    model = calibrated.model
+    document: dict[str, Any] = {
+        "smallwheel_model": VERSION,
+        "geometry": model.geometry,
+        "thrust_form": model.thrust_form,
+        "soils": [
+            {"name": s.name, **{n: float(getattr(s, n)) for n in _SOIL_NUMBERS}, "source": s.source}
+            for s in model.soils
+        ],
+        "effects": [_effect_entry(e, calibrated) for e in model.effects],
+    }
+    if calibrated.names:
+        document["covariance"] = {
+            "names": list(calibrated.names),
+            "matrix": [[float(v) for v in row] for row in calibrated.covariance],
+        }
+    if calibrated.provenance:
+        document["provenance"] = dict(calibrated.provenance)
+    return document
+
+
+def _constants(effect: Effect | type[Effect]) -> tuple[str, ...]:
+    """Fields of an effect that are not fitted: where a column is centred, and the like."""
+    return tuple(f.name for f in fields(effect) if "bounds" not in f.metadata)
+
+
+def _effect_entry(effect: Effect, calibrated: CalibratedModel) -> dict[str, Any]:
+    entry: dict[str, Any] = {"id": effect.id, "form": effect.form, "parameters": {}}
+    for known in effect.parameters():
+        entry["parameters"][known.name] = {
+            "value": float(getattr(effect, known.name)),
+            "standard_deviation": calibrated.standard_deviation(f"{effect.id}.{known.name}"),
+            "unit": known.unit,
+        }
+    if _constants(effect):
+        entry["constants"] = {name: float(getattr(effect, name)) for name in _constants(effect)}
+    return entry
+
+
+class _Reader:
+    """Takes a parsed document apart; every complaint names file and key."""
+
+    def __init__(self, path: Path, user: Families | None) -> None:
+        self.path = path
+        self.user = user
+
+    def fail(self, key: str, found: object, expected: str) -> ModelFileError:
+        shown = "nothing" if found is None else repr(found)
+        return ModelFileError(f"{self.path}: {key}: found {shown[:80]}, expected {expected}")
+
+    def mapping(self, key: str, value: object) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.fail(key, value, "a mapping of keys and values")
+        return value
+
+    def listing(self, key: str, value: object) -> list[Any]:
+        if not isinstance(value, list):
+            raise self.fail(key, value, "a list")
+        return value
+
+    def number(self, key: str, value: object) -> float:
+        # YAML 1.1 takes 1.6e6 for text, people do not
+        if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+            try:
+                number = float(value)
+            except ValueError:
+                number = np.nan
+            if np.isfinite(number):
+                return number
+        raise self.fail(key, value, "a finite number")
+
+    def choice(self, key: str, value: object, choices: tuple[str, ...]) -> str:
+        if value not in choices:
+            raise self.fail(key, value, "one of " + ", ".join(choices))
+        return str(value)
+
+    def only(self, key: str, entry: Mapping[str, Any], known: tuple[str, ...]) -> None:
+        for name in entry:
+            if name not in known:
+                where = f"{key}.{name}" if key else str(name)
+                listing = nearest(str(name), list(known))
+                raise ModelFileError(f"{self.path}: {where}: unknown key; {listing}")
+
+    def soil(self, key: str, value: object) -> Soil:
+        entry = self.mapping(key, value)
+        self.only(key, entry, ("name", "source", *_SOIL_NUMBERS))
+        for name in ("name", "k", "n"):
+            if name not in entry:
+                raise self.fail(f"{key}.{name}", None, "a name" if name == "name" else "a number")
+        numbers = {n: self.number(f"{key}.{n}", entry[n]) for n in _SOIL_NUMBERS if n in entry}
+        try:
+            return Soil(str(entry["name"]), source=str(entry.get("source", "")), **numbers)
+        except SoilError as error:
+            raise ModelFileError(f"{self.path}: {key}: {error}") from error
+
+    def effect(self, key: str, value: object) -> Effect:
+        entry = self.mapping(key, value)
+        self.only(key, entry, ("id", "form", "parameters", "constants"))
+        if not isinstance(entry.get("id"), str):
+            raise self.fail(f"{key}.id", entry.get("id"), "the id of an effect")
+        try:
+            kind = effect_class(entry["id"], entry.get("form"), self.user)
+        except EffectError as error:
+            raise ModelFileError(
+                f"{self.path}: {key}: {error}. An effect of your own is given with --effects FILE"
+            ) from error
+        values: dict[str, float] = {}
+        parameters = self.mapping(f"{key}.parameters", entry.get("parameters") or {})
+        known = {p.name: p for p in kind.parameters()}
+        self.only(f"{key}.parameters", parameters, tuple(known))
+        for name in known:
+            if name not in parameters:
+                raise self.fail(f"{key}.parameters.{name}", None, "its value")
+        for name, stored in parameters.items():
+            where = f"{key}.parameters.{name}"
+            if not isinstance(stored, dict):
+                values[name] = self.number(where, stored)
+                continue
+            self.only(where, stored, ("value", "standard_deviation", "unit"))
+            if stored.get("unit", known[name].unit) != known[name].unit:
+                raise self.fail(f"{where}.unit", stored["unit"], f"'{known[name].unit}'")
+            values[name] = self.number(f"{where}.value", stored.get("value"))
+        constants = self.mapping(f"{key}.constants", entry.get("constants") or {})
+        self.only(f"{key}.constants", constants, _constants(kind))
+        for name, stored in constants.items():
+            values[name] = self.number(f"{key}.constants.{name}", stored)
+        try:
+            return kind(**values)
+        except EffectError as error:
+            raise ModelFileError(f"{self.path}: {key}: {error}") from error
+
+    def covariance(self, value: object) -> tuple[tuple[str, ...], Array]:
+        entry = self.mapping("covariance", value)
+        self.only("covariance", entry, ("names", "matrix"))
+        names = tuple(str(n) for n in self.listing("covariance.names", entry.get("names")))
+        rows = self.listing("covariance.matrix", entry.get("matrix"))
+        shape = f"{len(names)} rows of {len(names)} numbers"
+        if len(rows) != len(names):
+            raise self.fail("covariance.matrix", f"{len(rows)} rows", shape)
+        matrix = np.empty((len(names), len(names)))
+        for i, row in enumerate(rows):
+            key = f"covariance.matrix[{i}]"
+            if len(self.listing(key, row)) != len(names):
+                raise self.fail(key, f"{len(row)} numbers", shape)
+            matrix[i] = [self.number(key, v) for v in row]
+        scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+        asymmetry = np.abs(matrix - matrix.T) > 1e-9 * np.outer(scale, scale)
+        if (np.diag(matrix) < 0).any() or asymmetry.any():
+            raise self.fail("covariance.matrix", "no covariance", "a symmetric one, variances >= 0")
+        return names, matrix
+
+
+def read_model(path: str | Path, user: Families | None = None) -> CalibratedModel:
+    """Read a model file.
+
+    user: effects of your own beside those of the package (`registry.load_effects`).
+    Raises ModelFileError naming file, key, what was found and what was expected.
+    """
+    file = Path(path)
+    reader = _Reader(file, user)
+    try:
+        document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelFileError(f"{file}: cannot be read: {error.strerror or error}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise ModelFileError(f"{file}: not YAML text: {reason[:200]}") from error
+    if not isinstance(document, dict) or "smallwheel_model" not in document:
+        raise ModelFileError(f"{file}: not a model file: it has no key smallwheel_model")
+    if document["smallwheel_model"] != VERSION:
+        raise reader.fail("smallwheel_model", document["smallwheel_model"], f"version {VERSION}")
+    reader.only("", document, _TOP)
+    soils = [
+        reader.soil(f"soils[{i}]", entry)
+        for i, entry in enumerate(reader.listing("soils", document.get("soils")))
+    ]
+    if not soils:
+        raise reader.fail("soils", [], "at least one soil")
+    effects = [
+        reader.effect(f"effects[{i}]", entry)
+        for i, entry in enumerate(reader.listing("effects", document.get("effects") or []))
+    ]
+    geometry: Geometry = reader.choice(  # type: ignore[assignment]  # checked against its values
+        "geometry", document.get("geometry", "contact_integral"), get_args(Geometry)
+    )
+    thrust_form: ThrustForm = reader.choice(  # type: ignore[assignment]
+        "thrust_form", document.get("thrust_form", "integrated"), get_args(ThrustForm)
+    )
+    names: tuple[str, ...] = ()
+    covariance: Array = np.zeros((0, 0))
+    if document.get("covariance") is not None:
+        names, covariance = reader.covariance(document["covariance"])
+    provenance = reader.mapping("provenance", document.get("provenance") or {})
+    model = Model(soils, geometry, effects, thrust_form)
+    return CalibratedModel(model, names, covariance, provenance)
