@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.calibrate import calibrate
 from smallwheel_ros.fitting.layout import make_layout
-from smallwheel_ros.fitting.observations import FittingError, observe
+from smallwheel_ros.fitting.observations import FittingError, observe, run_codes
 from smallwheel_ros.fitting.parameters import SoilPrior
 from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
 from smallwheel_ros.measurements import Measurements
@@ -15,7 +15,7 @@ from smallwheel_ros.model import Geometry
 from smallwheel_ros.soil import Soil
 from smallwheel_ros.traction import ThrustForm
 
-__all__ = ["FitResult", "FittedParameter", "FittingError", "SoilPrior", "fit_model"]
+__all__ = ["FitResult", "FittedParameter", "FittingError", "SoilPrior", "fit_model", "run_codes"]
 
 
 def fit_model(
@@ -26,6 +26,7 @@ def fit_model(
     soils: Sequence[Soil] | None = None,
     priors: Mapping[str, SoilPrior] | None = None,
     thrust_form: ThrustForm = "integrated",
+    fixed_m: float | None = None,
 ) -> FitResult:
     """Fit soils and effects to all channels at once, weighted and robustly.
 
@@ -47,6 +48,8 @@ def fit_model(
         Soils known from elsewhere (from an indentation test, say) with their covariance.
     thrust_form
         Law of thrust, for drawbar_pull.
+    fixed_m
+        m of every soil, held (0 is the law of Bernstein and Goriatchkin); None fits it.
 
     Raises
     ------
@@ -55,6 +58,12 @@ def fit_model(
     """
     observations = observe(measurements)
     layout = make_layout(
-        observations, effects, geometry, soils=soils, priors=priors, thrust_form=thrust_form
+        observations,
+        effects,
+        geometry,
+        soils=soils,
+        priors=priors,
+        thrust_form=thrust_form,
+        fixed_m=fixed_m,
     )
     return result_of(calibrate(observations, layout))

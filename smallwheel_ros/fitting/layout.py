@@ -17,6 +17,7 @@ from smallwheel_ros.fitting.parameters import (
     Slot,
     SoilPrior,
     replace_model,
+    soil_from,
     soil_vector,
 )
 from smallwheel_ros.model import Geometry, Model
@@ -75,11 +76,12 @@ def make_layout(
     soils: Sequence[Soil] | None = None,
     priors: Mapping[str, SoilPrior] | None = None,
     thrust_form: ThrustForm = "integrated",
+    fixed_m: float | None = None,
 ) -> Layout:
     """The layout of a fit: m is held where a soil was met by wheels of one diameter only.
 
     soils: to start from (by name); a soil of the table that is not there starts from a middling one.
-    priors: soils known from elsewhere; the others get weak priors.
+    priors: soils known from elsewhere; the others get weak priors. fixed_m: m of every soil, held.
     Raises FittingError where two effects have the same id.
     """
     ids = [effect.id for effect in effects]
@@ -89,6 +91,8 @@ def make_layout(
     priors = dict(priors or {})
     known = {s.name: s for s in soils or ()} | {name: p.soil for name, p in priors.items()}
     start = soils_of(observations, known)
+    if fixed_m is not None:
+        start = [soil_from(s, {"m": fixed_m}) for s in start]
     slots: list[Slot] = []
     centres: list[float] = []
     blocks: list[Array] = []
@@ -96,7 +100,7 @@ def make_layout(
         values = soil_vector(soil)
         prior = priors.get(soil.name)
         fields = list(SOIL_FIELDS)
-        if (prior is None and one_diameter(observations, soil.name)) or (prior is not None and one_diameter(observations, soil.name)):
+        if fixed_m is not None or one_diameter(observations, soil.name):
             fields = [f for f in fields if f.name != "m"]
         slots += [_slot(i, f, values[f.name]) for f in fields]
         if prior is None:

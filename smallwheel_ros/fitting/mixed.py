@@ -13,16 +13,18 @@ Restricted likelihood: Patterson and Thompson 1971; Harville 1977.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 Array = NDArray[np.float64]
 
-# tau^2 over the noise variance may go down to this: a grid that starts at 0.02 doubles false alarms.
-_LEAST = 1e-3
+# tau over the noise: under this it is none. A grid of tau^2 that starts at 0.02 doubles false alarms.
+_LEAST = 1e-2
+_COARSE = (0.03, 0.5, 2.0, 8.0)
 
 
 @dataclass(frozen=True)
@@ -61,22 +63,21 @@ class RunEffects:
         a = left[pad.index] * weight[..., None]
         return np.asarray(np.swapaxes(a, 1, 2) @ right[pad.index])
 
-    def inner(self, tau: Array) -> tuple[Array, float]:
-        """W of each run, shape (runs, effects, effects), and ln det V."""
-        return woodbury(self.products(self.loadings, self.loadings), tau, self.log_noise)
-
     @property
     def log_noise(self) -> float:
         """Ln det D."""
         return float(np.sum(np.log(self.variance)))
 
 
-def woodbury(products: Array, tau: Array, log_noise: float) -> tuple[Array, float]:
-    """W and ln det V from the sums U' D^-1 U of each run."""
-    scaled = np.eye(tau.size) + tau[:, None] * products * tau[None, :]
-    inverse = np.linalg.inv(scaled)
-    w = tau[:, None] * inverse * tau[None, :]
-    return w, log_noise + float(np.sum(np.linalg.slogdet(scaled)[1]))
+def woodbury(products: Array, tau: Array, log_noise: float) -> tuple[Array, Array]:
+    """W and ln det V from the sums U' D^-1 U of each run.
+
+    tau: shape (..., effects); W is then (..., runs, effects, effects) and ln det V (...).
+    """
+    t = tau[..., None, :]
+    scaled = np.eye(tau.shape[-1]) + t[..., :, None] * products * t[..., None, :]
+    w = t[..., :, None] * np.linalg.inv(scaled) * t[..., None, :]
+    return w, log_noise + np.sum(np.log(np.linalg.det(scaled)), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -92,14 +93,13 @@ class Moments:
     log_noise: float
     count: int
 
-    def at(self, tau: Array) -> tuple[Array, Array, float, float]:
-        """X'V^-1X, X'V^-1y, y'V^-1y and ln det V."""
+    def at(self, tau: Array) -> tuple[Array, Array, Array, Array]:
+        """X'V^-1X, X'V^-1y, y'V^-1y and ln det V; tau of shape (..., effects) leads each shape."""
         w, logdet = woodbury(self.uu, tau, self.log_noise)
-        wx = w @ self.ux
-        xx = self.xx - np.einsum("gqp,gqr->pr", self.ux, wx)
-        xy = self.xy - np.einsum("gqp,gq->p", wx, self.uy)
-        yy = self.yy - float(np.einsum("gq,gqr,gr->", self.uy, w, self.uy))
-        return xx, xy, yy, logdet
+        joined = np.concatenate([self.ux, self.uy[..., None]], axis=2)  # (runs, q, p + 1)
+        lost = np.sum(np.swapaxes(joined, 1, 2) @ (w @ joined), axis=-3)
+        xx = self.xx - lost[..., :-1, :-1]
+        return xx, self.xy - lost[..., :-1, -1], self.yy - lost[..., -1, -1], logdet
 
 
 def moments(effects: RunEffects, x: Array, y: Array) -> Moments:
@@ -123,52 +123,58 @@ def moments(effects: RunEffects, x: Array, y: Array) -> Moments:
 
 @dataclass(frozen=True)
 class Scatter:
-    """The runs' scatter tau (of each random effect) and the common factor on all standard deviations."""
+    """The runs' scatter tau of each random effect, and the common factor on all deviations."""
 
     tau: Array
     scale: float
-    minus_two_log_likelihood: float
 
 
-def restricted(
-    m: Moments, precision: Array, tau: Array, scale: float | None
-) -> tuple[float, float]:
-    """-2 log restricted likelihood and the scale^2 at which it stands (profiled where scale is None)."""
+def profile(
+    m: Moments, precision: Array, tau: Array, scale: float | None, restrict: bool
+) -> tuple[Array, Array]:
+    """-2 log likelihood and scale^2 at the best linear fit; tau of shape (..., effects).
+
+    restrict: the restricted likelihood, which allows for the parameters that were fitted.
+    scale: profiled where None.
+    """
     xx, xy, yy, logdet = m.at(tau)
     xx = xx + precision
-    factor = np.linalg.cholesky(xx + 1e-12 * np.diag(np.diag(xx)))
-    half = np.linalg.solve(factor, xy)
-    rss = max(yy - float(half @ half), 1e-12)
-    penalty = 2.0 * float(np.sum(np.log(np.diag(factor))))
-    freedom = max(m.count - xy.size, 1)
-    square = rss / freedom if scale is None else scale**2
-    return freedom * np.log(square) + rss / square + logdet + penalty, square
+    ridge = 1e-12 * np.einsum("...ii->...i", xx)[..., None] * np.eye(xy.shape[-1])
+    factor = np.linalg.cholesky(xx + ridge)
+    half = np.linalg.solve(factor, xy[..., None])[..., 0]
+    rss = np.maximum(yy - np.sum(half**2, axis=-1), 1e-12)
+    freedom = max(m.count - xy.shape[-1], 1) if restrict else m.count
+    square = rss / freedom if scale is None else np.full_like(rss, scale**2)
+    value = freedom * np.log(square) + rss / square + logdet
+    if restrict:
+        value = value + 2.0 * np.sum(np.log(np.einsum("...ii->...i", factor)), axis=-1)
+    return value, square
 
 
 def fit_scatter(
-    m: Moments, precision: Array, typical: Array, scale: float | None = None
+    m: Moments,
+    precision: Array,
+    typical: Array,
+    scale: float | None = None,
+    near: Array | None = None,
 ) -> Scatter:
-    """Runs' scatter by restricted likelihood. typical: a tau that equals the noise, of each effect.
+    """Runs' scatter by restricted likelihood, on grids that close in.
 
-    scale: common factor on all standard deviations; None fits it too.
+    typical: a tau that equals the noise, of each effect. near: where to look first.
     """
-    if typical.size == 0:
-        value, square = restricted(m, precision, typical, scale)
-        return Scatter(typical, float(np.sqrt(square)), value)
-    low, high = np.log(_LEAST), np.log(1e3)
+    if near is None:
+        grid = _grid(_COARSE, typical.size) * typical
+        best = grid[int(np.argmin(profile(m, precision, grid, scale, True)[0]))]
+    else:
+        best = np.maximum(near, _LEAST * typical)
+    for ratio in (4.0, 2.0, 1.4, 1.15):
+        grid = np.maximum(_grid((1.0 / ratio, 1.0, ratio), typical.size) * best, _LEAST * typical)
+        best = grid[int(np.argmin(profile(m, precision, grid, scale, True)[0]))]
+    best = np.where(best <= _LEAST * typical * 1.01, 0.0, best)
+    square = profile(m, precision, best, scale, True)[1]
+    return Scatter(best, float(np.sqrt(square)))
 
-    def objective(x: Array) -> float:
-        return restricted(m, precision, np.exp(x) * typical, scale)[0]
 
-    starts = [np.full(typical.size, np.log(s)) for s in (0.05, 1.0)]
-    start = min(starts, key=objective)
-    found = minimize(
-        objective,
-        start,
-        method="L-BFGS-B",
-        bounds=[(low, high)] * typical.size,
-        options={"maxiter": 40, "ftol": 1e-8},
-    )
-    tau = np.exp(found.x) * typical
-    value, square = restricted(m, precision, tau, scale)
-    return Scatter(tau, float(np.sqrt(square)), value)
+@lru_cache(maxsize=16)
+def _grid(values: tuple[float, ...], effects: int) -> Array:
+    return np.array(list(itertools.product(values, repeat=effects))).reshape(-1, effects)

@@ -51,9 +51,9 @@ class Noise:
 
 
 def reference_level(observations: Observations, predicted: Array) -> Array:
-    """How large each measured quantity really is: half the run's median, half the model.
+    """How large each measured quantity really is: the run's median, a little of the model.
 
-    The model alone may lack an effect, the measurement alone is noisy.
+    The model alone may lack an effect, a single measurement alone is noisy.
     """
     level = np.empty(len(observations))
     key = observations.run * len(observations.channels) + observations.channel
@@ -61,38 +61,43 @@ def reference_level(observations: Observations, predicted: Array) -> Array:
     order = np.argsort(group.reshape(-1), kind="stable")
     ends = np.flatnonzero(np.diff(group.reshape(-1)[order])) + 1
     for rows in np.split(order, ends):
-        ratio = observations.value[rows] - predicted[rows]
-        level[rows] = predicted[rows] + 0.5 * np.median(ratio)
-    floor = 0.02 * np.median(np.abs(observations.value))
-    return np.maximum(np.abs(level), floor)
+        apart = observations.value[rows] - predicted[rows]
+        level[rows] = predicted[rows] + rows.size / (rows.size + 1.0) * np.median(apart)
+    size = np.abs(observations.value)
+    floor = np.zeros(len(observations))
+    for name in observations.channels:
+        mask = observations.of_channel(name)
+        floor[mask] = 0.02 * np.median(size[mask])
+    return np.asarray(np.maximum(np.abs(level), floor))
 
 
 def _within(
     observations: Observations, residual: Array, mask: Mask
-) -> tuple[Array, NDArray[np.intp], Array]:
-    """Spread of the residuals in each run with repeats: mean square, degrees of freedom, members."""
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Sums of squares of the residuals about each run's mean, degrees of freedom, and members."""
     rows = np.flatnonzero(mask)
     _, group = np.unique(observations.run[rows], return_inverse=True)
     group = group.reshape(-1)
     count = np.bincount(group)
     mean = np.bincount(group, residual[rows]) / count
     square = np.bincount(group, (residual[rows] - mean[group]) ** 2)
-    return square, (count - 1).astype(np.intp), group
+    return square, count - 1.0, group
 
 
-def _two_terms(square: Array, freedom: NDArray[np.intp], level: Array) -> tuple[float, float]:
-    """Absolute and relative noise from sums of squares at levels, by gamma likelihood on a grid."""
+def _two_terms(square: Array, freedom: Array, level: Array) -> tuple[float, float]:
+    """Absolute and relative noise from sums of squares at levels: gamma likelihood on a grid.
+
+    The mean over the grid, not its best point: which of the two it is, few repeats hardly say.
+    """
     middle = float(np.sqrt(np.mean(level**2)))
-    total = float(freedom.sum())
-    best, answer = np.inf, (0.0, 0.0)
-    for share in _SHARES:
-        shape = (1.0 - share) + share * (level / middle) ** 2
-        scale = float(np.sum(square / shape)) / total
-        cost = total * np.log(max(scale, 1e-300)) + float(np.sum(freedom * np.log(shape)))
-        if cost < best - 1e-9:
-            best = cost
-            answer = np.sqrt((1.0 - share) * scale), np.sqrt(share * scale) / middle
-    return float(answer[0]), float(answer[1])
+    shape = (1.0 - _SHARES)[:, None] + _SHARES[:, None] * (level / middle) ** 2
+    scale = np.maximum(np.sum(square / shape, axis=1) / freedom.sum(), 1e-300)
+    cost = freedom.sum() * np.log(scale) + np.sum(freedom * np.log(shape), axis=1)
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    weight /= weight.sum()
+    absolute = np.sqrt(np.sum(weight * (1.0 - _SHARES) * scale))
+    relative = np.sqrt(np.sum(weight * _SHARES * scale)) / middle
+    return float(absolute), float(relative)
 
 
 def estimate_noise(
@@ -118,7 +123,7 @@ def estimate_noise(
         elif stated.all() and stated.size:
             found = ChannelNoise(float(np.sqrt(np.mean(declared**2))), 0.0, "declared", stated.size)
         else:
-            each = np.ones(int(good.sum()), dtype=np.intp)
+            each = np.ones(int(good.sum()))
             lost = max(1.0 - parameters / max(int(used.sum()), 1), 0.2)
             absolute, relative = _two_terms(residual[good] ** 2 / lost, each, level[good])
             found = ChannelNoise(absolute, relative, "residuals", int(good.sum()))

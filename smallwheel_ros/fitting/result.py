@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.fitting.calibrate import Calibration
-from smallwheel_ros.fitting.layout import one_diameter
 from smallwheel_ros.fitting.noise import ChannelNoise
 from smallwheel_ros.model import Model, Prediction, predict
 
@@ -144,7 +143,7 @@ def _statuses(calibration: Calibration, covariance: Array) -> list[FittedParamet
             )
         )
     for soil in layout.model.soils:
-        if one_diameter(calibration.observations, soil.name):
+        if f"{soil.name}.m" not in layout.names:
             found.append(
                 FittedParameter(
                     soil.name, "m", soil.m, None, "1", (-3.0, 3.0), "held", _REMEDIES["m"]
@@ -160,7 +159,7 @@ def _notes(
     for p in parameters:
         if p.status == "held":
             notes.append(
-                f"{p.full_name} is held at {p.value:g}: one wheel diameter, so only k D^m is determined; "
+                f"{p.full_name} is held at {p.value:g}: only k D^m is determined with one wheel diameter; "
                 f"{p.remedy}"
             )
         elif p.status == "at its bound":

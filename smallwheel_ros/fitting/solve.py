@@ -14,6 +14,7 @@ from smallwheel_ros.fitting.mixed import (
     Scatter,
     fit_scatter,
     moments,
+    profile,
     woodbury,
 )
 
@@ -130,17 +131,6 @@ class MixedFit:
     minus_two_log_likelihood: float  # maximum likelihood, not restricted: comparable between models
 
 
-def likelihood(
-    m: Moments, precision: Array, tau: Array, scale: float | None
-) -> tuple[float, float]:
-    """-2 log likelihood (not restricted) of the best linear fit, and scale^2."""
-    xx, xy, yy, logdet = m.at(tau)
-    half = np.linalg.solve(np.linalg.cholesky(xx + precision + 1e-12 * np.diag(np.diag(xx))), xy)
-    rss = max(yy - float(half @ half), 1e-12)
-    square = rss / m.count if scale is None else scale**2
-    return m.count * np.log(square) + rss / square + logdet, square
-
-
 def solve_mixed(
     predictor: Predictor,
     observed: Array,
@@ -166,8 +156,8 @@ def solve_mixed(
         pull = layout.precision[np.ix_(free, np.ones(free.size, dtype=bool))] @ away
         prior = float(away @ layout.precision @ away)
         shifted = Moments(m.uu, m.ux, m.uy, m.xx, m.xy - pull, m.yy + prior, m.log_noise, m.count)
-        scatter = fit_scatter(shifted, precision, typical, scale)
-        value, _ = likelihood(shifted, precision, scatter.tau, scale)
+        scatter = fit_scatter(shifted, precision, typical, scale, tau if turn else None)
+        value = float(profile(shifted, precision, scatter.tau, scale, False)[0])
         if turn == rounds - 1:
             break
         moved = np.max(
