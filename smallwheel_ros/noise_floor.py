@@ -5,8 +5,8 @@ of regression:
 
     sigma^2 = sum over runs, rows of (y - mean of the run)^2 / sum over runs of (rows - 1)
 
-What differs from run to run (the soil was prepared anew) is not in it, so the held-out error of even
-the true model stays somewhat above it.
+What differs from run to run (the soil was prepared anew) is not in it, so the held-out error of
+even the true model stays somewhat above it.
 """
 
 from __future__ import annotations

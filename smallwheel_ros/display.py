@@ -1,0 +1,67 @@
+"""Numbers as people read them: millimetres, degrees, three digits. Files and JSON stay in SI."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from smallwheel_ros.measurements import Measurements
+
+
+class Display(NamedTuple):
+    """Value in SI times scale is the number shown; label names the quantity and its unit."""
+
+    scale: float
+    label: str
+    unit: str
+
+
+_WORDS = {"drawbar_pull": "drawbar pull", "pass_number": "pass number"}
+_SLOW = 0.2  # m/s, below which millimetres are said
+_SCALES = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
+
+
+def words(name: str) -> str:
+    """Turn a column's name into words: `drawbar_pull` is drawbar pull."""
+    return _WORDS.get(name, name.replace("_", " "))
+
+
+def display(name: str, unit: str) -> Display:
+    """How values of that column, held in that SI unit ("" if unknown), are shown."""
+    scale, shown = _SCALES.get(unit, (1.0, unit if unit not in ("", "1") else ""))
+    return Display(scale, f"{words(name)} [{shown}]" if shown else words(name), shown)
+
+
+def column_display(measurements: Measurements, name: str) -> Display:
+    """How values of that column of a table are shown."""
+    known = {"load": "N", "diameter": "m", "width": "m", "sinkage": "m"}
+    unit = measurements.units.get(name, known.get(name, ""))
+    if unit == "m/s" and np.nanmax(np.abs(measurements.conditions[name])) < _SLOW:
+        return Display(1e3, f"{words(name)} [mm/s]", "mm/s")
+    return display(name, unit)
+
+
+def brief(value: float) -> str:
+    """A setting as people say it: 0.5, 20, 1.23e-05."""
+    return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.6g}"
+
+
+def sentence(text: str) -> str:
+    """The text with a capital and a full stop."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?")) else ".")
+
+
+def number(value: ArrayLike | None, digits: int = 3) -> str:
+    """A number with that many digits, "-" for none: 0.00123, 12.3, 4130."""
+    if value is None or not np.isfinite(value):
+        return "-"
+    value = float(value)  # type: ignore[arg-type]  # finite, so a scalar
+    if value == 0.0:
+        return "0"
+    scientific = f"{value:.{digits - 1}e}"
+    places = digits - 1 - int(scientific.split("e")[1])
+    if places < -3 or places > 8:
+        return scientific
+    return f"{float(scientific):.{max(places, 0)}f}"

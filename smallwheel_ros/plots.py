@@ -1,0 +1,253 @@
+"""Pictures of a comparison; each function returns a matplotlib figure and writes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from smallwheel_ros.compare import Comparison, ModelResult
+from smallwheel_ros.conditions import ROLLING, Array
+from smallwheel_ros.contact import shape_integral
+from smallwheel_ros.display import Display, column_display, display, words
+from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.scores import UNITS, drivers, levels
+from smallwheel_ros.smoothing import smooth
+
+# Okabe and Ito's colours: told apart by colour-blind readers and in grey print.
+COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#444444")
+GREY, INK = "#8a8f98", "#22262b"
+_MOST_POINTS = 3000  # of a scatter: beyond, the eye sees no more and the file grows
+_PANELS = 3  # a row of a grid
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of that size (inch) that keeps its labels inside."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def style(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
+    """The house style: no box, light grid, small type."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(GREY)
+    axes.grid(color="#e6e8eb", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, labelsize=8, width=0.6)
+    axes.locator_params(axis="x", nbins=6)
+    axes.set_xlabel(x, fontsize=9, color=INK)
+    axes.set_ylabel(y, fontsize=9, color=INK)
+    axes.set_title(title, fontsize=9.5, color=INK, loc="left", parse_math=False)
+
+
+def _plain(text: str) -> str:
+    """Column names come from a file: a dollar sign in one is not mathematics."""
+    return text.replace("$", r"\$")
+
+
+def _grid(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    columns = min(count, _PANELS)
+    rows = -(-count // columns)
+    figure = new_figure(max(width * columns, 4.5), height * rows)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for spare in axes[count:]:
+        spare.set_visible(False)
+    return figure, axes[:count]
+
+
+def _colours(comparison: Comparison) -> list[str]:
+    return [COLOURS[i % len(COLOURS)] for i in range(len(comparison.models))]
+
+
+def _thinned(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    if rows.size <= _MOST_POINTS:
+        return rows
+    return np.sort(np.random.default_rng(0).choice(rows, _MOST_POINTS, replace=False))
+
+
+def _residual(comparison: Comparison, result: ModelResult, channel: str) -> tuple[Array, bool]:
+    """Held-out residuals where there are, else in sample; and which it is."""
+    held_out = result.held_out is not None
+    return comparison.residual(result, channel, held_out), held_out
+
+
+def error_bars(comparison: Comparison) -> Figure:
+    """Held-out and in-sample RMSE of each model beside each other, with the noise floor."""
+    channels = comparison.channels
+    height = 1.1 + 0.42 * len(comparison.models)
+    figure = new_figure(max(3.6 * len(channels), 5.0), height)
+    panels = figure.subplots(1, len(channels), squeeze=False, sharey=True)[0]
+    names = [result.contender.name for result in comparison.models]
+    at = np.arange(len(names))
+    for axes, channel in zip(panels, channels, strict=True):
+        shown = display(channel, UNITS[channel])
+        for i, (result, colour) in enumerate(
+            zip(comparison.models, _colours(comparison), strict=True)
+        ):
+            inside = comparison.score(result, channel)
+            outside = comparison.score(result, channel, held_out=True)
+            if outside is not None:
+                error = shown.scale * (outside.rmse_std or 0.0)
+                axes.barh(i - 0.17, shown.scale * outside.rmse, 0.34, color=colour, xerr=error,
+                          error_kw={"elinewidth": 0.9, "ecolor": INK})  # fmt: skip
+            if inside is not None:
+                axes.barh(i + 0.17, shown.scale * inside.rmse, 0.34, color=colour, alpha=0.4)
+        floor = comparison.noise[channel].value
+        if floor is not None:
+            axes.axvline(shown.scale * floor, color=INK, linewidth=1.0, linestyle="--")
+        style(axes, f"RMSE of {shown.label}")
+        axes.set_yticks(at, [_plain(name) for name in names])
+        axes.invert_yaxis() if axes is panels[0] else None
+        axes.set_xlim(left=0.0)
+    figure.suptitle(
+        "solid: held out, with its standard error   pale: in sample   dashed: noise floor",
+        fontsize=8.5,
+        color=INK,
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+def measured_against_predicted(comparison: Comparison, channel: str) -> Figure:
+    """Measured over predicted, a panel for each model, with the line of a perfect model."""
+    shown = display(channel, UNITS[channel])
+    able = [m for m in comparison.models if np.isfinite(comparison.residual(m, channel)).any()]
+    figure, panels = _grid(len(able), 3.1, 3.0)
+    measured = comparison.measurements.channels[channel] * shown.scale
+    colour_of = dict(zip([m.contender.name for m in comparison.models], _colours(comparison),
+                         strict=True))  # fmt: skip
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    margin = 0.06 * max(high - low, 1e-9)
+    floor = comparison.noise[channel].value
+    for axes, result in zip(panels, able, strict=True):
+        residual, held_out = _residual(comparison, result, channel)
+        rows = _thinned(np.flatnonzero(np.isfinite(residual)))
+        predicted = measured - residual * shown.scale
+        ends = np.array([low - margin, high + margin])
+        if floor is not None:
+            band = 2.0 * floor * shown.scale
+            axes.fill_between(ends, ends - band, ends + band, color="#e3e6ea", linewidth=0)
+        axes.plot(ends, ends, color=GREY, linewidth=1.0)
+        colour = colour_of[result.contender.name]
+        axes.scatter(predicted[rows], measured[rows], s=10, alpha=0.65, linewidth=0, color=colour,
+                     rasterized=rows.size > 500)  # fmt: skip
+        found = comparison.score(result, channel, held_out)
+        error = "" if found is None else f"   RMSE {found.rmse * shown.scale:.3g} {shown.unit}"
+        kind = "held out" if held_out else "in sample" if result.contender.fit else "as it stands"
+        style(axes, f"predicted {shown.label}", f"measured {shown.label}",
+              f"{result.contender.name}\n{kind}{error}")  # fmt: skip
+        axes.set_ylim(*ends)
+        reach = predicted[rows]
+        axes.set_xlim(min(ends[0], reach.min() - margin), max(ends[1], reach.max() + margin))
+    return figure
+
+
+def residuals(comparison: Comparison, channel: str, focus: int = -1) -> Figure | None:
+    """Residual over each condition that varies: points, smooth and 95 % band of one model.
+
+    focus: index of that model (default the last); the others are thin lines. None where nothing
+    varies.
+    """
+    columns = drivers(comparison.measurements)
+    result = comparison.models[focus]
+    if not columns or not np.isfinite(comparison.residual(result, channel)).any():
+        return None
+    shown = display(channel, UNITS[channel])
+    figure, panels = _grid(len(columns), 3.1, 2.6)
+    floor = comparison.noise[channel].value
+    colours = _colours(comparison)
+    for axes, (name, column) in zip(panels, columns.items(), strict=True):
+        across = column_display(comparison.measurements, name)
+        if floor is not None:
+            level = 2.0 * floor * shown.scale
+            axes.axhspan(-level, level, color="#eceef1", linewidth=0)
+        axes.axhline(0.0, color=GREY, linewidth=0.9)
+        for i, other in enumerate(comparison.models):
+            if other is not result:
+                _curve(axes, comparison, other, channel, column, (across, shown), colours[i], False)
+        _curve(axes, comparison, result, channel, column, (across, shown), colours[focus], True)
+        style(axes, _plain(across.label), f"measured - predicted [{shown.unit}]")
+    held_out = result.held_out is not None
+    figure.suptitle(
+        _plain(
+            f"{words(channel)}, {result.contender.name}{' held out' if held_out else ''}: points, "
+            "smooth and 95 % band over runs; thin: other models; grey: ±2 noise floor"
+        ),
+        fontsize=8.5,
+        color=INK,
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+def _curve(
+    axes: Axes,
+    comparison: Comparison,
+    result: ModelResult,
+    channel: str,
+    column: Array,
+    shown: tuple[Display, Display],
+    colour: str,
+    full: bool,
+) -> None:
+    residual, _ = _residual(comparison, result, channel)
+    rows = _thinned(np.flatnonzero(np.isfinite(residual) & np.isfinite(column)))
+    if rows.size < 3 or np.ptp(column[rows]) == 0.0:
+        return
+    x, y = column[rows] * shown[0].scale, residual[rows] * shown[1].scale
+    few = levels(x)
+    curve = smooth(x, y, comparison.run[rows], few)
+    mark = "o" if few is not None else ""
+    if not full:
+        axes.plot(curve.x, curve.y, color=colour, linewidth=0.9, alpha=0.8, marker=mark,
+                  markersize=2.5)  # fmt: skip
+        return
+    axes.scatter(x, y, s=7, alpha=0.35, color=colour, linewidth=0, rasterized=rows.size > 500)
+    # Where few points are, the band may run far out of the picture.
+    margin = 0.12 * max(float(np.ptp(y)), 1e-9)
+    axes.set_ylim(min(float(y.min()), 0.0) - margin, max(float(y.max()), 0.0) + margin)
+    axes.plot(curve.x, curve.y, color=colour, linewidth=1.8, marker=mark, markersize=4)
+    if few is None:
+        axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.2, linewidth=0)
+    else:
+        axes.vlines(curve.x, curve.low, curve.high, color=colour, linewidth=1.4)
+
+
+def resistance_ratio(measurements: Measurements, exponents: Sequence[float] = (0.5, 1.0, 1.5)) -> (
+    Figure | None
+):  # fmt: skip
+    """R/W over sqrt(z/D): compaction alone lies on a line for its n, whatever k and m are.
+
+    Points above the lines are a resistance that compaction does not make, or a wheel that digs.
+    None where sinkage and resistance were not measured together.
+    """
+    if not {"sinkage", "resistance"} <= set(measurements.channels):
+        return None
+    conditions = measurements.conditions
+    z, resistance = measurements.channels["sinkage"], measurements.channels["resistance"]
+    rows = np.isfinite(z) & np.isfinite(resistance) & (conditions.contact == ROLLING) & (z > 0)
+    rows &= ~measurements.sunk_to_axle
+    if not rows.any():
+        return None
+    ratio = z[rows] / conditions.diameter[rows]
+    figure = new_figure(5.2, 3.6)
+    axes = figure.subplots()
+    epsilon = np.linspace(1e-6, min(0.5, 1.15 * float(ratio.max())), 60)
+    for n, line in zip(exponents, ("-", "--", ":"), strict=False):
+        compaction = np.sqrt(epsilon) / ((n + 1.0) * shape_integral(n, epsilon).value)
+        axes.plot(np.sqrt(epsilon), compaction, color=INK, linewidth=1.1, linestyle=line,
+                  label=f"compaction alone, n = {n:g}")  # fmt: skip
+    soil = measurements.soil[rows]
+    for i, name in enumerate(np.unique(soil)):
+        chosen = soil == name
+        axes.scatter(np.sqrt(ratio[chosen]), (resistance[rows] / conditions.load[rows])[chosen],
+                     s=12, alpha=0.65, linewidth=0, color=COLOURS[(2 + i) % len(COLOURS)],
+                     label=_plain(str(name) or "measured"))  # fmt: skip
+    style(axes, "√(sinkage / diameter)", "resistance / load")
+    axes.set_xlim(left=0.0)
+    axes.legend(fontsize=8, frameon=False)
+    return figure

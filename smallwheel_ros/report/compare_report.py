@@ -1,0 +1,262 @@
+"""The report of a comparison: the data, the models, where they fail, what to keep in mind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smallwheel_ros.compare import Comparison, ModelResult
+from smallwheel_ros.display import brief, column_display, display, number, words
+from smallwheel_ros.plots import (
+    error_bars,
+    measured_against_predicted,
+    residuals,
+    resistance_ratio,
+)
+from smallwheel_ros.report.data_section import data_blocks
+from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section, Table, Text, page
+from smallwheel_ros.scores import UNITS, Part, Score, difference_std
+
+_WORST = 8  # parts shown before the rest is folded away
+_SCORE_HEADER = ("model", "rows", "held-out RMSE", "± s.e.", "held-out bias", "in-sample RMSE",
+                 "in-sample bias", "rows not predicted")  # fmt: skip
+_CLEAR = 2.0  # times its standard error that a bias must be to be called one
+
+
+def compare_report(comparison: Comparison) -> str:
+    """One self-contained HTML page that tells the comparison in order."""
+    data = comparison.measurements
+    return page(
+        "Models against measurements",
+        [
+            Section("In short", [_summary(comparison)]),
+            Section("The data", data_blocks(comparison)),
+            Section("The models", _models(comparison)),
+            Section("Measured against predicted", _scatter(comparison)),
+            Section("Where it fails", _failures(comparison)),
+            Section("What to keep in mind", [_caveats(comparison)]),
+        ],
+        data.source,
+        f"Data: SHA-256 {data.sha256}." if data.sha256 else "",
+    )
+
+
+def _best(comparison: Comparison, channel: str) -> tuple[ModelResult, Score, bool] | None:
+    """The model with the smallest error: held out if any is, else as it stands."""
+    for held_out in (True, False):
+        scores = [(m, comparison.score(m, channel, held_out)) for m in comparison.models]
+        known = [(m, s) for m, s in scores if s is not None]
+        if known:
+            model, best = min(known, key=lambda pair: pair[1].rmse)
+            return model, best, held_out
+    return None
+
+
+def _ties(comparison: Comparison, best: ModelResult, channel: str, held_out: bool) -> list[str]:
+    """Names of the models whose error is within two standard errors of the best one's."""
+    names = []
+    one = comparison.residual(best, channel, held_out)
+    for model in comparison.models:
+        other = comparison.residual(model, channel, held_out)
+        both = np.isfinite(one) & np.isfinite(other)
+        if model is best or not both.any():
+            continue
+        gap = np.sqrt(np.mean(other[both] ** 2)) - np.sqrt(np.mean(one[both] ** 2))
+        error = difference_std(other, one, comparison.run)
+        if error is None or gap <= 2.0 * error + 1e-12:
+            names.append(model.contender.name)
+    return names
+
+
+def _value(channel: str, value: float | None) -> str:
+    shown = display(channel, UNITS[channel])
+    return "-" if value is None else f"{number(value * shown.scale)} {shown.unit}"
+
+
+def _summary(comparison: Comparison) -> Callout:
+    sentences = []
+    for channel in comparison.channels:
+        found = _best(comparison, channel)
+        if found is None:
+            continue
+        model, best, held_out = found
+        kind = "held-out" if held_out else "remaining"
+        line = (
+            f"{words(channel).capitalize()}: {model.contender.name} has the smallest {kind} error, "
+            f"{_value(channel, best.rmse)} RMSE over {best.rows} rows"
+        )
+        ties = _ties(comparison, model, channel, held_out)
+        if ties:
+            line += f" (no clear difference to {', '.join(ties)})"
+        floor = comparison.noise[channel]
+        if floor.value:
+            line += (
+                f"; that is {number(best.rmse / floor.value, 2)} times the noise floor of "
+                f"{_value(channel, floor.value)}"
+            )
+        sentences.append(line + ".")
+    if not sentences:
+        return Callout("No model could predict any of the measurements.", kind="warning")
+    return Callout(sentences[0], sentences[1:])
+
+
+def _models(comparison: Comparison) -> list[Block]:
+    blocks: list[Block] = [
+        Text(items=[f"{m.contender.name}: {m.contender.description}." for m in comparison.models])
+    ]
+    if comparison.channels:
+        blocks.append(
+            Picture(
+                error_bars(comparison),
+                "Error of each model. Held out: each run predicted by a model fitted without it.",
+            )
+        )
+    for channel in comparison.channels:
+        shown = display(channel, UNITS[channel])
+        found = _best(comparison, channel)
+        rows = [_score_row(comparison, model, channel) for model in comparison.models]
+        best = [i for i, m in enumerate(comparison.models) if found and m is found[0]]
+        caption = f"{words(channel).capitalize()} [{shown.unit}]; bias is measured minus predicted"
+        blocks.append(Table(_SCORE_HEADER, rows, caption, range(1, 8), best))
+    reasons = _reasons(comparison)
+    if reasons:
+        blocks.append(Callout("Not predicted", reasons, "warning"))
+    notes = [f"{m.contender.name} {note}." for m in comparison.models for note in m.notes]
+    if notes:
+        blocks.append(Text(items=notes))
+    return blocks
+
+
+def _score_row(comparison: Comparison, model: ModelResult, channel: str) -> list[str]:
+    scale = display(channel, UNITS[channel]).scale
+    inside = comparison.score(model, channel)
+    outside = comparison.score(model, channel, held_out=True)
+    measured = comparison.measurements.channel_rows(channel).size
+    shown = outside or inside
+
+    def cell(score: Score | None, name: str) -> str:
+        value = None if score is None else getattr(score, name)
+        return "-" if value is None else number(value * scale)
+
+    rows = 0 if shown is None else shown.rows
+    return [
+        model.contender.name,
+        str(rows),
+        cell(outside, "rmse"),
+        cell(outside, "rmse_std"),
+        cell(outside, "bias"),
+        cell(inside, "rmse"),
+        cell(inside, "bias"),
+        str(measured - rows),
+    ]
+
+
+def _reasons(comparison: Comparison) -> list[str]:
+    lines = []
+    for model in comparison.models:
+        for kind, predicted in (("", model.in_sample), (" (held out)", model.held_out)):
+            for why, rows in () if predicted is None else predicted.reasons:
+                if kind and any(why == known for known, _ in model.in_sample.reasons):
+                    continue
+                place = f"{rows.size} rows (first in line {comparison.measurements.line[rows[0]]})"
+                lines.append(f"{model.contender.name}{kind}, {place}: {why}.")
+    return lines
+
+
+def _scatter(comparison: Comparison) -> list[Block]:
+    return [
+        Picture(
+            measured_against_predicted(comparison, channel),
+            f"{words(channel).capitalize()}: a perfect model lies on the line; the band is twice "
+            "the noise floor, where it is known.",
+        )
+        for channel in comparison.channels
+    ]
+
+
+def _failures(comparison: Comparison) -> list[Block]:
+    blocks: list[Block] = []
+    focus = comparison.models[-1]
+    ratio = resistance_ratio(comparison.measurements)
+    if ratio is not None:
+        blocks.append(
+            Picture(
+                ratio,
+                "A check free of k and m: compaction alone puts every point on the line of its n. "
+                "Points above the lines are a resistance that compaction does not make, or a wheel "
+                "that digs itself deeper than its load presses it.",
+            )
+        )
+    for channel in comparison.channels:
+        figure = residuals(comparison, channel)
+        if figure is None:
+            continue
+        blocks.append(
+            Picture(
+                figure,
+                f"What {focus.contender.name} leaves of {words(channel)}, over each condition that "
+                "varies. A band that leaves zero is an error that follows that condition; an error "
+                "that follows two conditions which were varied together shows in both.",
+            )
+        )
+        rows = _part_rows(comparison, focus, channel)
+        if rows:
+            unit = display(channel, UNITS[channel]).unit
+            header = ["where", "rows", f"RMSE [{unit}]", f"bias [{unit}]", "RMSE elsewhere", ""]
+            caption = f"{words(channel).capitalize()}, {focus.contender.name}, worst first"
+            blocks.append(Table(header, rows[:_WORST], caption, numbers=(1, 2, 3, 4)))
+            if rows[_WORST:]:
+                more = Table(header, rows[_WORST:], numbers=(1, 2, 3, 4))
+                blocks.append(Details(f"{len(rows) - _WORST} more parts", [more]))
+    return blocks
+
+
+def _part_rows(comparison: Comparison, model: ModelResult, channel: str) -> list[list[str]]:
+    scale = display(channel, UNITS[channel]).scale
+    held_out = model.held_out is not None
+    found: list[tuple[float, list[str]]] = []
+    for part in comparison.parts:
+        here = comparison.score(model, channel, held_out, part.rows)
+        elsewhere = comparison.score(model, channel, held_out, ~part.rows)
+        if here is None:
+            continue
+        spread = np.sqrt(max(here.rmse**2 - here.bias**2, 0.0) / max(here.runs, 1))
+        clear = abs(here.bias) > _CLEAR * spread and here.runs > 2
+        word = "" if not clear else "predicts too little" if here.bias > 0 else "predicts too much"
+        rest = None if elsewhere is None else elsewhere.rmse * scale
+        row = [_where(comparison, part), str(here.rows), number(here.rmse * scale),
+               number(here.bias * scale), number(rest), word]  # fmt: skip
+        found.append((here.rmse, row))
+    return [row for _, row in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _where(comparison: Comparison, part: Part) -> str:
+    if part.by in ("soil", "wheel", "contact"):
+        return f"{part.by}: {part.label}"
+    shown = column_display(comparison.measurements, part.by)
+    ends = [brief(end * shown.scale) for end in part.range]
+    return f"{words(part.by)} {' to '.join(dict.fromkeys(ends))} {shown.unit}".rstrip()
+
+
+def _caveats(comparison: Comparison) -> Block:
+    lines = [
+        "The run, not the row, is the unit of evidence: rows of one run are repeats and are held "
+        "out together.",
+        "A smaller error does not prove the physics: parameters that were fitted to the data can "
+        "absorb an effect that the model lacks. `smallwheel diagnose` looks for such an effect.",
+    ]
+    if comparison.folds:
+        lines.insert(
+            1, f"Held-out errors come from {comparison.folds} parts that the runs were dealt into."
+        )
+    known = [f for f in comparison.noise.values() if f.value is not None]
+    if len(known) < len(comparison.noise):
+        lines.append(
+            "Where no noise floor is known, how much of an error could be removed at all is not "
+            "known either: repeat some runs."
+        )
+    if not comparison.measurements.runs_given:
+        lines.append(
+            "The table names no runs. If rows belong together (one filling of the bin, one drive), "
+            "the held-out errors are too small: name them in the column 'run'."
+        )
+    return Text(items=lines)
