@@ -10,6 +10,8 @@ from __future__ import annotations
 import fcntl
 import os
 import random
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,6 +35,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def repository() -> Path:
     """The root of the checkout."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def source(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the source without what was made in it, to build in."""
+    if not (repository / ".git").exists():
+        pytest.skip("not a git checkout: what is source cannot be told from what was built")
+    copy = tmp_path_factory.mktemp("source")
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=repository, capture_output=True, check=True, text=True)
+    for name in filter(None, listed.stdout.split("\0")):
+        if (repository / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(repository / name, copy / name)
+    assert (copy / "pyproject.toml").is_file()
+    return copy
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,8 @@ def run(
     *command: str | Path, cwd: Path, timeout: float = 60.0, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     """Run a command elsewhere, without the paths that pytest has set up here."""
-    variables = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    dropped = ("PYTHONPATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+    variables = {k: v for k, v in os.environ.items() if k not in dropped}
     return subprocess.run(
         [str(part) for part in command],
         cwd=cwd,
@@ -202,35 +203,29 @@ def test_a_message_of_ours_crosses_dds(repository: Path, tmp_path: Path) -> None
     assert (received[0].sinkage, received[0].variance) == (0.0123, 4e-6)
 
 
+@pytest.fixture(scope="module")
+def pip_environment(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment without ROS, with this package installed by pip."""
+    venv = tmp_path_factory.mktemp("pip") / "venv"
+    made = run(sys.executable, "-m", "venv", venv, cwd=source)
+    assert made.returncode == 0, made.stderr
+    lock = source / "tools" / "environment.lock"
+    result = run(
+        *(venv / "bin" / "python", "-m", "pip", "install", "--no-input", "-c", lock, "."),
+        cwd=source,
+        timeout=600,
+    )
+    assert result.returncode == 0, result.stderr
+    return venv
+
+
 @pytest.mark.slow
 class TestInstalledByPip:
     """`pip install .` into an environment without ROS."""
 
-    @pytest.fixture(scope="class")
-    def environment(self, repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-        # Built from a copy: a build leaves build/ and *.egg-info in its source folder.
-        source = tmp_path_factory.mktemp("source")
-        files = run(
-            "git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", cwd=repository
-        ).stdout.split("\0")
-        for name in filter(None, files):
-            if (repository / name).is_file():
-                (source / name).parent.mkdir(parents=True, exist_ok=True)
-                (source / name).write_bytes((repository / name).read_bytes())
-        venv = tmp_path_factory.mktemp("environment") / "venv"
-        made = run(sys.executable, "-m", "venv", venv, cwd=source)
-        assert made.returncode == 0, made.stderr
-        lock = repository / "tools" / "environment.lock"
-        result = run(
-            *(venv / "bin" / "python", "-m", "pip", "install", "--no-input", "-c", lock, "."),
-            cwd=source,
-            timeout=600,
-            _ROS_WHEELS_BOOTSTRAP_COMPLETE="",
-        )
-        assert result.returncode == 0, result.stderr
-        return venv
-
-    def test_library_and_definitions_without_ros(self, environment: Path, tmp_path: Path) -> None:
+    def test_library_and_definitions_without_ros(
+        self, pip_environment: Path, tmp_path: Path
+    ) -> None:
         code = (
             "import importlib.util, smallwheel_ros\n"
             "from smallwheel_ros.interfaces import message_definitions, message_directory\n"
@@ -239,18 +234,18 @@ class TestInstalledByPip:
             "assert message_directory().name == 'definitions'\n"
             "print(sorted(message_definitions()), smallwheel_ros.__version__)\n"
         )
-        result = run(environment / "bin" / "python", "-c", code, cwd=tmp_path)
+        result = run(pip_environment / "bin" / "python", "-c", code, cwd=tmp_path)
         names = sorted(f"smallwheel_ros/msg/{name}" for name in MESSAGES)
         assert result.stdout == f"{names} {smallwheel_ros.__version__}\n", result.stderr
 
-    def test_command_line_without_ros(self, environment: Path, tmp_path: Path) -> None:
-        result = run(environment / "bin" / "smallwheel", "--help", cwd=tmp_path)
+    def test_command_line_without_ros(self, pip_environment: Path, tmp_path: Path) -> None:
+        result = run(pip_environment / "bin" / "smallwheel", "--help", cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert "Usage: smallwheel" in result.stdout
 
 
 @pytest.mark.slow
-def test_installed_by_cmake_as_copies(repository: Path, tmp_path: Path) -> None:
+def test_installed_by_cmake_as_copies(source: Path, tmp_path: Path) -> None:
     """A plain `colcon build` copies files instead of linking them: ours must win there too."""
     pytest.importorskip("smallwheel_ros.msg", reason="needs ROS 2")
     tools = Path(sysconfig.get_path("scripts"))
@@ -259,7 +254,7 @@ def test_installed_by_cmake_as_copies(repository: Path, tmp_path: Path) -> None:
     prefix = {"AMENT_PREFIX_PATH": sys.prefix, "CMAKE_PREFIX_PATH": sys.prefix}
     build, install = tmp_path / "build", tmp_path / "install"
     configured = run(
-        *(tools / "cmake", "-S", repository, "-B", build, "-G", "Ninja"),
+        *(tools / "cmake", "-S", source, "-B", build, "-G", "Ninja"),
         f"-DCMAKE_MAKE_PROGRAM={tools / 'ninja'}",
         f"-DCMAKE_INSTALL_PREFIX={install}",
         f"-DPython3_EXECUTABLE={sys.executable}",
@@ -278,10 +273,10 @@ def test_installed_by_cmake_as_copies(repository: Path, tmp_path: Path) -> None:
     assert built.returncode == 0, built.stdout + built.stderr
     (package,) = install.glob("lib/python*/site-packages/smallwheel_ros")
     assert not [path for path in package.rglob("*") if path.is_symlink()]
-    source = repository / "smallwheel_ros"
-    for file in source.rglob("*"):
+    ours = source / "smallwheel_ros"
+    for file in ours.rglob("*"):
         if file.is_file() and "__pycache__" not in file.parts:
-            assert (package / file.relative_to(source)).read_bytes() == file.read_bytes()
+            assert (package / file.relative_to(ours)).read_bytes() == file.read_bytes()
     result = run(
         *(sys.executable, "-c"),
         "from smallwheel_ros.interfaces import message_directory as d; print(d())",
