@@ -205,3 +205,16 @@ def test_ros1_bag_with_a_vendor_message(shared_data):
     assert np.all(np.isfinite(force))
     rate = (len(messages) - 1) / (messages[-1].log_time - messages[0].log_time) * 1e9
     assert 80 < rate < 120
+
+
+def test_ros_itself_reads_what_is_written(tmp_path):
+    """The generated message classes make the same of the bytes."""
+    serialization = pytest.importorskip("rclpy.serialization", reason="needs ROS 2 (rclpy)")
+    messages = pytest.importorskip("smallwheel_ros.msg", reason="needs the generated messages")
+    bag = write_example(tmp_path / "drive", count=3)
+    with BagReader(bag) as reader:
+        raw = [m.data for m in reader.raw_messages({"/left/sinkage"})]
+    read = [serialization.deserialize_message(data, messages.WheelSinkage) for data in raw]
+    assert [m.sinkage for m in read] == [0.0, 0.001, 0.002]
+    assert [m.header.frame_id for m in read] == ["wheel"] * 3
+    assert read[1].header.stamp.nanosec == SECOND // 10

@@ -142,7 +142,7 @@ class Travel:
 def travel(ground: Ground, distance: float, speed: float) -> Travel:
     """Stand for 2 s, drive with varying speed, stop for 3 s on the way, arrive, stand for 1 s."""
     pull = 0.35  # m/s^2
-    halt = 0.62 * distance
+    halt = 0.5 * distance
     way, now, rows = 0.0, 0.0, []
     waiting, halted = 2.0, False
     while True:
