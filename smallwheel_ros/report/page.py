@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import os
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,6 +16,7 @@ from matplotlib.figure import Figure
 
 from smallwheel_ros import __version__
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.output import write_bytes
 from smallwheel_ros.report.style import CSS
 
 # Nothing may be fetched and nothing run, even if a text should slip through unescaped.
@@ -25,7 +24,7 @@ _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 class ReportError(SmallwheelError):
-    """A report that cannot be made or written."""
+    """A report that cannot be made."""
 
 
 @dataclass(frozen=True)
@@ -162,20 +161,6 @@ def page(title: str, sections: Sequence[Section], subtitle: str = "", footer: st
 
 
 def write_page(path: str | Path, html: str) -> None:
-    """Write the page; a file that was there is replaced only by a whole one.
-
-    Raises ReportError where it cannot be written.
-    """
-    path = Path(path)
-    try:
-        handle, draft = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with open(handle, "w", encoding="utf-8", errors="replace") as file:
-                file.write(html)
-            os.chmod(draft, 0o644)
-            os.replace(draft, path)
-        except BaseException:
-            os.unlink(draft)
-            raise
-    except OSError as error:
-        raise ReportError(f"{path}: cannot be written: {error.strerror}") from None
+    """Write the page, whole or not at all. Raises OutputError where it cannot be written."""
+    # A name that is no proper text (a surrogate from a broken file name) becomes a question mark.
+    write_bytes(path, html.encode("utf-8", "replace"))
