@@ -41,10 +41,12 @@ def checkout(source: Path, tmp_path: Path) -> Path:
 
 def make_env(checkout: Path, *options: str, **environment: str) -> tuple[int, list[str]]:
     """Run `make env`; return its exit code and the lines on standard error but make's own."""
+    outer = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")  # of the make that may have started the tests
+    variables = {k: v for k, v in os.environ.items() if k not in outer}
     result = subprocess.run(
         ["make", "--no-print-directory", "env", f"PYTHON={sys.executable}", *options],
         cwd=checkout,
-        env=os.environ | environment,
+        env=variables | environment,
         capture_output=True,
         text=True,
         timeout=60,
