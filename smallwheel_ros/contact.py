@@ -3,10 +3,12 @@
 A wheel of radius r = D/2 and width b, sunk by z0, carries on the soil in front of its lowest point
 
     W = b r * integral over 0..theta0 of p(z(theta)) cos(theta) d(theta),
-    z(theta) = r (cos(theta) - cos(theta0)),  cos(theta0) = 1 - z0/r          (Bekker 1956; Wong 2008, ch. 2)
+    z(theta) = r (cos(theta) - cos(theta0)),  cos(theta0) = 1 - z0/r
 
-For a power law p = K z^n, with K = k D^m (Meirion-Griffith and Spenko, eq. 9), the substitution s = z0 - z
-makes the integral an Euler integral, so it has a closed form (s/D = sigma, epsilon = z0/D):
+(Bekker 1956; Wong 2008, chapter 2).
+
+For a power law p = K z^n, with K = k D^m (Meirion-Griffith and Spenko, eq. 9), the substitution
+s = z0 - z makes it an Euler integral, so it has a closed form (s/D = sigma, epsilon = z0/D):
 
     W = b K sqrt(D) z0^(n + 1/2) I(n, epsilon),
     I(n, epsilon) = 1/2 * sum over j of a_j B(j + 1/2, n + 1) epsilon^j,
@@ -58,8 +60,8 @@ class ShapeIntegral(NamedTuple):
 class ContactSinkage(NamedTuple):
     """Sinkage of a wheel, and where the model no longer holds.
 
-    sinkage: m. Where `sunk_to_axle`, the load is more than the wheel can carry sunk to its axle; the
-    sinkage there is a continuation by the power n + 1/2, of use to a fit that passes through such a
+    sinkage: m. Where `sunk_to_axle`, the load is more than the wheel can carry sunk to its axle;
+    the sinkage there is a continuation by the power n + 1/2, of use to a fit that passes through such a
     point but not a prediction.
     slope_load, slope_exponent: d ln z / d ln(W / K) and d ln z / d n at constant K and W.
     """
@@ -130,13 +132,13 @@ def contact_load(
 def _solve_block(
     target: Array, diameter: Array, exponent: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """ln z with (n + 1/2) ln z + ln I(n, z/D) = target, by Newton's method in ln z.
+    """Ln z with (n + 1/2) ln z + ln I(n, z/D) = target, by Newton's method in ln z.
 
-    ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from the left of
-    the root (I at zero sinkage is its largest value), Newton's steps approach the root from the left
+    ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from the
+    left of the root (I at zero sinkage is its largest value), Newton's steps approach the root from the left
     and never pass it, so no bracket is needed.
     """
-    start = 0.5 * beta(0.5, exponent + 1.0)
+    start: Array = np.asarray(0.5 * beta(0.5, exponent + 1.0))
     at_zero = digamma(exponent + 1.0) - digamma(exponent + 1.5)
     half = exponent + 0.5
     log_axle = np.log(AXLE_RATIO * diameter)
@@ -163,8 +165,8 @@ def contact_sinkage(
 ) -> ContactSinkage:
     """Sinkage (m) of a rolling wheel under a normal load, by the contact integral.
 
-    load: W > 0, N. diameter, width: m. modulus: K = k D^m, Pa/m^n. exponent: n > 0. Arguments broadcast;
-    they are not checked here (`model.predict` and the readers do).
+    load: W > 0, N. diameter, width: m. modulus: K = k D^m, Pa/m^n. exponent: n > 0. Arguments
+    broadcast; they are not checked here (`model.predict` and the readers do).
     """
     w, d, b, modulus_array, n = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (load, diameter, width, modulus, exponent))

@@ -7,8 +7,6 @@ one never runs code, so an effect that is not installed must be given beforehand
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -22,6 +20,7 @@ from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Families, effect_class
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.output import write_bytes
 from smallwheel_ros.soil import Soil, SoilError, nearest
 from smallwheel_ros.traction import ThrustForm
 
@@ -47,7 +46,7 @@ _HEAD = """\
 
 
 class ModelFileError(SmallwheelError):
-    """A model file that cannot be read, or written."""
+    """A model file that cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -73,21 +72,9 @@ class CalibratedModel:
 
 
 def write_model(path: str | Path, calibrated: CalibratedModel) -> None:
-    """Write a model file, whole or not at all. Raises ModelFileError where that is not possible."""
-    target = Path(path)
+    """Write a model file, whole or not at all. Raises OutputError where that is not possible."""
     text = _HEAD + yaml.safe_dump(_document(calibrated), sort_keys=False, allow_unicode=True)
-    try:
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, target)
-        except BaseException:
-            os.unlink(temporary)
-            raise
-    except OSError as error:
-        raise ModelFileError(f"{target}: cannot be written: {error.strerror or error}") from error
+    write_bytes(path, text.encode())
 
 
 def _document(calibrated: CalibratedModel) -> dict[str, Any]:

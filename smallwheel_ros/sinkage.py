@@ -1,4 +1,4 @@
-"""Sinkage from load, for the three ways in which a body meets the soil and the paper's closed form."""
+"""Sinkage from load: the paper's closed form, flat plates, and soils whose pressure is layered."""
 
 from __future__ import annotations
 
@@ -24,15 +24,13 @@ def closed_form_sinkage(
 ) -> Array:
     """Sinkage (m) of a rolling wheel by z0 = [3 W / (b (3 - n) K sqrt(D))]^(2/(2n+1)).
 
-    Bekker 1956 (eq. 7) with K = kc/b + kphi; Meirion-Griffith and Spenko 2011 (eq. 10) with K = k D^m.
+    Bekker 1956 (eq. 7): K = kc/b + kphi; Meirion-Griffith and Spenko 2011 (eq. 10): K = k D^m.
     It stands on a parabola for the wheel and two terms of a series: for n < 3 and z0 << D only, and
     1 to 10 % off the contact integral on real soils.
     """
     n = np.asarray(exponent, dtype=float)
-    d = np.asarray(diameter, dtype=float)
-    base = (
-        3.0 * np.asarray(load, dtype=float) / (np.asarray(width) * (3.0 - n) * modulus * np.sqrt(d))
-    )
+    d, k = np.asarray(diameter, dtype=float), np.asarray(modulus, dtype=float)
+    base = 3.0 * np.asarray(load, dtype=float) / (np.asarray(width) * (3.0 - n) * k * np.sqrt(d))
     return np.asarray(base ** (2.0 / (2.0 * n + 1.0)))
 
 
@@ -55,7 +53,7 @@ def layered_load(
 ) -> Array:
     """Load (N) on a wheel by the contact integral, for p = K z^n f(z) with any factor f of depth.
 
-    factor takes depths (m) of shape (nodes,) + rows and returns the same shape. Gauss-Legendre quadrature.
+    factor takes depths (m) of shape (nodes,) + rows and returns the same shape.
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     height = _HEIGHT[column] * sinkage

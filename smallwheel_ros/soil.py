@@ -27,8 +27,8 @@ class Soil:
     """One soil under the law P = k z^n D^m (Meirion-Griffith and Spenko 2011, eq. 9).
 
     k: Pa/m^(n+m), > 0. n: 1, in (0, 3). m: 1. cohesion: Pa. friction_angle: rad.
-    shear_displacement: the deformation modulus kappa of eq. 2, m. m = 0 gives the law of Bernstein and
-    Goriatchkin (eq. 8). `source` says where the numbers come from.
+    shear_displacement: the deformation modulus kappa of eq. 2, m. m = 0 gives the law of
+    Bernstein and Goriatchkin (eq. 8). `source` says where the numbers come from.
     """
 
     name: str
@@ -98,7 +98,10 @@ def effective_modulus(k: ArrayLike, m: ArrayLike, diameter: ArrayLike) -> Array:
 
 
 def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
-    """Bekker's modulus kc/b + kphi, Pa/m^n (Bekker 1956; eq. 5). kc: Pa/m^(n-1), kphi: Pa/m^n, b: m."""
+    """Bekker's modulus kc/b + kphi, Pa/m^n (Bekker 1956; eq. 5).
+
+    kc: Pa/m^(n-1), kphi: Pa/m^n, width: b, m.
+    """
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
 
 
@@ -110,19 +113,36 @@ def nearest(name: str, known: list[str]) -> str:
 
 
 _PAPER = "Meirion-Griffith and Spenko 2011"
-_KILO = 1000.0  # the tables print kN
+_WONG = f"{_PAPER}, Table 4 (Wong 2008)"
+_NO_STRENGTH = "strength not printed where we could read it: c = 0, phi = 30 deg assumed"
 
+
+def _tabled(
+    name: str, k: float, n: float, m: float, source: str, *, c: float = 0.0, phi: float = 30.0
+) -> Soil:
+    """A soil as tables print it: k in kN/m^(n+m+2), c in kPa, phi in degrees."""
+    return Soil(name, 1e3 * k, n, m, 1e3 * c, float(np.radians(phi)), source=source)
+
+
+# kappa is in none of these tables: 15 mm is the default, from the 10 to 25 mm that Wong 2008 gives
+# for sand. Where Tables 2 and 5 print another phi for the same dry sand, each soil keeps its own.
 SOILS: dict[str, Soil] = {
     soil.name: soil
     for soil in (
-        Soil("dry_sand", 1604 * _KILO, 0.80, 0.39, source=f"{_PAPER}, Table 6"),
-        Soil("calcium_silicate", 17 * _KILO, 0.48, 0.0, source=f"{_PAPER}, Table 6"),
-        Soil("moist_earth", 79 * _KILO, 0.88, -0.49, source=f"{_PAPER}, Table 6"),
-        Soil("dry_sand_bekker", 1783 * _KILO, 0.75, source=f"{_PAPER}, Table 2"),
-        Soil("wong_sandy_loam", 1515 * _KILO, 0.7, source=f"{_PAPER}, Table 4 (Wong)"),
-        Soil("wong_heavy_clay", 1556 * _KILO, 0.13, source=f"{_PAPER}, Table 4 (Wong)"),
-        Soil("wong_snow", 197 * _KILO, 1.6, source=f"{_PAPER}, Table 4 (Wong)"),
-        Soil("wong_dry_sand", 1528 * _KILO, 1.1, source=f"{_PAPER}, Table 4 (Wong)"),
+        _tabled(
+            "dry_sand", 1604, 0.80, 0.39, f"{_PAPER}, Table 6; phi Table 5; c = 0 assumed", phi=27.2
+        ),
+        _tabled("calcium_silicate", 17, 0.48, 0.0, f"{_PAPER}, Table 6; {_NO_STRENGTH}"),
+        _tabled("moist_earth", 79, 0.88, -0.49, f"{_PAPER}, Table 6; {_NO_STRENGTH}"),
+        _tabled("dry_sand_bekker", 1783, 0.75, 0.0, f"{_PAPER}, Table 2; c = 0 assumed", phi=27.5),
+        _tabled(
+            "wong_sandy_loam", 1515, 0.7, 0.0, f"{_WONG}; strength unverified", c=1.72, phi=29.0
+        ),
+        _tabled(
+            "wong_heavy_clay", 1556, 0.13, 0.0, f"{_WONG}; strength unverified", c=68.95, phi=34.0
+        ),
+        _tabled("wong_snow", 197, 1.6, 0.0, f"{_WONG}; strength unverified", c=1.03, phi=19.7),
+        _tabled("wong_dry_sand", 1528, 1.1, 0.0, _WONG, c=1.04, phi=28.0),
     )
 }
 

@@ -1,0 +1,236 @@
+"""The commands `predict`, `effects` and `paper`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import families, forms, load_effects
+from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.model_file import CalibratedModel, read_model
+from smallwheel_ros.paper import paper_lines
+from smallwheel_ros.physics_plots import plot_effect, plot_paper, plot_prediction
+from smallwheel_ros.prediction import SUNK, PredictionError, predict_table
+from smallwheel_ros.ranges import parse_range
+from smallwheel_ros.soil import SOILS, soil
+from smallwheel_ros.tables import text_table, write_json
+
+_UNITS = {"load": "N", "diameter": "m", "width": "m", "slip": "1", "speed": "m/s"}
+_JSON = click.option(
+    "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
+)
+_EFFECTS = click.option(
+    "--effects",
+    "effects_file",
+    type=click.Path(path_type=Path),
+    help="A Python file with effects of your own. It is run: name only files that you trust.",
+)
+_SHOWN = {
+    "sinkage": ("sinkage [mm]", 1e3),
+    "compaction_resistance": ("compaction resistance [N]", 1.0),
+    "resistance": ("resistance [N]", 1.0),
+    "thrust": ("thrust [N]", 1.0),
+    "drawbar_pull": ("drawbar pull [N]", 1.0),
+}
+
+
+@click.command()
+@click.option("--load", required=True, help="Normal load [N]: a number, 20:140:10, or 20,60.")
+@click.option("--diameter", required=True, help="Wheel diameter [m], or with a unit: '17 cm'.")
+@click.option("--width", required=True, help="Wheel width [m].")
+@click.option("--slip", help="Slip, -1 to 1; without it there is no thrust.")
+@click.option(
+    "--set",
+    "others",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A further column that an effect needs, in SI: --set speed=0.1. Repeatable.",
+)
+@click.option("--soil", "soil_name", help="A soil of the library: " + ", ".join(SOILS) + ".")
+@click.option("--model", "model_file", type=click.Path(path_type=Path), help="A model file.")
+@click.option(
+    "--closed-form", is_flag=True, help="The paper's closed form (eq. 10) for the contact integral."
+)
+@_EFFECTS
+@_JSON
+@click.option(
+    "--plot", type=click.Path(path_type=Path), help="Draw into this file (PNG, SVG, PDF)."
+)
+def predict(
+    load: str,
+    diameter: str,
+    width: str,
+    slip: str | None,
+    others: tuple[str, ...],
+    soil_name: str | None,
+    model_file: Path | None,
+    closed_form: bool,
+    effects_file: Path | None,
+    json_file: str | None,
+    plot: Path | None,
+) -> None:
+    """Sinkage, resistance and drawbar pull of a wheel on a soil.
+
+    Ranges make a table of every combination:
+
+    smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand
+    """
+    if (soil_name is None) == (model_file is None):
+        raise click.UsageError("give either --soil or --model")
+    texts = {"load": load, "diameter": diameter, "width": width}
+    if slip is not None:
+        texts["slip"] = slip
+    for other in others:
+        name, equals, value = other.partition("=")
+        if not equals or not name or name in texts:
+            raise click.UsageError(f"--set {other}: expected NAME=VALUE with a new NAME")
+        texts[name] = value
+    settings = {
+        name: parse_range(f"--{name}", text, _UNITS.get(name, "1")) for name, text in texts.items()
+    }
+    if model_file is not None:
+        user = load_effects(effects_file) if effects_file else None
+        calibrated = read_model(model_file, user)
+        if len(calibrated.model.soils) > 1:
+            names = ", ".join(s.name for s in calibrated.model.soils)
+            raise PredictionError(f"{model_file}: has several soils ({names}); predict takes one")
+    else:
+        geometry: Geometry = "closed_form" if closed_form else "contact_integral"
+        calibrated = CalibratedModel(Model(soil(str(soil_name)), geometry))
+    table = predict_table(calibrated, settings)
+    if plot is not None:
+        plot_prediction(table, plot)
+    document = table.document()
+    if json_file is not None:
+        write_json(json_file, document)
+    if json_file != "-":
+        click.echo(_prediction_text(document["rows"], list(settings)))
+        if plot is not None:
+            click.echo(f"\nDrawn: {plot}")
+
+
+def _prediction_text(rows: list[dict[str, float | str | None]], settings: list[str]) -> str:
+    shown = [q for q in _SHOWN if q in rows[0]]
+    header = [*settings, *(_SHOWN[q][0] for q in shown), "status"]
+    body = []
+    for row in rows:
+        cells = [f"{row[name]:g}" for name in settings]
+        for quantity in shown:
+            value, std = row[quantity], row.get(f"{quantity}_std")
+            factor = _SHOWN[quantity][1]
+            if not isinstance(value, float):
+                cells.append("-")
+            elif isinstance(std, float):
+                cells.append(f"{value * factor:.2f} +- {std * factor:.2f}")
+            else:
+                cells.append(f"{value * factor:.2f}")
+        cells.append("sunk to the axle" if row["status"] == SUNK else "ok")
+        body.append(cells)
+    return text_table(header, body)
+
+
+@click.command()
+@click.argument("effect", required=False)
+@_EFFECTS
+@_JSON
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the effect into this file.")
+def effects(
+    effect: str | None, effects_file: Path | None, json_file: str | None, plot: Path | None
+) -> None:
+    """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
+    user = load_effects(effects_file) if effects_file else None
+    if effect is None:
+        if plot is not None:
+            raise click.UsageError("--plot needs the name of one effect")
+        known = families(user)
+        if json_file is not None:
+            listing = {i: [_described(f) for f in family] for i, family in known.items()}
+            write_json(json_file, {"schema": 1, "effects": listing})
+        if json_file != "-":
+            rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in known.items()]
+            rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
+            click.echo(text_table(["effect", "needs", "what it says"], rows))
+        return
+    family = forms(effect, user)
+    if json_file is not None:
+        write_json(json_file, {"schema": 1, "effects": {effect: [_described(f) for f in family]}})
+    if json_file != "-":
+        click.echo(_explained(family))
+    if plot is not None:
+        plot_effect(family, plot)
+        if json_file != "-":
+            click.echo(f"\nDrawn: {plot}")
+
+
+def _described(form: type[Effect]) -> dict[str, object]:
+    return {
+        "form": form.form,
+        "summary": form.summary,
+        "formula": form.formula,
+        "source": form.source,
+        "needs": list(form.needs),
+        "channels": list(form.channels),
+        "stage": form.stage,
+        "parameters": [
+            {
+                "name": p.name,
+                "start": p.start,
+                "bounds": list(p.bounds),
+                "published_range": list(p.published) if p.published else None,
+                "unit": p.unit,
+                "description": p.description,
+            }
+            for p in form.parameters()
+        ],
+    }
+
+
+def _explained(family: tuple[type[Effect], ...]) -> str:
+    first = family[0]
+    needed = ", ".join(first.needs) or "nothing beyond load, diameter and width"
+    lines = [
+        first.id,
+        f"  {first.summary}",
+        f"  needs: {needed}",
+        f"  changes: {', '.join(first.channels)}",
+    ]
+    for form in family:
+        lines += ["", f"  form '{form.form}': {form.formula}", f"    source: {form.source}"]
+        lines.append(f"    acts at: {form.stage}")
+        for p in form.parameters():
+            published = (
+                f"published {p.published[0]:g} to {p.published[1]:g}"
+                if p.published
+                else "no published range"
+            )
+            bounds = f"bounds {p.bounds[0]:g} to {p.bounds[1]:g}"
+            lines.append(f"    {p.name} [{p.unit}]: {p.description}; {published}; {bounds}")
+    return "\n".join(lines)
+
+
+@click.command()
+@_JSON
+@click.option("--plots", type=click.Path(path_type=Path), help="Folder to draw figures into.")
+def paper(json_file: str | None, plots: Path | None) -> None:
+    """Compute the numbers that the paper prints, and say which of them reproduce."""
+    lines = paper_lines()
+    if json_file is not None:
+        write_json(json_file, {"schema": 1, "lines": [vars(line) for line in lines]})
+    if json_file != "-":
+        for line in lines:
+            mark = {"reproduced": "=", "not reproduced": "x"}.get(line.status, "~")
+            click.echo(
+                f"{mark} {line.quantity}: printed {line.printed:g} {line.unit}, "
+                f"computed {line.computed:.2f} {line.unit}\n    {line.status}; {line.reading}"
+            )
+        counts = {
+            s: sum(line.status == s for line in lines)
+            for s in dict.fromkeys(x.status for x in lines)
+        }
+        click.echo("\n" + ", ".join(f"{n} {s}" for s, n in counts.items()))
+    if plots is not None:
+        drawn = plot_paper(plots)
+        if json_file != "-":
+            click.echo("\n".join(f"Drawn: {path}" for path in drawn))
