@@ -61,8 +61,8 @@ class ContactSinkage(NamedTuple):
     """Sinkage of a wheel, and where the model no longer holds.
 
     sinkage: m. Where `sunk_to_axle`, the load is more than the wheel can carry sunk to its axle;
-    the sinkage there is a continuation by the power n + 1/2, of use to a fit that passes through such a
-    point but not a prediction.
+    the sinkage there is a continuation by the power n + 1/2, of use to a fit that passes through
+    such a point but not a prediction.
     slope_load, slope_exponent: d ln z / d ln(W / K) and d ln z / d n at constant K and W.
     """
 
@@ -135,8 +135,8 @@ def _solve_block(
     """Ln z with (n + 1/2) ln z + ln I(n, z/D) = target, by Newton's method in ln z.
 
     ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from the
-    left of the root (I at zero sinkage is its largest value), Newton's steps approach the root from the left
-    and never pass it, so no bracket is needed.
+    left of the root (I at zero sinkage is its largest value), Newton's steps approach the root
+    from the left and never pass it, so no bracket is needed.
     """
     start: Array = np.asarray(0.5 * beta(0.5, exponent + 1.0))
     at_zero = digamma(exponent + 1.0) - digamma(exponent + 1.5)
