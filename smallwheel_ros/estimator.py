@@ -3,164 +3,78 @@
 estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
+
+State: ln of the pressure at the reference sinkage and diameter, the logit of n/3, m, and for each
+wheel the deviation of ln k at the spot where it stands. The spot's deviation is what repeated
+measurements at one place have in common: they sharpen the spot, not the soil, and no measurement
+has to be skipped. It fades over `scatter_length` of travel.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
+
+from scipy.special import chdtri
 
 from smallwheel_ros.conditions import ROLLING
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.identifiability import SoilEstimate
-from smallwheel_ros.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.estimator_settings import EstimatorError, EstimatorSettings, SoilPrior
+from smallwheel_ros.identifiability import (
+    Counts,
+    Identifiable,
+    SoilEstimate,
+    Variety,
+    soil_estimate,
+)
+from smallwheel_ros.iterated_update import exponent_of, linearise, linearise_at_prediction
+from smallwheel_ros.sinkage_measurement import (
+    Outcome,
+    SinkageMeasurement,
+    SinkagePrediction,
+    UpdateResult,
+    find_problem,
+)
+from smallwheel_ros.sinkage_observation import Observation, observation
+from smallwheel_ros.soil_state import SoilState
+
+__all__ = [
+    "EstimatorError",
+    "EstimatorSettings",
+    "Identifiable",
+    "Outcome",
+    "SinkageMeasurement",
+    "SinkagePrediction",
+    "SoilEstimate",
+    "SoilEstimator",
+    "SoilPrior",
+    "UpdateResult",
+]
+
+_COVARIATES = ("load", "diameter", "width", "slip", "speed")
+_MOST_WHEELS = 64
+_LEAST_VARIANCE = (1e-5) ** 2  # m^2: no sinkage is measured better; keeps the covariance sound
+_MOST_WIDENINGS = 3
+_LEAST_STEP = 0.01  # of the scatter length: drift over less waits until it adds up
 
 
-class EstimatorError(SmallwheelError):
-    """A prior or a setting outside its domain."""
+@dataclass
+class _Wheel:
+    """A wheel's place in the state, its newest measurement, and where it last surprised."""
 
-
-@dataclass(frozen=True)
-class SoilPrior:
-    """What is known of the soil before any measurement.
-
-    log_reference_pressure is at `soil.REFERENCE_SINKAGE` and `soil.REFERENCE_DIAMETER`. `soil` lends
-    the name and the strength (cohesion, friction angle, shear displacement), which are not estimated.
-    """
-
-    soil: Soil
-    log_reference_pressure: float
-    n: float
-    m: float
-    log_reference_pressure_std: float
-    n_std: float
-    m_std: float
-
-    @classmethod
-    def from_soil(
-        cls,
-        soil: Soil,
-        log_reference_pressure_std: float = 0.7,
-        n_std: float | None = None,
-        m_std: float = 0.4,
-    ) -> SoilPrior:
-        """Take a soil of that kind, not that very soil."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class EstimatorSettings:
-    """How the estimator judges measurements and forgets.
-
-    Attributes
-    ----------
-    reference_sinkage, reference_diameter
-        m; where `SoilEstimate` reports the pressure (and the modulus by default).
-    process_noise
-        Growth of the standard deviation of ln pressure per square root of a metre travelled, 1/sqrt(m);
-        n and m drift in proportion to their prior deviations. None while standing.
-    soil_scatter
-        Standard deviation of ln k from spot to spot of one soil.
-    scatter_length
-        Travel (m) over which the soil under one wheel becomes another spot.
-    sinkage_std
-        m; used where a measurement's variance is not known.
-    gate_probability
-        Share of good measurements that the outlier gate lets pass.
-    surprises_to_reopen
-        This many outliers at different spots, none fitting between them, are another soil.
-    """
-
-    reference_sinkage: float = REFERENCE_SINKAGE
-    reference_diameter: float = REFERENCE_DIAMETER
-    process_noise: float = 0.02
-    soil_scatter: float = 0.06
-    scatter_length: float = 0.2
-    sinkage_std: float = 0.001
-    gate_probability: float = 0.999
-    surprises_to_reopen: int = 3
-
-
-@dataclass(frozen=True)
-class SinkageMeasurement:
-    """Measured sinkage of one wheel at one instant, with the load that it carried; SI units.
-
-    time: s, rising from measurement to measurement of one wheel. distance: m that the vehicle has
-    travelled so far. variance: m^2; 0 or less, or not finite: not known. load_variance: N^2, 0: exact.
-    slip, speed: only needed by effects that read them. contact: 'rolling' or 'pressed'.
-    """
-
+    spot: int
     time: float
-    wheel: str
-    sinkage: float
-    variance: float
-    load: float
-    load_variance: float
-    diameter: float
-    width: float
     distance: float
-    slip: float | None = None
-    speed: float | None = None
-    contact: str = ROLLING
-
-
-class Outcome(Enum):
-    """What became of a measurement."""
-
-    ACCEPTED = "accepted"
-    OUTLIER = "outlier"
-    REFUSED = "refused"
-
-
-@dataclass(frozen=True)
-class UpdateResult:
-    """What the estimator did with one measurement.
-
-    Attributes
-    ----------
-    outcome
-        ACCEPTED: the estimate was updated. OUTLIER: it did not fit. REFUSED: it could not be used.
-    reason
-        Short key to count by: 'accepted', 'soil_changed' (accepted after reopening), 'gate',
-        'not_finite', 'load_not_positive', 'geometry_not_positive', 'sinkage_negative', 'sunk_to_axle',
-        'unknown_contact', 'covariate_missing', 'time_backwards', 'distance_backwards',
-        'too_many_wheels', 'numerical'.
-    message
-        The same for people, with the numbers.
-    predicted_sinkage, predicted_variance
-        m, m^2; before the measurement, at this wheel's spot; without the measurement's own noise.
-    innovation, innovation_variance
-        m, m^2; measured less predicted, and its variance with the measurement's noise.
-    normalised_innovation_squared
-        Chi-square of one degree of freedom where the model is right. All five are None where refused.
-    """
-
-    outcome: Outcome
-    reason: str
-    message: str
-    predicted_sinkage: float | None = None
-    predicted_variance: float | None = None
-    innovation: float | None = None
-    innovation_variance: float | None = None
-    normalised_innovation_squared: float | None = None
-
-
-@dataclass(frozen=True)
-class SinkagePrediction:
-    """Sinkage (m) that the estimated soil gives a wheel, with its standard deviation.
-
-    Where `sunk_to_axle`, the number is a continuation and not a prediction.
-    """
-
-    sinkage: float
-    standard_deviation: float
-    sunk_to_axle: bool
+    surprised_at: float | None = None
 
 
 class SoilEstimator:
-    """Refines the soil from measured sinkage, for any number of wheels on one soil."""
+    """Refines the soil from measured sinkage, for any number of wheels on one soil.
+
+    effects: act on every prediction, with the parameters that they have. Raises EstimatorError for
+    an effect whose covariate a SinkageMeasurement does not carry.
+    """
 
     def __init__(
         self,
@@ -171,14 +85,173 @@ class SoilEstimator:
         self.prior = prior
         self.settings = settings or EstimatorSettings()
         self.effects = tuple(effects)
+        needs = {name: effect for effect in self.effects for name in effect.needs}
+        for name, effect in needs.items():
+            if name not in _COVARIATES:
+                raise EstimatorError(
+                    f"effect '{effect.id}' needs '{name}', which the estimator is not given. There "
+                    f"is: {', '.join(_COVARIATES)}"
+                )
+        self._needs = tuple(name for name in ("slip", "speed") if name in needs)
+        self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
+        self._soil = SoilState(prior, self.settings)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every measurement and count: the prior again."""
+        self._soil.reset()
+        self._wheels: dict[str, _Wheel] = {}
+        self._distance = self._drifted = 0.0
+        self._variety = Variety()
+        self._surprises = self._widenings = 0
+        self._fitted = False  # something was accepted since the start or the last reopening
+        self.accepted = self.outliers = self.soil_changes = 0
+        self.refused: dict[str, int] = {}
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
-        """Use one measurement; never raises for what is in it."""
-        raise NotImplementedError
+        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
+        problem = find_problem(measurement, self._needs) or self._out_of_order(measurement)
+        if problem is None:
+            try:
+                return self._use(measurement)
+            except (ArithmeticError, ValueError) as error:
+                problem = "numerical", _no_sinkage(measurement, error)
+        reason, message = problem
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+        return UpdateResult(Outcome.REFUSED, reason, message)
+
+    def _out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
+        wheel = self._wheels.get(given.wheel)
+        if wheel is None:
+            if len(self._wheels) < _MOST_WHEELS:
+                return None
+            return "too_many_wheels", (
+                f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"
+            )
+        if given.time <= wheel.time:
+            return "time_backwards", (
+                f"wheel '{given.wheel}': time {given.time:.6f} s is not after the last one, "
+                f"{wheel.time:.6f} s"
+            )
+        if given.distance < wheel.distance:
+            return "distance_backwards", (
+                f"wheel '{given.wheel}': distance {given.distance:g} m is less than the last one, "
+                f"{wheel.distance:g} m"
+            )
+        return None
+
+    def _use(self, given: SinkageMeasurement) -> UpdateResult:
+        observe = observation(
+            self.effects,
+            given.load,
+            given.diameter,
+            given.width,
+            given.contact,
+            given.slip,
+            given.speed,
+        )
+        wheel = self._arrive(given)
+        noise = given.variance
+        if not (math.isfinite(noise) and noise > 0):
+            noise = self.settings.sinkage_std**2
+        noise = max(noise, _LEAST_VARIANCE)
+        load_noise = given.load_variance / given.load**2
+        belief = self._soil.belief(observe.diameter_log, wheel.spot)
+        observed = observe(belief.s, exponent_of(belief.q))
+        predicted = linearise_at_prediction(observed, belief, given.sinkage, noise, load_noise)
+        line = linearise(observe, observed, predicted, belief, given.sinkage, noise, load_noise)
+        variance = belief.spread(predicted.by_s, predicted.by_q) + predicted.noise
+        if not math.isfinite(observed.sinkage + variance + line.chi_square):
+            raise ArithmeticError("its uncertainty has no bounds")
+        reason: str = self._soil.correct(
+            line, belief, given.sinkage, observe.diameter_log, wheel.spot, self._gate
+        )
+        if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
+            reason = self._reopen(observe, given.sinkage, wheel.spot, noise, load_noise)
+        if reason in ("accepted", "soil_changed"):
+            outcome, message = Outcome.ACCEPTED, ""
+            self._fitted, self._surprises, self._widenings = True, 0, 0
+            wheel.surprised_at = None
+            self.accepted += 1
+            self._variety = self._variety.with_wheel(given.diameter, given.load / given.width)
+        else:
+            outcome = Outcome.OUTLIER
+            self.outliers += 1
+            message = (
+                f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.2f} mm measured, "
+                f"{1e3 * observed.sinkage:.2f} mm expected, standard deviation of the difference "
+                f"{1e3 * math.sqrt(variance):.2f} mm"
+            )
+            if reason == "out_of_range":
+                message += "; the soil that this would mean is outside of the model's range"
+        return UpdateResult(
+            outcome,
+            reason,
+            message,
+            observed.sinkage,
+            variance - noise,
+            given.sinkage - observed.sinkage,
+            variance,
+            line.chi_square,
+        )
+
+    def _arrive(self, given: SinkageMeasurement) -> _Wheel:
+        """Bring filter and wheel to where the measurement was made."""
+        if not self._wheels:
+            self._distance = self._drifted = given.distance
+        self._distance = max(self._distance, given.distance)
+        step = self._distance - self._drifted
+        if step > _LEAST_STEP * self.settings.scatter_length:
+            self._soil.travel(step)
+            self._drifted = self._distance
+        wheel = self._wheels.get(given.wheel)
+        if wheel is None:
+            wheel = _Wheel(self._soil.add_spot(), given.time, given.distance)
+            self._wheels[given.wheel] = wheel
+        wheel.time, wheel.distance = given.time, given.distance
+        return wheel
+
+    def _is_run_of_surprises(self, wheel: _Wheel, distance: float) -> bool:
+        """Count a surprise if it is at another spot than this wheel's last one.
+
+        Before anything has fitted there is no estimate to protect, and each one counts.
+        """
+        apart = 0.5 * self.settings.scatter_length
+        last = wheel.surprised_at
+        if last is None or distance - last >= apart or not self._fitted:
+            self._surprises += 1
+            wheel.surprised_at = distance
+        return self._surprises >= self.settings.surprises_to_reopen
+
+    def _reopen(
+        self, observe: Observation, measured: float, spot: int, noise: float, load_noise: float
+    ) -> str:
+        """Take the surprises for another soil: the prior, wider if that did not fit."""
+        changed = self._fitted
+        self._widenings = 0 if changed else min(self._widenings + 1, _MOST_WIDENINGS)
+        self._surprises, self._fitted = 0, False
+        self._soil.reopen(4.0**self._widenings)
+        self._variety = Variety()
+        belief = self._soil.belief(observe.diameter_log, spot)
+        observed = observe(belief.s, exponent_of(belief.q))
+        line = linearise_at_prediction(observed, belief, measured, noise, load_noise)
+        line = linearise(observe, observed, line, belief, measured, noise, load_noise)
+        reason = self._soil.correct(line, belief, measured, observe.diameter_log, spot, self._gate)
+        if reason != "accepted":
+            return reason
+        self.soil_changes += changed
+        return "soil_changed"
 
     def estimate(self) -> SoilEstimate:
         """Return the soil as it is believed now."""
-        raise NotImplementedError
+        return soil_estimate(
+            *self._soil.law,
+            (self.settings.reference_sinkage, self.settings.reference_diameter),
+            self._variety,
+            Counts(
+                self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
+            ),
+        )
 
     def predict(
         self,
@@ -194,11 +267,43 @@ class SoilEstimator:
     ) -> SinkagePrediction:
         """Predict the sinkage of a wheel; at the spot of `wheel` where that one has been measured.
 
-        Raises EstimatorError for a load, diameter or width that is not positive, ConditionsError or
-        ModelError where the model lacks something.
+        Raises EstimatorError for a load, diameter or width that is not a number over 0, a slip or
+        speed that an effect needs and that is not given, and where the model has no sinkage.
         """
-        raise NotImplementedError
+        given = SinkageMeasurement(
+            0.0,
+            wheel or "",
+            0.0,
+            0.0,
+            load,
+            load_variance,
+            diameter,
+            width,
+            0.0,
+            slip,
+            speed,
+            contact,
+        )
+        problem = find_problem(given, self._needs)
+        if problem is not None:
+            raise EstimatorError(problem[1])
+        known = self._wheels.get(wheel) if wheel is not None else None
+        try:
+            observe = observation(self.effects, load, diameter, width, contact, slip, speed)
+            belief = self._soil.belief(observe.diameter_log, None if known is None else known.spot)
+            observed = observe(belief.s, exponent_of(belief.q))
+            line = linearise_at_prediction(observed, belief, 0.0, 0.0, load_variance / load**2)
+            variance = belief.spread(line.by_s, line.by_q) + line.noise
+            prediction = SinkagePrediction(
+                observed.sinkage, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
+            )
+        except (ArithmeticError, ValueError) as error:
+            raise EstimatorError(_no_sinkage(given, error)) from None
+        return prediction
 
-    def reset(self) -> None:
-        """Forget every measurement and count: the prior again."""
-        raise NotImplementedError
+
+def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:
+    return (
+        f"wheel '{given.wheel}': the model has no sinkage for load {given.load:g} N, diameter "
+        f"{given.diameter:g} m, width {given.width:g} m ({error}); check their units"
+    )
