@@ -49,6 +49,13 @@ class Weights:
         u = effects.loadings
         self._w = woodbury(effects.products(u, u), tau, 0.0)[0]
 
+    def by_run(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """X' V^-1 X and X' V^-1 y of each run, shapes (runs, p, p) and (runs, p, responses)."""
+        e = self.effects
+        ux, uy = e.products(e.loadings, x), e.products(e.loadings, y)
+        back = np.swapaxes(ux, 1, 2) @ self._w
+        return e.products(x, x) - back @ ux, e.products(x, y) - back @ uy
+
     def form(self, x: Array) -> Array:
         """X' V^-1 X for X of shape (observations, columns)."""
         e = self.effects
