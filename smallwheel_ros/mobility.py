@@ -102,7 +102,8 @@ def wheel_forces(
     Raises
     ------
     MobilityError
-        If load or slip is outside its domain, or the wheel's contact is not known here.
+        If load or slip is outside its domain, the wheel's contact is not known here, or the
+        forces are not finite.
     ModelError
         If an effect lacks its covariate.
     """
@@ -128,6 +129,11 @@ def wheel_forces(
     covariance = _covariance(soil, strength, load, slip, scatter)
     # A wheel that is pushed straight down does not shear the soil along a path.
     traction = slip is not None and wheel.contact == ROLLING
+    if not (np.isfinite(forces.value).all() and np.isfinite(forces.gradient).all()):
+        raise MobilityError(
+            f"wheel {wheel.name}: the model gives no finite forces for a load of {load.value:g} N"
+            f" with n = {soil.n:g} and ln of reference pressure {soil.log_reference_pressure:g}"
+        )
     return _quantities(forces, load.value, covariance, traction)
 
 

@@ -1,0 +1,175 @@
+"""One wheel at one instant: update the soil by its sinkage, and say what the wheel can do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from smallwheel_ros.conditions import ROLLING
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator import Outcome, SinkageMeasurement, SoilEstimator, UpdateResult
+from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
+from smallwheel_ros.onboard_settings import OnboardSettings
+from smallwheel_ros.streams import SECOND
+from smallwheel_ros.wheel import Quantity, Wheel
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What is known of one wheel at one instant; None where it is not.
+
+    stamp: ns. load: N. slip: 1. sinkage: measured, m. speed: of the wheel's place over ground, m/s.
+    distance: that the vehicle has travelled so far, m.
+    """
+
+    wheel: Wheel
+    stamp: int
+    load: Quantity | None
+    slip: Quantity | None
+    sinkage: Quantity | None
+    speed: float | None
+    distance: float
+
+
+class Assessment(NamedTuple):
+    """What came of an instant; problem: key and words of what could not be done, or None."""
+
+    mobility: MobilityEstimate
+    soil: SoilEstimate
+    problem: tuple[str, str] | None
+
+
+class Assessor:
+    """The estimator together with what it is asked: one step per instant."""
+
+    def __init__(self, settings: OnboardSettings, effects: Sequence[Effect] = ()) -> None:
+        self.settings = settings
+        self.effects = tuple(effects)
+        self.estimator = SoilEstimator(settings.prior, settings.estimator, effects)
+
+    def assess(self, instant: Instant) -> Assessment:
+        """Use the measured sinkage, if any, then work out the wheel's mobility."""
+        update: UpdateResult | None = None
+        predicted: Quantity | None = None
+        forces: WheelForces | None = None
+        failure = ""
+        if instant.load is not None and instant.sinkage is not None:
+            update = self._update(instant, instant.load, instant.sinkage)
+        soil = self.estimator.estimate()
+        if instant.load is not None:
+            try:
+                predicted = self._predicted(instant, instant.load, update)
+                forces = self._forces(instant, instant.load, soil)
+            except (SmallwheelError, ArithmeticError, ValueError) as error:
+                failure = str(error) or type(error).__name__
+                predicted, forces = None, None
+        sunk = instant.load is not None and not failure and (predicted is None or forces is None)
+        status, text = self._status(instant, soil, update, sunk, failure)
+        mobility = MobilityEstimate(
+            wheel=instant.wheel.name,
+            stamp=instant.stamp,
+            status=status,
+            status_text=text,
+            load=instant.load,
+            slip=instant.slip,
+            sinkage_measured=instant.sinkage,
+            sinkage_predicted=None if sunk else predicted,
+            forces=None if sunk else forces,
+        )
+        return Assessment(mobility, soil, self._problem(instant, update, failure))
+
+    def _problem(
+        self, instant: Instant, update: UpdateResult | None, failure: str
+    ) -> tuple[str, str] | None:
+        if instant.load is None:
+            gap = self.settings.timing.maximum_gap
+            return "load_missing", f"no usable load within {gap:g} s of its stamp"
+        if update is not None and update.outcome is not Outcome.ACCEPTED:
+            return update.reason, update.message
+        return ("numerical", failure) if failure else None
+
+    def _update(self, instant: Instant, load: Quantity, sinkage: Quantity) -> UpdateResult:
+        return self.estimator.update(
+            SinkageMeasurement(
+                time=instant.stamp / SECOND,
+                wheel=instant.wheel.name,
+                sinkage=sinkage.value,
+                variance=sinkage.standard_deviation**2,
+                load=load.value,
+                load_variance=load.standard_deviation**2,
+                diameter=instant.wheel.diameter,
+                width=instant.wheel.width,
+                distance=instant.distance,
+                slip=None if instant.slip is None else instant.slip.value,
+                speed=instant.speed,
+                contact=instant.wheel.contact,
+            )
+        )
+
+    def _predicted(
+        self, instant: Instant, load: Quantity, update: UpdateResult | None
+    ) -> Quantity | None:
+        """Sinkage as predicted without this measurement; None where sunk to the axle."""
+        if (
+            update is not None
+            and update.predicted_sinkage is not None
+            and update.predicted_variance is not None
+        ):
+            return Quantity(update.predicted_sinkage, math.sqrt(update.predicted_variance))
+        prediction = self.estimator.predict(
+            load.value,
+            instant.wheel.diameter,
+            instant.wheel.width,
+            slip=None if instant.slip is None else instant.slip.value,
+            speed=instant.speed,
+            contact=instant.wheel.contact,
+            load_variance=load.standard_deviation**2,
+            wheel=instant.wheel.name,
+        )
+        if prediction.sunk_to_axle:
+            return None
+        return Quantity(prediction.sinkage, prediction.standard_deviation)
+
+    def _forces(self, instant: Instant, load: Quantity, soil: SoilEstimate) -> WheelForces | None:
+        return wheel_forces(
+            instant.wheel,
+            soil,
+            self.settings.strength,
+            load,
+            instant.slip,
+            scatter=self.settings.estimator.soil_scatter,
+            effects=self.effects,
+            speed=instant.speed,
+        )
+
+    def _status(
+        self,
+        instant: Instant,
+        soil: SoilEstimate,
+        update: UpdateResult | None,
+        sunk: bool,
+        failure: str,
+    ) -> tuple[Status, str]:
+        """The most serious condition, and all of them in words."""
+        found: list[tuple[Status, str]] = []
+        if soil.accepted == 0:
+            name = self.settings.prior.soil.name
+            found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
+        if instant.slip is None and instant.wheel.contact == ROLLING:
+            found.append((Status.SLIP_UNKNOWN, "slip unknown: no thrust, no drawbar pull"))
+        if update is not None and update.outcome is not Outcome.ACCEPTED:
+            found.append((Status.REJECTED, f"measured sinkage not used: {update.message}"))
+        if instant.load is None:
+            found.append((Status.LOAD_MISSING, "no load near this instant: nothing is predicted"))
+        if failure:
+            found.append((Status.LOAD_MISSING, f"nothing is predicted: {failure}"))
+        if sunk:
+            found.append((Status.SUNK_TO_AXLE, "the soil does not carry this load: sunk to axle"))
+        if not found:
+            return Status.OK, ""
+        found.sort(key=lambda condition: -condition[0])
+        return found[0][0], "; ".join(text for _, text in found)

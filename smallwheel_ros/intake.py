@@ -1,0 +1,327 @@
+"""Put together what belongs to one instant of one wheel, from topics that come as they like.
+
+A measured sinkage waits (at most `Timing.reorder_time`, by stamps) until loads, speeds and other
+wheels' sinkages of the same instant are there, so the order in which topics arrive does not matter.
+Stamps are ns. Nothing that a message holds raises: what cannot be used is counted, in words too.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from smallwheel_ros.assessment import Instant
+from smallwheel_ros.conditions import PRESSED, ROLLING
+from smallwheel_ros.onboard_settings import OnboardError, OnboardSettings
+from smallwheel_ros.problems import ProblemLog, stamp_problem
+from smallwheel_ros.streams import (
+    SECOND,
+    Odometer,
+    Series,
+    StampFault,
+    StampRules,
+    nanoseconds,
+)
+from smallwheel_ros.wheel import Quantity, wheel_slip
+
+# A topic that has been silent for so long (by stamps) is not waited for any more.
+_SILENT_AFTER = SECOND
+# Predictions for a wheel without sinkage sensor come so far apart.
+_PREDICTION_PERIOD = SECOND // 10
+# In SI units nothing on a vehicle is larger; squares of such numbers still are finite.
+_LARGEST = 1e9
+
+ODOMETRY = "odom"
+
+
+class _Waiting(NamedTuple):
+    stamp: int
+    order: int  # of the wheel: decides between measurements of one instant
+    sinkage: float | None
+    variance: float
+
+
+class Intake:
+    """Takes messages as they arrive, and gives instants in the order of their stamps.
+
+    Each `add_` method takes the stamp (ns) of the measurement and what the clock says now (None or
+    0 where there is no clock). `time_jumps` counts how often everything was forgotten because time
+    went back.
+    """
+
+    def __init__(self, settings: OnboardSettings) -> None:
+        self.settings = settings
+        self.problems = ProblemLog()
+        self.received: Counter[str] = Counter()
+        self.time_jumps = 0
+        timing = settings.timing
+        self._reorder = nanoseconds(timing.reorder_time)
+        self._gap = nanoseconds(timing.maximum_gap)
+        self._rules = StampRules(
+            nanoseconds(timing.future_tolerance),
+            nanoseconds(timing.maximum_age),
+            nanoseconds(timing.jump_tolerance),
+        )
+        horizon = self._reorder + self._gap + nanoseconds(timing.jump_tolerance)
+        names = [wheel.name for wheel in settings.wheels]
+        self._order = {name: i for i, name in enumerate(names)}
+        self._loads = [Series(horizon) for _ in names]
+        self._speeds = [Series(horizon) for _ in names]
+        self._sinkages = [Series(horizon) for _ in names]  # only their stamps count
+        self._odometer = Odometer(horizon, self._gap, settings.standstill_speed)
+        self._waiting: list[_Waiting] = []
+        self.start_over("")
+
+    def start_over(self, why: str) -> None:
+        """Forget what was collected; the counts go on, and measurements that waited are counted."""
+        for measurement in self._waiting:
+            if measurement.sinkage is not None:
+                name = self.settings.wheels[measurement.order].name
+                self.problems.add(f"{name}/sinkage", "dropped_by_reset", f"not used: {why}")
+        self._waiting.clear()
+        for series in (*self._loads, *self._speeds, *self._sinkages):
+            series.clear()
+        self._odometer.clear()
+        self._newest: int | None = None
+        self._first = 0
+        self._released = [0] * len(self.settings.wheels)
+        self._deepest = [0.0] * len(self.settings.wheels)
+        self._pressed_way = 0.0
+        self._distance = 0.0
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
+        rolling = [w for w in self.settings.wheels if w.contact == ROLLING]
+        return (
+            *(f"{w.name}/load" for w in self.settings.wheels),
+            *(
+                f"{w.name}/sinkage"
+                for w in self.settings.wheels
+                if w.name not in self.settings.without_sinkage
+            ),
+            *(f"{w.name}/wheel_speed" for w in rolling),
+            *((ODOMETRY,) if rolling else ()),
+        )
+
+    def add_load(
+        self, wheel: str, stamp: int, load: float, *, now: int | None = None
+    ) -> list[Instant]:
+        """Take the normal load (N, positive when the wheel presses on the soil) of one wheel.
+
+        stamp: when it was measured. now: what the clock says, None or 0 where there is no clock.
+        Returns what this message has made ready. Raises OnboardError for an unknown wheel.
+        """
+        order, stream = self._wheel(wheel), f"{wheel}/load"
+        if not self._good_stamp(stream, stamp, now):
+            return []
+        if not self._is_number(stream, "load", load, "N"):
+            pass
+        elif load <= 0:
+            self.problems.add(
+                stream,
+                "load_not_positive",
+                f"load is {load:g} N, expected more than 0: the wheel is in the air, or the"
+                " sensor's sign is the other one (parameter load_sign)",
+            )
+        elif self._kept(stream, stamp, self._loads[order].add(stamp, (load,))):
+            self._saw(stamp)
+            if wheel in self.settings.without_sinkage:
+                self._predict_later(order, stamp)
+        return list(self._release())
+
+    def add_odometry(
+        self,
+        stamp: int,
+        x: float,
+        y: float,
+        speed: float,
+        yaw_rate: float = 0.0,
+        *,
+        now: int | None = None,
+    ) -> list[Instant]:
+        """Take position (m), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+        if not self._good_stamp(ODOMETRY, stamp, now):
+            return []
+        good = all(
+            self._is_number(ODOMETRY, name, value, unit)
+            for name, value, unit in (
+                ("position x", x, "m"),
+                ("position y", y, "m"),
+                ("speed", speed, "m/s"),
+                ("yaw rate", yaw_rate, "rad/s"),
+            )
+        )
+        if good and self._kept(ODOMETRY, stamp, self._odometer.add(stamp, x, y, speed, yaw_rate)):
+            self._saw(stamp)
+        return list(self._release())
+
+    def add_wheel_speed(
+        self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
+    ) -> list[Instant]:
+        """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
+        order, stream = self._wheel(wheel), f"{wheel}/wheel_speed"
+        if not self._good_stamp(stream, stamp, now):
+            return []
+        good = self._is_number(stream, "wheel speed", angular_velocity, "rad/s")
+        if good and self._kept(stream, stamp, self._speeds[order].add(stamp, (angular_velocity,))):
+            self._saw(stamp)
+        return list(self._release())
+
+    def add_sinkage(
+        self,
+        wheel: str,
+        stamp: int,
+        sinkage: float,
+        variance: float = 0.0,
+        *,
+        now: int | None = None,
+    ) -> list[Instant]:
+        """Take the measured sinkage of a wheel (m, positive down) and its variance (m^2).
+
+        A variance of 0 or less, or one that is not finite, means that it is not known.
+        """
+        order, stream = self._wheel(wheel), f"{wheel}/sinkage"
+        if not self._good_stamp(stream, stamp, now):
+            return []
+        if not self._is_number(stream, "sinkage", sinkage, "m"):
+            pass
+        elif sinkage < 0:
+            text = f"sinkage is {sinkage:g} m, expected 0 or more (positive down): wrong zero?"
+            self.problems.add(stream, "sinkage_negative", text)
+        elif stamp in self._sinkages[order].stamps:
+            self._kept(stream, stamp, StampFault.DUPLICATE)
+        elif stamp <= self._released[order]:
+            self._kept(stream, stamp, StampFault.LATE)
+        else:
+            self._sinkages[order].add(stamp, ())
+            heapq.heappush(self._waiting, _Waiting(stamp, order, sinkage, variance))
+            self._saw(stamp)
+        return list(self._release())
+
+    def flush(self) -> list[Instant]:
+        """Give everything that waits, with what is there: nothing more will come."""
+        return list(self._release(everything=True))
+
+    # --- Which messages are good, and when a measurement's turn has come
+
+    def _wheel(self, name: str) -> int:
+        try:
+            return self._order[name]
+        except KeyError:
+            known = ", ".join(self._order)
+            raise OnboardError(f"no wheel '{name}': the vehicle has {known}") from None
+
+    def _is_number(self, stream: str, name: str, value: float, unit: str) -> bool:
+        if abs(value) < _LARGEST:
+            return True
+        reason = "not_plausible" if math.isfinite(value) else "not_finite"
+        text = f"{name} is {value:g} {unit}, expected a number (smaller than {_LARGEST:g})"
+        self.problems.add(stream, reason, text)
+        return False
+
+    def _good_stamp(self, stream: str, stamp: int, now: int | None) -> bool:
+        self.received[stream] += 1
+        fault = self._rules.fault(stamp, self._newest, now)
+        if fault is not StampFault.JUMP_BACK:
+            return self._kept(stream, stamp, fault, now)
+        # The message itself is good: it is the first one of the new time.
+        text = stamp_problem(fault, stamp, self._newest, now, self.settings.timing)
+        self.problems.add(stream, fault.value, text, unused=False)
+        self.time_jumps += 1
+        self.start_over("time went back before its turn came")
+        return True
+
+    def _kept(
+        self, stream: str, stamp: int, fault: StampFault | None, now: int | None = None
+    ) -> bool:
+        """Count a fault of a stamp, and put it in words."""
+        if fault is not None:
+            text = stamp_problem(fault, stamp, self._newest, now, self.settings.timing)
+            self.problems.add(stream, fault.value, text)
+        return fault is None
+
+    def _saw(self, stamp: int) -> None:
+        if self._newest is None:
+            self._first = stamp
+        self._newest = max(stamp, self._newest or stamp)
+
+    def _predict_later(self, order: int, stamp: int) -> None:
+        """Let a wheel without sinkage sensor take its turn at times of its loads."""
+        series = self._sinkages[order]
+        if stamp >= (series.newest or self._released[order]) + _PREDICTION_PERIOD:
+            series.add(stamp, ())
+            heapq.heappush(self._waiting, _Waiting(stamp, order, None, 0.0))
+
+    def _release(self, everything: bool = False) -> Iterator[Instant]:
+        while self._waiting and (everything or self._complete(self._waiting[0])):
+            measurement = heapq.heappop(self._waiting)
+            self._released[measurement.order] = measurement.stamp
+            yield self._instant(measurement)
+
+    def _complete(self, measurement: _Waiting) -> bool:
+        """Whether everything that belongs to this measurement or before it has come."""
+        assert self._newest is not None
+        if self._newest - measurement.stamp >= self._reorder:
+            return True
+        needed = [self._loads[measurement.order].newest]
+        for series, load, wheel in zip(
+            self._sinkages, self._loads, self.settings.wheels, strict=True
+        ):
+            measured = wheel.name not in self.settings.without_sinkage
+            needed.append((series if measured else load).newest)
+        if self.settings.wheels[measurement.order].contact == ROLLING:
+            needed += [self._odometer.newest, self._speeds[measurement.order].newest]
+        return all(
+            newest >= measurement.stamp or self._newest - newest > _SILENT_AFTER
+            for newest in (self._first - 1 if n is None else n for n in needed)
+        )
+
+    # --- One measurement with all that belongs to it
+
+    def _instant(self, measurement: _Waiting) -> Instant:
+        stamp, order = measurement.stamp, measurement.order
+        wheel, noise = self.settings.wheels[order], self.settings.noise
+        load: Quantity | None = None
+        loads = self._loads[order].at(stamp, self._gap)
+        if loads is not None:
+            load = Quantity(loads[0], math.hypot(noise.load, noise.load_relative * loads[0]))
+        speed, slip = self._motion(order, stamp)
+        sinkage: Quantity | None = None
+        if measurement.sinkage is not None:
+            variance = measurement.variance
+            known = math.isfinite(variance) and variance > 0
+            deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
+            sinkage = Quantity(measurement.sinkage, deviation)
+        way = self._travelled(order, stamp, sinkage)
+        return Instant(wheel, stamp, load, slip, sinkage, speed, way)
+
+    def _motion(self, order: int, stamp: int) -> tuple[float | None, Quantity | None]:
+        """Speed of a wheel's place over ground, and its slip; None where not known."""
+        wheel, noise = self.settings.wheels[order], self.settings.noise
+        motion = self._odometer.motion(stamp, self._gap)
+        if motion is None or wheel.contact != ROLLING:
+            return None, None
+        speed = motion[0] - motion[1] * wheel.lateral_position
+        turning = self._speeds[order].at(stamp, self._gap)
+        if turning is None:
+            return speed, None
+        rim = turning[0] * wheel.diameter / 2
+        slip = wheel_slip(
+            Quantity(speed, noise.speed),
+            Quantity(rim, noise.wheel_speed_relative * abs(rim)),
+            self.settings.standstill_speed,
+        )
+        return speed, slip
+
+    def _travelled(self, order: int, stamp: int, sinkage: Quantity | None) -> float:
+        """Way so far (m), which never falls: soil that is new to the wheels."""
+        if sinkage is not None and self.settings.wheels[order].contact == PRESSED:
+            # A pressed wheel meets new soil by going deeper than it has been.
+            self._pressed_way += max(0.0, sinkage.value - self._deepest[order])
+            self._deepest[order] = max(self._deepest[order], sinkage.value)
+        self._distance = max(self._distance, self._odometer.way(stamp) + self._pressed_way)
+        return self._distance

@@ -1,0 +1,156 @@
+"""The whole chain from messages to estimates, without ROS: node and replay both are this class.
+
+    onboard = Onboard(settings)
+    onboard.on_load("front_left", stamp, 61.0)        # and so on, in the order of arrival
+    for result in onboard.on_sinkage("front_left", stamp, 0.011, 1e-6):
+        print(result.mobility.forces, result.soil.n)
+
+Results may come with any message: a measured sinkage waits for what belongs to it (see `intake`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from smallwheel_ros.assessment import Assessor, Instant
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.intake import Intake
+from smallwheel_ros.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard_settings import OnboardSettings
+from smallwheel_ros.problems import Problem
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one measurement: the wheel's mobility, and the soil after it.
+
+    rejected: measured sinkages that were not used for the soil since the start or the last reset.
+    """
+
+    mobility: MobilityEstimate
+    soil: SoilEstimate
+    rejected: int
+
+
+class Onboard:
+    """Estimates soil and mobility from messages as they arrive.
+
+    Every `on_` method takes the stamp (ns) of the measurement and, as `now`, what the clock says
+    (ns; None or 0: there is no clock, and stamps are only compared with each other). It returns
+    what the message has made ready, in the order of stamps. It raises OnboardError for an unknown
+    wheel, never for what is in a message: that is counted (`counts`) and said (`take_problems`).
+    """
+
+    def __init__(self, settings: OnboardSettings, effects: Sequence[Effect] = ()) -> None:
+        self.settings = settings
+        self._intake = Intake(settings)
+        self._assessor = Assessor(settings, effects)
+        self._jumps = 0
+        self._refused_before = 0
+
+    def on_load(
+        self, wheel: str, stamp: int, load: float, *, now: int | None = None
+    ) -> list[Result]:
+        """Take the normal load (N, positive when the wheel presses on the soil) of one wheel."""
+        return self._results(self._intake.add_load(wheel, stamp, load, now=now))
+
+    def on_odometry(
+        self,
+        stamp: int,
+        x: float,
+        y: float,
+        speed: float,
+        yaw_rate: float = 0.0,
+        *,
+        now: int | None = None,
+    ) -> list[Result]:
+        """Take position (m), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+        return self._results(self._intake.add_odometry(stamp, x, y, speed, yaw_rate, now=now))
+
+    def on_wheel_speed(
+        self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
+    ) -> list[Result]:
+        """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
+        return self._results(self._intake.add_wheel_speed(wheel, stamp, angular_velocity, now=now))
+
+    def on_sinkage(
+        self,
+        wheel: str,
+        stamp: int,
+        sinkage: float,
+        variance: float = 0.0,
+        *,
+        now: int | None = None,
+    ) -> list[Result]:
+        """Take the measured sinkage of a wheel (m, positive down) and its variance (m^2).
+
+        A variance of 0 or less, or one that is not finite, means that it is not known.
+        """
+        return self._results(self._intake.add_sinkage(wheel, stamp, sinkage, variance, now=now))
+
+    def flush(self) -> list[Result]:
+        """Work on everything that waits, with what is there: nothing more will come."""
+        return self._results(self._intake.flush())
+
+    def reset(self) -> None:
+        """Forget soil and measurements, and begin anew; the counts go on."""
+        self._intake.start_over("a reset was asked for")
+        self._forget_soil()
+
+    @property
+    def soil(self) -> SoilEstimate:
+        """The soil as it is believed now."""
+        return self._assessor.estimator.estimate()
+
+    @property
+    def rejected(self) -> int:
+        """Measured sinkages that were not used for the soil since the start or the last reset."""
+        return self._intake.problems.refused_sinkages - self._refused_before
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
+        return self._intake.streams
+
+    @property
+    def received(self) -> Counter[str]:
+        """How many messages have come, by stream, good and bad."""
+        return self._intake.received
+
+    @property
+    def counts(self) -> Counter[tuple[str, str]]:
+        """How many of them could not be used, by stream and reason."""
+        return self._intake.problems.counts
+
+    def report(self, stream: str, reason: str, text: str) -> None:
+        """Count something that went wrong before a message could come in here."""
+        self._intake.problems.add(stream, reason, text, unused=False)
+
+    def take_problems(self) -> list[Problem]:
+        """What could not be used since the last call, in words; the newest 1000 at most."""
+        return self._intake.problems.take()
+
+    def _forget_soil(self) -> None:
+        self._assessor.estimator.reset()
+        self._refused_before = self._intake.problems.refused_sinkages
+
+    def _results(self, instants: list[Instant]) -> list[Result]:
+        if self._jumps != self._intake.time_jumps:
+            self._jumps = self._intake.time_jumps
+            self._forget_soil()
+        return [self._result(instant) for instant in instants]
+
+    def _result(self, instant: Instant) -> Result:
+        mobility, soil, problem = self._assessor.assess(instant)
+        if problem is not None:
+            name = "load" if instant.sinkage is None else "sinkage"
+            self._intake.problems.add(
+                f"{instant.wheel.name}/{name}",
+                *problem,
+                # A prediction that fails leaves the measurement used all the same.
+                unused=problem[0] != "numerical" or mobility.status is Status.REJECTED,
+            )
+        return Result(mobility, soil, self.rejected)

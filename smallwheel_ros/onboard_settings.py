@@ -1,0 +1,136 @@
+"""What the estimate on board rests on besides the measurements: vehicle, soil, sensors, time."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field, fields
+
+from smallwheel_ros.conditions import PRESSED, ROLLING
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator_settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.wheel import Strength, Wheel
+
+
+class OnboardError(SmallwheelError):
+    """Settings that nothing can be estimated with, or a wheel that is not of this vehicle."""
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of measurements whose messages do not carry them.
+
+    Attributes
+    ----------
+    load, load_relative
+        N, and as a share of the load; both together.
+    speed
+        m/s, of the odometry.
+    wheel_speed_relative
+        Share of the rim's speed, the error of the wheel's effective radius included.
+    """
+
+    load: float = 0.5
+    load_relative: float = 0.02
+    speed: float = 0.01
+    wheel_speed_relative: float = 0.01
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What is expected of stamps; s.
+
+    Attributes
+    ----------
+    reorder_time
+        How long a measurement waits for messages of other topics that belong before it. 0: not at
+        all; then the result depends on which message happens to come first.
+    maximum_gap
+        Load, speed and odometry are interpolated or held over at most so long.
+    future_tolerance, maximum_age
+        How far a stamp may be ahead of and behind the clock.
+    jump_tolerance
+        How far a stamp may be behind the newest before it counts as a jump of time, not as late.
+    """
+
+    reorder_time: float = 0.2
+    maximum_gap: float = 0.2
+    future_tolerance: float = 0.5
+    maximum_age: float = 5.0
+    jump_tolerance: float = 1.0
+
+
+@dataclass(frozen=True)
+class OnboardSettings:
+    """Everything that `Onboard` needs to know before the first message.
+
+    Attributes
+    ----------
+    wheels
+        The vehicle's wheels, with names of their own.
+    prior, strength
+        The soil's law before any measurement, and its shear strength.
+    estimator, noise, timing
+        See there.
+    standstill_speed
+        m/s; at or below it vehicle and wheels count as standing.
+    without_sinkage
+        Names of wheels whose sinkage nobody measures; they get predictions at the times of loads.
+
+    Raises OnboardError where something is outside its domain.
+    """
+
+    wheels: tuple[Wheel, ...]
+    prior: SoilPrior
+    strength: Strength
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    timing: Timing = field(default_factory=Timing)
+    standstill_speed: float = 0.01
+    without_sinkage: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        """Check everything that no other class checks."""
+        if not self.wheels:
+            raise OnboardError("there are no wheels: name at least one")
+        twice = [name for name, count in Counter(w.name for w in self.wheels).items() if count > 1]
+        if twice:
+            raise OnboardError(f"wheel {twice[0]} is there twice: each needs a name of its own")
+        for wheel in self.wheels:
+            for name in ("diameter", "width"):
+                value = getattr(wheel, name)
+                if not (math.isfinite(value) and value > 0):
+                    raise OnboardError(
+                        f"wheel {wheel.name}: {name} is {value!r} m, expected more than 0"
+                    )
+            if not math.isfinite(wheel.lateral_position):
+                raise OnboardError(
+                    f"wheel {wheel.name}: lateral_position is {wheel.lateral_position!r} m,"
+                    " expected a number"
+                )
+            if wheel.contact not in (ROLLING, PRESSED):
+                raise OnboardError(
+                    f"wheel {wheel.name}: contact is {wheel.contact!r}, expected '{ROLLING}' or"
+                    f" '{PRESSED}'"
+                )
+        for group in (self.noise, self.timing):
+            for entry in fields(group):
+                value = getattr(group, entry.name)
+                if not (math.isfinite(value) and value >= 0):
+                    raise OnboardError(f"{entry.name} is {value!r}, expected 0 or more")
+        if not (math.isfinite(self.standstill_speed) and self.standstill_speed >= 0):
+            raise OnboardError(
+                f"standstill_speed is {self.standstill_speed!r} m/s, expected 0 or more"
+            )
+        for name, quantity in (
+            ("cohesion", self.strength.cohesion),
+            ("friction_angle", self.strength.friction_angle),
+            ("shear_displacement", self.strength.shear_displacement),
+        ):
+            if not (math.isfinite(quantity.value) and math.isfinite(quantity.standard_deviation)):
+                raise OnboardError(f"{name} is {quantity!r}, expected numbers")
+            if quantity.standard_deviation < 0:
+                raise OnboardError(
+                    f"{name}_standard_deviation is {quantity.standard_deviation!r},"
+                    " expected 0 or more"
+                )

@@ -1,0 +1,182 @@
+"""Parameters in files: read the node's YAML without ROS, and write template and documentation.
+
+`python -m smallwheel_ros.parameter_files` writes config/template.yaml and docs/parameters.md anew.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from smallwheel_ros.parameter import WHEEL, Parameter, Value
+from smallwheel_ros.parameter_table import GENERAL, PER_WHEEL
+from smallwheel_ros.parameters import NODE_NAME, ParametersError
+
+_SECTION = "ros__parameters"
+_EXAMPLE_WHEEL = "front_left"
+_EXAMPLES: dict[str, Value] = {
+    "wheels": [_EXAMPLE_WHEEL],
+    f"{_EXAMPLE_WHEEL}.diameter": 0.25,
+    f"{_EXAMPLE_WHEEL}.width": 0.10,
+}
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS reads it: 1e-3 is a number."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)$"),
+    list("-+.0123456789"),
+)
+
+
+def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]:
+    """Read the values that a ROS parameter file gives a node, by full name.
+
+    Sections `/**` and those of the node count, in the order of the file.
+
+    Raises
+    ------
+    ParametersError
+        If the file cannot be read, is not YAML, or has nothing for this node.
+    """
+    path = Path(path)
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ParametersError(f"{path} cannot be read: {reason}") from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        what = getattr(error, "problem", None) or "unknown reason"
+        raise ParametersError(f"{path}{where} is not YAML: {what}") from error
+    values: dict[str, Value] = {}
+    sections = content if isinstance(content, dict) else {}
+    found = False
+    for name, section in sections.items():
+        if not re.fullmatch(rf"/\*\*|(/\*\*|/\w+)*/?{re.escape(node)}", str(name)):
+            continue
+        if not isinstance(section, dict) or not isinstance(section.get(_SECTION), dict):
+            raise ParametersError(f"{path}: section {name} has no {_SECTION}: in it")
+        found = True
+        values.update(_flat(section[_SECTION]))
+    if not found:
+        there = ", ".join(str(name) for name in sections) or "nothing"
+        raise ParametersError(
+            f"{path} has no parameters for the node: found {there}, expected a section /**: or"
+            f" {node}: with {_SECTION}: in it"
+        )
+    return values
+
+
+def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
+    flat: dict[str, Value] = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            flat.update(_flat(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _written(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        text = repr(value)
+        mantissa, _, exponent = text.partition("e")
+        return text if "." in mantissa or not exponent else f"{mantissa}.0e{exponent}"
+    if isinstance(value, list):
+        return f"[{', '.join(value)}]"
+    return str(value) if isinstance(value, int) or value else '""'
+
+
+def template() -> str:
+    """Return a parameter file with every parameter, its meaning and its default."""
+    lines = [
+        "# All parameters of mobility_estimator. Made by python -m smallwheel_ros.parameter_files;",
+        "# copy it and keep what you change. A line that begins with # is a default or optional.",
+        "/**:",
+        f"  {_SECTION}:",
+    ]
+    per_wheel = tuple(p.for_wheel(_EXAMPLE_WHEEL) for p in PER_WHEEL)
+    group = ""
+    for parameter in GENERAL + per_wheel:
+        *above, name = parameter.name.split(".")
+        indent = "    " + "  " * len(above)
+        if above and above[0] != group:
+            group = above[0]
+            needed = any(p.required for p in GENERAL + per_wheel if p.name.startswith(f"{group}."))
+            lines += ["", f"    {'' if needed else '# '}{group}:"]
+        words = f"{parameter.description}{_range(parameter)}"
+        lines += [f"{indent}# {line}" for line in textwrap.wrap(words, 92 - len(indent))]
+        value = _EXAMPLES.get(parameter.name, parameter.default)
+        text = f" {_written(value)}" if value is not None else ""
+        lines.append(f"{indent}{'' if parameter.required else '# '}{name}:{text}")
+    return "\n".join(lines) + "\n"
+
+
+def _range(parameter: Parameter) -> str:
+    unit = parameter.unit
+    words = f" [{unit}]" if unit else ""
+    if parameter.choices:
+        words += f" One of: {', '.join(str(choice) for choice in parameter.choices)}."
+    elif parameter.low is not None and parameter.high is not None:
+        words += f" {parameter.low:g} to {parameter.high:g}."
+    return words
+
+
+def reference() -> str:
+    """Return docs/parameters.md."""
+    lines = [
+        "# Parameters of `mobility_estimator`",
+        "",
+        "Made by `python -m smallwheel_ros.parameter_files` from the one table in",
+        "`smallwheel_ros/parameter_table.py`; [config/template.yaml](../config/template.yaml)",
+        "has the same as a file to start from. In ROS parameter files a number for a `double`",
+        "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
+        "and not used; one that is missing or wrong keeps the node from being configured.",
+        "Parameters are read when the node is configured: to change one later, deactivate and",
+        "clean up the node, set it, configure and activate. Those marked *at start* can only",
+        "come from a file or the command line.",
+        "",
+    ]
+    for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):
+        lines += [f"## {title}", "", "| name | type | default | range | meaning |"]
+        lines.append("| --- | --- | --- | --- | --- |")
+        for p in table:
+            default = "*required*" if p.required else "*optional*"
+            if p.default is not None:
+                default = f"`{_written(p.default)}`"
+            span = ""
+            if p.choices:
+                span = ", ".join(f"`{choice}`" for choice in p.choices)
+            elif p.low is not None and p.high is not None:
+                span = f"{p.low:g} .. {p.high:g}"
+            unit = f" [{p.unit}]" if p.unit else ""
+            start = " *At start.*" if p.read_only else ""
+            row = (p.name, p.kind, default, span, f"{p.description}{unit}{start}")
+            lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))
+        lines.append("")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Write template and documentation into the checkout."""
+    root = Path(__file__).resolve().parent.parent
+    for name, text in (("config/template.yaml", template()), ("docs/parameters.md", reference())):
+        path = root / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        print(path)
+
+
+if __name__ == "__main__":
+    main()
