@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
@@ -22,61 +22,32 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from smallwheel_ros.bag_files import (
+    REPAIR,
+    STORAGES,
+    BagError,
+    BagMessage,
+    BagTopic,
+    RawMessage,
+    Storage,
+    check_is_bag,
+    check_new_bag,
+    reason,
+)
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.interfaces import message_definitions
 
+__all__ = [
+    "BagError",
+    "BagMessage",
+    "BagReader",
+    "BagTopic",
+    "BagWriter",
+    "RawMessage",
+    "message_type",
+    "typestore",
+]
 T = TypeVar("T")
-Storage = Literal["mcap", "sqlite3"]
-STORAGES: tuple[Storage, ...] = ("mcap", "sqlite3")
-
-
-class BagError(SmallwheelError):
-    """A bag cannot be read or written; the message names the file and what to do.
-
-    Attributes
-    ----------
-    path : Path
-        The bag.
-    messages_read : int
-        How many messages came out before the error.
-    last_log_time : int or None
-        Log time of the last one (ns), None when there was none.
-    """
-
-    def __init__(
-        self, path: Path, text: str, *, messages_read: int = 0, last_log_time: int | None = None
-    ) -> None:
-        super().__init__(f"bag {path}: {text}")
-        self.path = path
-        self.messages_read = messages_read
-        self.last_log_time = last_log_time
-
-
-class BagTopic(NamedTuple):
-    """One topic of a bag; `readable` is false when nobody knows its message definition."""
-
-    name: str
-    type: str
-    message_count: int
-    readable: bool
-
-
-class BagMessage(NamedTuple):
-    """One message: `log_time` is when it was recorded (ns since the epoch), not its header."""
-
-    topic: str
-    type: str
-    log_time: int
-    message: Any
-
-
-class RawMessage(NamedTuple):
-    """One message still serialised, CDR in rosbag2, ROS 1 format in a ``.bag``."""
-
-    topic: str
-    type: str
-    log_time: int
-    data: bytes
 
 
 @cache
@@ -125,7 +96,7 @@ class BagReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        _check_is_bag(self.path)
+        check_is_bag(self.path)
         self._reader = self._guarded(lambda: AnyReader([self.path], default_typestore=typestore()))
 
     def __enter__(self) -> BagReader:
@@ -273,7 +244,7 @@ class BagReader:
         until = f", the last at {last / 1e9:.3f} s" if last is not None else ""
         return BagError(
             self.path,
-            f"damaged{where} after {read} messages{until} ({_reason(error)}); what came before is"
+            f"damaged{where} after {read} messages{until} ({reason(error)}); what came before is"
             " good",
             messages_read=read,
             last_log_time=last,
@@ -285,37 +256,7 @@ class BagReader:
         try:
             return action()
         except Exception as error:
-            raise BagError(self.path, f"cannot be read ({_reason(error)}); {_HINT}") from error
-
-
-_HINT = (
-    "it is damaged, was not closed, or is of another kind: try `ros2 bag reindex` (ROS 1:"
-    " `rosbag reindex`), or record it again"
-)
-
-
-def _reason(error: Exception) -> str:
-    text = str(error).strip().rstrip(".")
-    return text or type(error).__name__
-
-
-def _check_is_bag(path: Path) -> None:
-    if not path.exists():
-        raise BagError(path, "does not exist; give a rosbag2 folder, or a .mcap, .db3 or .bag file")
-    if path.is_dir():
-        if (path / "metadata.yaml").exists():
-            return
-        inside = sorted(file for kind in ("*.mcap", "*.db3", "*.bag") for file in path.glob(kind))
-        mend = (
-            f"run `ros2 bag reindex {path}`, or give the file {inside[0]} itself"
-            if inside
-            else "and no .mcap, .db3 or .bag file in it: this is not a bag"
-        )
-        raise BagError(path, f"the folder has no metadata.yaml; {mend}")
-    if path.suffix not in (".mcap", ".db3", ".bag"):
-        raise BagError(
-            path, f"the suffix {path.suffix!r} is not that of a bag (.mcap, .db3 or .bag)"
-        )
+            raise BagError(self.path, f"cannot be read ({reason(error)}); {REPAIR}") from error
 
 
 @dataclass
@@ -383,8 +324,10 @@ class BagWriter:
         self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
 
     def write_raw(self, topic: str, kind: str, log_time: int, data: bytes | memoryview) -> None:
-        """Write a message that is serialised (CDR) already."""
+        """Write a message that is serialised (CDR) already, of a type that `message_type` knows."""
         assert self._target is not None, "use BagWriter in a with statement"
+        if kind not in typestore().fielddefs:
+            raise BagError(self.path, f"topic {topic}: the definition of {kind} is not known here")
         writer = self._target.writer
         try:
             connection = self._connections.get((topic, kind))
@@ -416,11 +359,3 @@ class BagWriter:
             raise BagError(self.path, f"cannot be written ({failure.strerror})") from failure
         finally:
             shutil.rmtree(target.workplace, ignore_errors=True)
-
-
-def check_new_bag(path: Path) -> None:
-    """Raise `BagError` unless a bag can be made at `path`."""
-    if path.exists():
-        raise BagError(path, "exists already; nothing was changed: remove it or give another name")
-    if not path.parent.is_dir():
-        raise BagError(path, f"the folder {path.parent} does not exist: make it first")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -191,6 +192,27 @@ def test_an_empty_bag_has_no_times(tmp_path):
 def test_unknown_message_type_is_named():
     with pytest.raises(SmallwheelError, match="no_msgs/msg/Such"):
         message_type("no_msgs/msg/Such")
+
+
+def test_a_type_without_definition_is_not_written(tmp_path):
+    with pytest.raises(BagError, match="/x: the definition of vendor_msgs/msg/Odd"):
+        write_odd(tmp_path / "odd")
+    assert list(tmp_path.iterdir()) == []
+
+
+def write_odd(path):
+    with BagWriter(path) as writer:
+        writer.write_raw("/x", "vendor_msgs/msg/Odd", EPOCH, b"")
+
+
+def test_rosbags_is_imported_in_one_module(repository):
+    package = repository / "smallwheel_ros"
+    users = {
+        str(file.relative_to(package))
+        for file in package.rglob("*.py")
+        if re.search(r"^\s*(from|import) rosbags\b", file.read_text(), re.MULTILINE)
+    }
+    assert users == {"bags.py"}
 
 
 def test_ros1_bag_with_a_vendor_message(shared_data):

@@ -205,8 +205,10 @@ class Multipass(HiddenEffect):
 
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
         if self.form == "own":
-            return sinkage * (1.0 - self.amplitude * np.expm1(-(at.pass_number - 1.0) / 2.0))
-        return sinkage * np.power(at.pass_number, self.amplitude)
+            factor = 1.0 - self.amplitude * np.expm1(-(at.pass_number - 1.0) / 2.0)
+        else:
+            factor = np.power(at.pass_number, self.amplitude)
+        return np.asarray(sinkage * factor)
 
 
 @dataclass(frozen=True)
@@ -287,7 +289,7 @@ class Grouser(HiddenEffect):
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
         slip = np.maximum(at.slip, 0.0)
         share = -np.expm1(-slip / 0.2) if self.form == "own" else slip
-        return sinkage + self.amplitude * at.grouser_height * share
+        return np.asarray(sinkage + self.amplitude * at.grouser_height * share)
 
 
 class SinkageOffset(HiddenEffect):

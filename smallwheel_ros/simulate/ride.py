@@ -17,7 +17,13 @@ from smallwheel_ros.simulate.terrain import (
     stretch_index,
     wave_value,
 )
-from smallwheel_ros.simulate.truth import Array, Circumstances, SimulationError, bracketed_root
+from smallwheel_ros.simulate.truth import (
+    Array,
+    Circumstances,
+    Places,
+    SimulationError,
+    bracketed_root,
+)
 
 # The driver eases off before the wheels spin, and brakes before they lock.
 _SLIP_RANGE = (-0.3, 0.65)
@@ -30,7 +36,7 @@ class WheelTruth:
 
     travel: Travel  # (times,)
     slip: Array  # (times,), of all wheels alike; as if rolling on while the rover stands
-    stretch: np.ndarray  # index of the stretch that the wheel is on
+    stretch: Places  # index of the stretch that the wheel is on
     speed: Array  # m/s, of the wheel's own place
     load: Array  # N
     sinkage: Array  # m, as an instrument without noise would show it
@@ -125,11 +131,11 @@ class _Ride:
         return slip, pull(slip)
 
 
-def _blocks(rows: np.ndarray) -> list[np.ndarray]:
+def _blocks(rows: Places) -> list[Places]:
     return np.array_split(rows, -(-rows.size // _BLOCK))
 
 
-def _rows_of(at: Circumstances, rows: np.ndarray) -> Circumstances:
+def _rows_of(at: Circumstances, rows: Places) -> Circumstances:
     arrays = {
         f.name: getattr(at, f.name)[rows]
         for f in fields(at)

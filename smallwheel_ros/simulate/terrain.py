@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
-from smallwheel_ros.simulate.truth import Array, SimulationError, TruthSoil
+from smallwheel_ros.simulate.truth import Array, Places, SimulationError, TruthSoil
 
 TERRAINS = ("mixed", "single")
 TICK = 0.1  # s, step of the truth
@@ -54,7 +53,7 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
     return tuple(Stretch(float(start), soils[i % 3]) for i, start in enumerate(starts))
 
 
-def stretch_index(stretches: Sequence[Stretch], way: Array) -> np.ndarray:
+def stretch_index(stretches: Sequence[Stretch], way: Array) -> Places:
     """Which stretch each place (m along the way) is on; the first one reaches back without end."""
     starts = [stretch.start for stretch in stretches]
     return np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
@@ -77,14 +76,15 @@ class Ground:
 
 def draw_ground(distance: float, rng: np.random.Generator) -> Ground:
     """Draw slopes up to about 9 degrees, uneven ground, and a slippery patch every 6 m or so."""
-    way = np.arange(-2.0, distance + 3.0, _GROUND_STEP)
+    way: Array = np.arange(-2.0, distance + 3.0, _GROUND_STEP, dtype=np.float64)
 
-    def smooth(length: float, spread: float, rows: int) -> Array:
-        keep = np.exp(-_GROUND_STEP / length)
-        noise = rng.normal(0.0, spread * np.sqrt(1.0 - keep**2), (rows, way.size))
-        noise[:, 0] /= np.sqrt(1.0 - keep**2)  # starts as large as it goes on
-        filtered: Array = lfilter([1.0], [1.0, -keep], noise, axis=1)
-        return filtered
+    def smooth(length: float, spread: float) -> Array:
+        """Noise whose correlation falls exponentially over a length (m)."""
+        steps = length / _GROUND_STEP
+        kernel = np.exp(-np.arange(round(8 * steps)) / steps)
+        kernel *= spread / np.sqrt(np.sum(kernel**2))
+        noise = rng.normal(0.0, 1.0, way.size + kernel.size - 1)
+        return np.convolve(noise, kernel, mode="valid")
 
     def waves(amplitude: float, lengths: Sequence[float]) -> Array:
         count = len(lengths)
@@ -96,8 +96,8 @@ def draw_ground(distance: float, rng: np.random.Generator) -> Ground:
     starts = (np.arange(patches) + rng.uniform(0.3, 0.8, patches)) * distance / patches
     return Ground(
         way=way,
-        texture=np.exp(smooth(0.25, 0.05, 2)),
-        unrecorded=np.tanh(smooth(5.0, 1.0, 1)[0]),
+        texture=np.exp([smooth(0.25, 0.05), smooth(0.25, 0.05)]),
+        unrecorded=np.tanh(smooth(5.0, 1.0)),
         climb_waves=waves(np.radians(5.5), (17.0, 8.5)),
         roll_waves=waves(np.radians(5.5), (13.0, 6.0)),
         twist_waves=waves(0.24, (2.6, 1.4)),

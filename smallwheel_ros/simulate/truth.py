@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.errors import SmallwheelError
 
 Array = NDArray[np.float64]
+Places = NDArray[np.intp]  # indices
 # Pressure (Pa) at a depth (m); both of shape (rows, nodes).
 PressureLaw = Callable[[Array], Array]
 
@@ -201,9 +202,10 @@ def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array)
     target = np.log(load)
 
     def excess(log_sinkage: Array) -> Array:
-        carried: Array = np.log(supported_load(law, diameter, width, np.exp(log_sinkage)))
-        return carried - target
+        carried = supported_load(law, diameter, width, np.exp(log_sinkage))
+        return np.asarray(np.log(carried) - target)
 
     axle = np.log(diameter / 2)
     root = bracketed_root(excess, np.log(diameter / 2 * 1e-7), axle, 1e-10)
-    return np.where(root < axle, np.exp(root), np.nan)
+    sinkage: Array = np.where(root < axle, np.exp(root), np.nan)
+    return sinkage
