@@ -1,0 +1,352 @@
+from __future__ import annotations
+
+import base64
+import copy
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from smallwheel_ros.compare import Comparison, compare
+from smallwheel_ros.contenders import Contender
+from smallwheel_ros.diagnosis_plots import ranking_bars, staircase
+from smallwheel_ros.measurements import read_measurements
+from smallwheel_ros.model import Model
+from smallwheel_ros.output import OutputError
+from smallwheel_ros.plots import measured_against_predicted, residuals, resistance_ratio
+from smallwheel_ros.report import (
+    Callout,
+    Details,
+    Picture,
+    ReportError,
+    Section,
+    Table,
+    Text,
+    compare_report,
+    diagnosis_report,
+    page,
+    write_page,
+)
+from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
+from smallwheel_ros.soil import Soil
+
+DOCUMENT: dict[str, Any] = json.loads(
+    (Path(__file__).parent / "data" / "diagnosis_document.json").read_text()
+)
+EVIL = '<script>document.title="evil"</script><img src=x onerror=alert(1)> $x^{ "&\''
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
+                None)  # fmt: skip
+
+
+class Parsed(HTMLParser):
+    """The tags and the text of a page; fails on tags that do not close."""
+
+    VOID = ("meta", "link", "img", "br")
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(html)
+        assert not self.open, f"not closed: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
+    """A simulated table whose every free text is hostile."""
+    table = simulate_rig(RigSettings(seed=3, runs=12, hidden=("slip_sinkage",))).table
+    table["soil"] = EVIL
+    table["wheel"] = table["wheel"] + EVIL
+    table[f"wet{EVIL}"] = np.linspace(0.1, 0.9, len(table))
+    table[f"who{EVIL}"] = EVIL
+    path = tmp_path_factory.mktemp("rig") / "rig<b>.csv"
+    write_table(table, path)
+    data = read_measurements(path)
+    soft = Contender("soft" + EVIL, "a model file" + EVIL, None, Model(Soil("mud", 2e4, 0.8, 0.4)))
+    return compare(data, [soft], folds=2)
+
+
+@pytest.fixture(scope="module")
+def compared(comparison: Comparison) -> str:
+    return compare_report(comparison)
+
+
+@pytest.fixture(scope="module")
+def diagnosed() -> str:
+    document = copy.deepcopy(DOCUMENT)
+    document["ranking"][0]["effect"] = "covariate:" + EVIL
+    document["ranking"][0]["reason"] = EVIL
+    document["where_it_fails"][0]["region"] = EVIL
+    document["next_measurements"][0]["settings"] = {EVIL: EVIL}
+    document["steps"][1]["added"] = "covariate:" + EVIL
+    document["missing_effects"] = ["covariate:" + EVIL]
+    document["warnings"] = document["notes"] = [EVIL]
+    return diagnosis_report(document, source=EVIL)
+
+
+def assert_harmless(html: str) -> Parsed:
+    parsed = Parsed(html)
+    names = {tag for tag, _ in parsed.tags}
+    assert "script" not in names
+    assert "iframe" not in names
+    for tag, attributes in parsed.tags:
+        assert not any(name.startswith("on") for name in attributes), (tag, attributes)
+        for name in ("src", "href"):
+            target = attributes.get(name)
+            assert target is None or target.startswith(("data:", "#")), target
+    policies = [a.get("content") for t, a in parsed.tags if t == "meta" and "http-equiv" in a]
+    assert policies == ["default-src 'none'; img-src data:; style-src 'unsafe-inline'"]
+    assert "url(" not in html
+    assert "@import" not in html
+    return parsed
+
+
+def test_a_comparison_with_hostile_names_makes_a_harmless_page(compared: str) -> None:
+    parsed = assert_harmless(compared)
+    assert EVIL in parsed.text  # shown as it is
+    for title in ("In short", "The data", "The models", "Where it fails", "What to keep in mind"):
+        assert title in parsed.text
+    for name in ("bekker", "proposed", "contact_integral"):
+        assert name in parsed.text
+    assert re.search(r"\bnan\b", parsed.text) is None
+
+
+def test_a_diagnosis_with_hostile_names_makes_a_harmless_page(diagnosed: str) -> None:
+    parsed = assert_harmless(diagnosed)
+    assert EVIL in parsed.text
+
+
+def test_pictures_are_whole_and_described(compared: str) -> None:
+    images = [attributes for tag, attributes in Parsed(compared).tags if tag == "img"]
+    assert len(images) >= 5
+    for image in images:
+        assert image["alt"]
+        head, content = str(image["src"]).split(",", 1)
+        assert head == "data:image/svg+xml;base64"
+        svg = base64.b64decode(content).decode()
+        assert svg.rstrip().endswith("</svg>")
+        assert "<script" not in svg.split("<svg", 1)[1]
+
+
+def test_the_same_comparison_gives_the_same_bytes(comparison: Comparison, compared: str) -> None:
+    assert compare_report(comparison) == compared
+
+
+def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) -> None:
+    text = Parsed(compared).text
+    assert re.search(r"has the smallest held-out error, [\d.]+ mm RMSE over 36 rows", text)
+    assert "times the noise floor" in text
+    assert "sunk to the axle" in text  # of the soft model
+    assert "worst first" in text
+
+
+# The diagnosis' page, verdict by verdict
+
+
+@pytest.mark.parametrize(
+    ("verdict", "more", "words"),
+    [
+        ("missing_effect", {}, "Missing: slip sinkage and bulldozing"),
+        ("adequate", {"missing_effects": []}, "Nothing is missing that this data could show"),
+        ("unknown_effect", {"missing_effects": []}, "no known effect explains it"),
+        (
+            "indistinguishable",
+            {"missing_effects": [], "candidates": ["slip_sinkage", "penetration_rate"]},
+            "Something is missing: slip sinkage or penetration rate",
+        ),
+        ("insufficient_data", {"missing_effects": []}, "too small or too uniform"),
+    ],
+)
+def test_every_verdict_is_said_in_words(verdict: str, more: dict[str, Any], words: str) -> None:
+    parsed = Parsed(diagnosis_report({**DOCUMENT, "verdict": verdict, **more}))
+    assert words in parsed.text
+
+
+def test_the_diagnosis_tells_errors_limits_and_what_to_measure() -> None:
+    text = Parsed(diagnosis_report(DOCUMENT)).text
+    assert "takes the held-out error of sinkage from 4.30 mm to 0.900 mm" in text
+    assert "the table has no column 'grouser_height'" in text
+    assert "load 60 N, slip 0 to 0.4" in text
+    assert "hardpan from moisture" in text
+    assert "slip > 0.32" in text
+    assert "1.32" in text
+
+
+def test_a_bare_document_is_enough() -> None:
+    bare = {
+        "schema": 1,
+        "verdict": "insufficient_data",
+        "missing_effects": [],
+        "candidates": [],
+        "channels": {},
+        "lack_of_fit": {"p_value": None},
+        "where_it_fails": [],
+        "ranking": [],
+        "steps": [{"added": None, "held_out_rmse": {}}],
+        "next_measurements": [],
+    }
+    text = Parsed(diagnosis_report(bare)).text
+    assert "too small or too uniform" in text
+    assert "Where the model fails" not in text  # empty sections are left out
+    assert staircase(bare) is None
+    assert ranking_bars(bare) is None
+
+
+def test_what_is_no_diagnosis_is_refused() -> None:
+    with pytest.raises(ReportError, match="not a diagnosis: verdict is 'maybe'"):
+        diagnosis_report({"verdict": "maybe"})
+
+
+def test_own_pictures_land_in_their_section() -> None:
+    figure = Figure()
+    figure.subplots().plot([0, 1], [0, 1])
+    pictures = {"where_it_fails": [Picture(figure, "the residual over two drivers")]}
+    text = Parsed(diagnosis_report(DOCUMENT, pictures)).text
+    assert text.index("the residual over two drivers") < text.index("Error, step by step", 300)
+
+
+# Building blocks
+
+
+def test_blocks_escape_and_keep_their_text() -> None:
+    blocks = [
+        Text(EVIL, [EVIL]),
+        Callout(EVIL, [EVIL], "warning"),
+        Table([EVIL, "b"], [[EVIL, "1"]], EVIL, numbers=[1], strong=[0]),
+        Details(EVIL, [Text(EVIL)]),
+    ]
+    parsed = assert_harmless(page(EVIL, [Section(EVIL, blocks)], EVIL, EVIL))
+    # title, heading, subtitle, link, section's heading, the blocks' eight, footer
+    assert parsed.text.count(EVIL) == 5 + 9 + 1
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    target = tmp_path / "a.html"
+    write_page(target, page("one", []))
+    write_page(target, page("two", []))
+    assert "two" in target.read_text()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.html"]
+    with pytest.raises(OutputError, match="does not exist"):
+        write_page(tmp_path / "no" / "a.html", "x")
+    with pytest.raises(OutputError, match="a folder"):
+        write_page(tmp_path, "x")
+
+
+# Pictures
+
+
+def test_measured_against_predicted_shows_every_row_that_was_predicted(
+    comparison: Comparison,
+) -> None:
+    figure = measured_against_predicted(comparison, "sinkage")
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(panels) == 4
+    for axes, result in zip(panels, comparison.models, strict=True):
+        points = np.asarray(axes.collections[-1].get_offsets())
+        held_out = result.held_out is not None
+        left = comparison.residual(result, "sinkage", held_out)
+        known = np.isfinite(left)
+        measured = comparison.measurements.channels["sinkage"][known]
+        np.testing.assert_allclose(points[:, 1], 1e3 * measured)
+        np.testing.assert_allclose(points[:, 0], 1e3 * (measured - left[known]))
+
+
+def test_residuals_have_a_panel_for_each_condition_that_varies(comparison: Comparison) -> None:
+    figure = residuals(comparison, "sinkage", focus=2)
+    assert figure is not None
+    labels = [axes.get_xlabel() for axes in figure.axes if axes.get_visible()]
+    assert len(labels) == 7
+    assert {"load [N]", "slip", "diameter [mm]", "width [mm]", "pass number"} <= set(labels)
+
+
+def test_resistance_ratio_is_exact_for_compaction_alone() -> None:
+    from smallwheel_ros.conditions import Conditions
+    from smallwheel_ros.measurements import Measurements
+    from smallwheel_ros.model import predict
+
+    conditions = Conditions.of(np.linspace(5, 200, 20), 0.3, 0.1)
+    exact = predict(Model(Soil("s", 1e6, 1.0)), conditions)
+    data = Measurements(conditions, {"sinkage": exact.sinkage, "resistance": exact.resistance},
+                        np.arange(20).astype(np.str_), np.full(20, "w"), np.arange(20))  # fmt: skip
+    figure = resistance_ratio(data)
+    assert figure is not None
+    (axes,) = figure.axes
+    line = axes.lines[1].get_xydata()
+    points = np.asarray(axes.collections[0].get_offsets())
+    np.testing.assert_allclose(
+        points[:, 1], np.interp(points[:, 0], line[:, 0], line[:, 1]), rtol=2e-3
+    )
+    assert resistance_ratio(data.take(np.zeros(20, dtype=bool))) is None
+
+
+# In a browser
+
+
+class Visit:
+    """A page opened in headless Chromium: what it asked for and complained of, how it looks."""
+
+    def __init__(self, html: str, folder: Path) -> None:
+        folder.mkdir()
+        address = (folder / "page.html").as_uri()
+        write_page(folder / "page.html", html)
+        log, shot = folder / "net.json", folder / "page.png"
+        command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
+                   "--no-first-run", "--disable-background-networking", "--disable-sync",
+                   "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND",
+                   "--hide-scrollbars", "--window-size=1100,3000", "--enable-logging=stderr",
+                   f"--user-data-dir={folder / 'profile'}", f"--log-net-log={log}",
+                   f"--screenshot={shot}", address]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert shot.is_file(), done.stderr[-2000:]
+        self.console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+        # The browser asks for things of its own accord too; who asked is in the annotation.
+        pairs = re.findall(r'"traffic_annotation":(\d+),"url":"([^"]*)"', log.read_text())
+        self.requests = {(who, url) for who, url in pairs if url.startswith("http")}
+        self.picture = matplotlib.image.imread(shot)[..., :3]
+
+
+@pytest.fixture(scope="module")
+def page_requests(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    """How this browser marks a request that a page makes, learnt from one that makes some."""
+    bad = (
+        '<!DOCTYPE html><img src="http://a.invalid/x.png"><script src="http://a.invalid/y.js">'
+        '</script><link rel="stylesheet" href="http://a.invalid/z.css">'
+        "<script>console.error('heard')</script>"
+    )
+    visit = Visit(bad, tmp_path_factory.mktemp("control") / "visit")
+    assert len({url for _, url in visit.requests if "a.invalid" in url}) == 3
+    assert any("heard" in line for line in visit.console)
+    return {who for who, url in visit.requests if "a.invalid" in url}
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium found: apt-get install chromium")
+@pytest.mark.parametrize("name", ["compared", "diagnosed"])
+def test_the_page_opens_offline_without_a_request_or_an_error(
+    name: str, request: pytest.FixtureRequest, page_requests: set[str], tmp_path: Path
+) -> None:
+    visit = Visit(request.getfixturevalue(name), tmp_path / "visit")
+    assert not visit.console
+    assert not [url for who, url in visit.requests if who in page_requests]
+    blue = np.array([0x00, 0x72, 0xB2]) / 255
+    assert (np.abs(visit.picture - blue).max(axis=-1) < 0.02).sum() > 500, "no plots are drawn"
