@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +26,8 @@ class Conditions:
     """Load, wheel and covariates of each row, in SI units; make one with `Conditions.of`.
 
     load (N), diameter (m), width (m): shape (rows,). contact: one of `CONTACTS` per row.
-    soil: the soil's name per row, or None where there is but one. covariates: further columns by name
-    (slip, speed, pass_number, moisture, ...), each of shape (rows,).
+    soil: the soil's name per row, or None where there is but one. covariates: further columns by
+    name (slip, speed, pass_number, moisture, ...), each of shape (rows,).
     """
 
     load: Array
@@ -49,7 +50,7 @@ class Conditions:
     ) -> Conditions:
         """Conditions from scalars and arrays, broadcast to one length.
 
-        Raises ConditionsError where the lengths differ or a load, diameter or width is not positive.
+        Raises ConditionsError where lengths differ or a load, diameter or width is not positive.
         """
         numbers = {"load": load, "diameter": diameter, "width": width, **covariates}
         columns = {name: np.asarray(value, dtype=float) for name, value in numbers.items()}
@@ -74,7 +75,8 @@ class Conditions:
             bad = np.flatnonzero(needed & ~(columns[name] > 0) | np.isinf(columns[name]))
             if bad.size:
                 raise ConditionsError(
-                    f"{name} in row {bad[0] + 1} is {columns[name][bad[0]]}, expected a number over 0"
+                    f"{name} in row {bad[0] + 1} is {columns[name][bad[0]]}, "
+                    "expected a number over 0"
                 )
         unknown = set(np.unique(texts["contact"])) - set(CONTACTS)
         if unknown:
@@ -92,6 +94,27 @@ class Conditions:
 
     def __len__(self) -> int:
         return int(self.load.size)
+
+    @cached_property
+    def rolling(self) -> NDArray[np.bool_]:
+        """Rows of a wheel that rolls."""
+        return self._contact_is(ROLLING)
+
+    @cached_property
+    def pressed(self) -> NDArray[np.bool_]:
+        """Rows of a wheel that is pressed straight down."""
+        return self._contact_is(PRESSED)
+
+    @cached_property
+    def plate(self) -> NDArray[np.bool_]:
+        """Rows of a round flat plate."""
+        return self._contact_is(PLATE)
+
+    def _contact_is(self, contact: str) -> NDArray[np.bool_]:
+        column = self.contact
+        if column.strides == (0,):  # one value for all rows: comparing texts is slow
+            return np.full(column.shape, bool(column[0] == contact))
+        return np.asarray(column == contact)
 
     def __contains__(self, name: str) -> bool:
         return name in ("load", "diameter", "width") or name in self.covariates

@@ -6,20 +6,22 @@ prediction = predict(model, Conditions.of(load=60, diameter=0.2, width=0.1, slip
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import PLATE, PRESSED, ROLLING, Conditions
+from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.contact import contact_sinkage
-from smallwheel_ros.effects.base import Effect, WheelState
+from smallwheel_ros.effects.base import Effect, EffectError, WheelState
+from smallwheel_ros.effects.slope import Gravity
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.sinkage import (
     closed_form_sinkage,
     layered_load,
+    layered_work,
     plate_sinkage,
     solve_layered,
     sunk_to_axle,
@@ -29,6 +31,8 @@ from smallwheel_ros.traction import ThrustForm, compaction_resistance, thrust
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
+GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
+T = TypeVar("T")
 
 
 class ModelError(SmallwheelError):
@@ -39,7 +43,8 @@ class ModelError(SmallwheelError):
 class Model:
     """Soils, geometry rule and effects in the order in which they act.
 
-    With one soil, it holds for every row; with several, a row's `soil` picks by name.
+    With one soil, it holds for every row; with several, a row's `soil` picks by name. An effect
+    that is a geometry rule (`contact_geometry`) becomes the model's geometry.
     """
 
     soils: tuple[Soil, ...]
@@ -54,10 +59,17 @@ class Model:
         effects: Sequence[Effect] = (),
         thrust_form: ThrustForm = "integrated",
     ) -> None:
+        for effect in effects:
+            if effect.geometry:
+                geometry = cast(Geometry, effect.geometry)
+        _check_choice("geometry", geometry, GEOMETRIES)
+        _check_choice("thrust form", thrust_form, get_args(ThrustForm))
         object.__setattr__(self, "soils", (soils,) if isinstance(soils, Soil) else tuple(soils))
         object.__setattr__(self, "geometry", geometry)
-        object.__setattr__(self, "effects", tuple(effects))
+        object.__setattr__(self, "effects", tuple(e for e in effects if not e.geometry))
         object.__setattr__(self, "thrust_form", thrust_form)
+        if not self.soils:
+            raise ModelError("a model needs at least one soil")
 
     def __add__(self, effect: Effect) -> Model:
         return replace(self, effects=(*self.effects, effect))
@@ -65,10 +77,13 @@ class Model:
     @property
     def contact_rule(self) -> str:
         """The geometry rule after the effects had their say."""
-        rule: str = self.geometry
-        for effect in self.effects:
-            rule = effect.geometry(rule)
-        return rule
+        return self.geometry
+
+    def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
+        """Effects that act on these rows: the model's, after gravity where there is a slope."""
+        if Gravity.needs[0] in conditions and not any(e.id == Gravity.id for e in self.effects):
+            return (Gravity(), *self.effects)
+        return self.effects
 
     def missing_covariates(self, conditions: Conditions) -> dict[str, list[str]]:
         """By effect, the covariates that it needs and that the conditions do not have."""
@@ -77,6 +92,11 @@ class Model:
             for effect in self.effects
         }
         return {effect: names for effect, names in lacks.items() if names}
+
+
+def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise ModelError(f"no {what} '{value}': {nearest(value, list(known))}")
 
 
 @dataclass(frozen=True)
@@ -100,7 +120,7 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
     """Each soil parameter, one value per row (or one for all where there is one soil)."""
     names = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
     if len(model.soils) == 1:
-        rows = np.zeros(len(conditions), dtype=np.intp)
+        rows: NDArray[np.intp] = np.zeros(len(conditions), dtype=np.intp)
     else:
         known = [s.name for s in model.soils]
         if conditions.soil is None:
@@ -116,44 +136,95 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
     return {name: np.array([getattr(s, name) for s in model.soils])[rows] for name in names}
 
 
+class _Stages:
+    """Calls effects stage by stage, with what goes for all of them.
+
+    A pressed or plate row may leave a covariate blank (NaN): an effect that reads it does nothing
+    there. An effect that fails is named.
+    """
+
+    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
+        self.effects = effects
+        self.conditions = conditions
+        self.rolling = conditions.rolling
+        self.all_rolling = bool(self.rolling.all())
+
+    def acting_at(self, stage: str) -> list[Effect]:
+        return [effect for effect in self.effects if effect.overrides(stage)]
+
+    def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
+        value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
+        if self.all_rolling:
+            return value
+        return np.where(~self.rolling & np.isnan(value), neutral, value)
+
+    @property
+    def layered(self) -> bool:
+        """Whether pressure is no power of depth any more."""
+        return bool(self.acting_at("pressure_factor"))
+
+    def pressure_factor(self, depth: Array) -> Array:
+        """Product of the effects' factors at depths of shape (nodes,) + rows, or rows."""
+        product = np.ones_like(depth)
+        for effect in self.acting_at("pressure_factor"):
+            product = product * self.call(effect, "pressure_factor", 1.0, depth)
+        return product
+
+    def change(self, stage: str, value: Array) -> Array:
+        """Let each effect change a value in turn, on every row."""
+        for effect in self.acting_at(stage):
+            value = self.call(effect, stage, value, value)
+        return value
+
+    def change_rolling(self, stage: str, value: Array) -> Array:
+        """Let each effect change a value in turn, on rolling rows.
+
+        What digs or compacts further does so because the wheel rolls; a pressed body does not.
+        """
+        for effect in self.acting_at(stage):
+            value = np.where(self.rolling, self.call(effect, stage, value, value), value)
+        return value
+
+
+def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Call an effect's method; what it raises names the effect. Raises EffectError."""
+    try:
+        return function(*arguments)
+    except SmallwheelError:
+        raise
+    except Exception as error:  # a user's effect may raise anything at all
+        raise EffectError(
+            f"effect '{effect.id}' failed in {stage}: {type(error).__name__}: {error}"
+        ) from error
+
+
 def _static_sinkage(
-    model: Model, conditions: Conditions, load: Array, diameter: Array, modulus: Array, n: Array
+    model: Model, stages: _Stages, load: Array, diameter: Array, modulus: Array, n: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage that carries the load, by each row's contact, before any digging."""
-    plate = conditions.contact == PLATE
+    conditions = stages.conditions
+    plate, some_plate = conditions.plate, bool(conditions.plate.any())
     # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
-    carried = np.where(conditions.contact == PRESSED, 0.5 * load, load)
+    carried = np.where(conditions.pressed, 0.5 * load, load)
     width = np.where(plate, diameter, conditions.width)
-    shaping = [e for e in model.effects if type(e).pressure_factor is not Effect.pressure_factor]
-    if shaping:
-        z, sunk = _layered_sinkage(shaping, conditions, carried, diameter, width, modulus, n)
-    elif model.contact_rule == "closed_form":
+    if stages.layered:
+        z, sunk = _layered_sinkage(stages, carried, diameter, width, modulus, n)
+    elif model.geometry == "closed_form":
         z = closed_form_sinkage(carried, diameter, width, modulus, n)
         sunk = sunk_to_axle(z, diameter)
     else:
         solved = contact_sinkage(carried, diameter, width, modulus, n)
         z, sunk = solved.sinkage, solved.sunk_to_axle
-    if plate.any() and not shaping:
+    if some_plate and not stages.layered:
         z = np.where(plate, plate_sinkage(load, diameter, modulus, n), z)
     return z, sunk & ~plate
 
 
 def _layered_sinkage(
-    shaping: list[Effect],
-    conditions: Conditions,
-    load: Array,
-    diameter: Array,
-    width: Array,
-    modulus: Array,
-    n: Array,
+    stages: _Stages, load: Array, diameter: Array, width: Array, modulus: Array, n: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    def factor(depth: Array) -> Array:
-        product = np.ones_like(depth)
-        for effect in shaping:
-            product = product * effect.pressure_factor(depth, conditions)
-        return product
-
-    plate = conditions.contact == PLATE
+    factor = stages.pressure_factor
+    plate = stages.conditions.plate
 
     def load_at(z: Array) -> Array:
         on_wheel = layered_load(z, diameter, width, modulus, n, factor)
@@ -165,63 +236,99 @@ def _layered_sinkage(
     return solve_layered(load, 0.5 * diameter, load_at)
 
 
-def predict(model: Model, conditions: Conditions) -> Prediction:
-    """Predict sinkage, resistance and drawbar pull of each row.
-
-    Raises ModelError where an effect's covariate is missing or a row's soil is not the model's.
-    """
+def _check_covariates(model: Model, stages: _Stages) -> None:
+    """Refuse rows that an effect cannot be worked out for."""
+    conditions = stages.conditions
     lacking = model.missing_covariates(conditions)
     if lacking:
         name, columns = next(iter(lacking.items()))
         there = ", ".join(("load", "diameter", "width", *conditions.covariates))
         raise ModelError(f"effect '{name}' needs the column '{columns[0]}'. There is: {there}")
+    for effect in stages.effects:
+        for name in effect.needs:
+            blank = np.flatnonzero(np.isnan(conditions[name]) & stages.rolling)
+            if blank.size:
+                raise ModelError(
+                    f"effect '{effect.id}' needs '{name}', which is blank in row {blank[0] + 1}, "
+                    "a rolling wheel"
+                )
+        objection = guarded(effect, "objection", effect.objection, conditions)
+        if objection:
+            raise ModelError(f"effect '{effect.id}': {objection}")
+
+
+def predict(model: Model, conditions: Conditions) -> Prediction:
+    """Predict sinkage, resistance and drawbar pull of each row.
+
+    Raises ModelError where an effect's covariate is missing or a row's soil is not the model's.
+    """
+    stages = _Stages(model.acting(conditions), conditions)
+    _check_covariates(model, stages)
     soil = _soil_columns(model, conditions)
-    load, diameter = conditions.load, conditions.diameter
-    for effect in model.effects:
-        load = effect.normal_load(load, conditions)
-        diameter = effect.wheel_diameter(diameter, conditions)
+    rolling = stages.rolling
+    load = stages.change("normal_load", conditions.load)
+    diameter = stages.change("wheel_diameter", conditions.diameter)
+    for name, column in (("load", load), ("diameter", diameter)):
+        bad = np.flatnonzero(~(column > 0.0))
+        if bad.size:
+            raise ModelError(
+                f"the effects make the {name} {column[bad[0]]:.4g} in row {bad[0] + 1}, "
+                "expected a number over 0"
+            )
     modulus, n = effective_modulus(soil["k"], soil["m"], diameter), soil["n"]
-    for effect in model.effects:
-        modulus = modulus * effect.modulus_factor(conditions)
-        n = n + effect.exponent_shift(conditions)
-    z, sunk = _static_sinkage(model, conditions, load, diameter, modulus, n)
+    for effect in stages.acting_at("modulus_factor"):
+        modulus = modulus * stages.call(effect, "modulus_factor", 1.0)
+    for effect in stages.acting_at("exponent_shift"):
+        n = n + stages.call(effect, "exponent_shift", 0.0)
+    static, sunk = _static_sinkage(model, stages, load, diameter, modulus, n)
+    z = stages.change_rolling("sinkage", static)
     compacted = z
-    rolling = conditions.contact == ROLLING
-    for effect in model.effects:
-        # What digs or compacts further does so because the wheel rolls; a pressed body does not.
-        z = np.where(rolling, effect.sinkage(z, conditions), z)
-        compacted = np.where(rolling, effect.compaction_sinkage(compacted, conditions), compacted)
-    compaction = np.where(
-        rolling, compaction_resistance(compacted, conditions.width, modulus, n), 0.0
-    )
+    if stages.acting_at("compaction_sinkage"):
+        compacted = static
+        for effect in stages.effects:
+            if effect.overrides("sinkage") or effect.overrides("compaction_sinkage"):
+                deeper = stages.call(effect, "compaction_sinkage", compacted, compacted)
+                compacted = np.where(rolling, deeper, compacted)
+    if stages.layered:
+        work = layered_work(compacted, modulus, n, stages.pressure_factor)
+        compaction = conditions.width * work
+    else:
+        compaction = compaction_resistance(compacted, conditions.width, modulus, n)
     state = WheelState(load, diameter, conditions.width, z, modulus, n)
-    added = np.zeros(len(conditions))
-    for effect in model.effects:
-        added = added + np.where(rolling, effect.added_resistance(state, conditions), 0.0)
-    resistance = compaction + added
-    push: Array | None = None
-    if "slip" in conditions:
-        push = thrust(
-            load,
-            conditions["slip"],
-            z,
-            diameter,
-            conditions.width,
-            soil["cohesion"],
-            soil["friction_angle"],
-            soil["shear_displacement"],
-            model.thrust_form,
-        )
-        for effect in model.effects:
-            push = push * effect.thrust_factor(state, conditions)
-    immobilised = sunk | (sunk_to_axle(z, diameter) & (conditions.contact != PLATE))
-    for effect in model.effects:
-        z = effect.measured_sinkage(z, conditions)
+    resistance = compaction
+    for effect in stages.acting_at("added_resistance"):
+        resistance = resistance + stages.call(effect, "added_resistance", 0.0, state)
+    if not stages.all_rolling:
+        compaction, resistance = (np.where(rolling, a, 0.0) for a in (compaction, resistance))
+    push = _push(model, stages, soil, state) if "slip" in conditions else None
+    immobilised = sunk | (sunk_to_axle(z, diameter) & ~conditions.plate)
     return Prediction(
-        z,
+        stages.change("measured_sinkage", z),
         compaction,
         resistance,
         push,
         None if push is None else push - resistance,
         immobilised,
     )
+
+
+def _push(model: Model, stages: _Stages, soil: dict[str, Array], state: WheelState) -> Array:
+    """Thrust; a body pressed straight down shears no soil."""
+    slip = stages.conditions["slip"]
+    blank = np.flatnonzero(np.isnan(slip) & stages.rolling)
+    if blank.size:
+        raise ModelError(f"slip is blank in row {blank[0] + 1}, a rolling wheel")
+    push = thrust(
+        state.load,
+        slip,
+        state.sinkage,
+        state.diameter,
+        state.width,
+        soil["cohesion"],
+        soil["friction_angle"],
+        soil["shear_displacement"],
+        model.thrust_form,
+    )
+    for effect in stages.acting_at("thrust_factor"):
+        push = push * stages.call(effect, "thrust_factor", 1.0, state)
+    return push if stages.all_rolling else np.where(stages.rolling, push, 0.0)

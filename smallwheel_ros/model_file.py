@@ -8,7 +8,7 @@ one never runs code, so an effect that is not installed must be given beforehand
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
@@ -101,7 +101,7 @@ def _document(calibrated: CalibratedModel) -> dict[str, Any]:
 
 def _constants(effect: Effect | type[Effect]) -> tuple[str, ...]:
     """Fields of an effect that are not fitted: where a column is centred, and the like."""
-    return tuple(f.name for f in fields(effect) if "bounds" not in f.metadata)
+    return tuple(known.name for known in effect.constants())
 
 
 def _effect_entry(effect: Effect, calibrated: CalibratedModel) -> dict[str, Any]:

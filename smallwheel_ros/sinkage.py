@@ -65,6 +65,18 @@ def layered_load(
     return np.asarray(width * np.sum(pressure * outline * scale, axis=0))
 
 
+def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: PressureFactor) -> Array:
+    """Work (N/m) of the pressure p = K z^n f(z) down to a sinkage, for each metre of width.
+
+    The integral of eq. 14 (Meirion-Griffith and Spenko 2011); arguments as in `layered_load`.
+    """
+    column = (slice(None),) + (None,) * sinkage.ndim
+    # depth = z u^3 makes the power at depth 0 smooth
+    depth = sinkage * (_U**3)[column]
+    pressure = modulus * depth**exponent * factor(depth)
+    return np.asarray(sinkage * np.sum(pressure * (1.5 * _WEIGHTS * _U**2)[column], axis=0))
+
+
 def solve_layered(
     load: Array, upper: Array, load_at: Callable[[Array], Array]
 ) -> tuple[Array, NDArray[np.bool_]]:

@@ -1,10 +1,9 @@
 """What a physical effect is, and the one class that each effect's file derives from.
 
-An effect is a small frozen dataclass: its fields are its parameters, its methods are the places at
-which it changes what the model computes. A model runs the stages in this order, each effect
-in turn:
+An effect is a small frozen dataclass: its fields are its numbers, its methods are the places at
+which it changes what the model computes. A model runs the stages in this order, each effect in
+turn:
 
-    geometry            the rule by which the contact is computed
     normal_load         the load that reaches the soil                        N      -> N
     wheel_diameter      the diameter that the soil meets                      m      -> m
     modulus_factor      multiplies k                                          1
@@ -17,14 +16,15 @@ in turn:
     thrust_factor       multiplies the thrust                                 1
     measured_sinkage    what the instrument shows of the sinkage              m      -> m
 
-The first parameter of every effect is its strength: at 0 the effect is absent. Override only what
-the effect changes. To write your own, copy a file of this folder.
+Override only what the effect changes. To write your own, copy a file of this folder, or see
+docs/your_own_effect.md.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -35,14 +35,39 @@ from smallwheel_ros.errors import SmallwheelError
 
 Array = NDArray[np.float64]
 
+STAGES = (
+    "normal_load",
+    "wheel_diameter",
+    "modulus_factor",
+    "exponent_shift",
+    "pressure_factor",
+    "sinkage",
+    "compaction_sinkage",
+    "added_resistance",
+    "thrust_factor",
+    "measured_sinkage",
+)
+_ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull")
+# Stages that do not touch every channel.
+_CHANNELS = {
+    "compaction_sinkage": ("resistance", "drawbar_pull"),
+    "added_resistance": ("resistance", "drawbar_pull"),
+    "thrust_factor": ("drawbar_pull",),
+    "measured_sinkage": ("sinkage",),
+}
+
 
 class EffectError(SmallwheelError):
-    """An effect that does not exist, cannot be loaded, or whose parameter is outside its domain."""
+    """An effect that does not exist, cannot be loaded, or whose number is outside its domain."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is known of one parameter of an effect before any data."""
+    """What is known of one number of an effect before any data.
+
+    neutral: the value at which the effect is absent. An effect vanishes where all its parameters
+    that have a neutral value are at it; the others (None) only shape it.
+    """
 
     name: str
     start: float
@@ -50,6 +75,7 @@ class Parameter:
     published: tuple[float, float] | None
     unit: str
     description: str
+    neutral: float | None = None
 
 
 def parameter(
@@ -59,21 +85,35 @@ def parameter(
     *,
     unit: str = "1",
     published: tuple[float, float] | None = None,
+    neutral: float | None = 0.0,
 ) -> Any:  # a dataclass field stands for a value of its annotated type
-    """Declare a parameter of an effect: `a: float = parameter(1.0, (0.0, 8.0), "growth")`.
+    """Declare a number that data determines: `a: float = parameter(1.0, (0.0, 8.0), "growth")`.
 
     start: value where a fit starts. bounds: what a fit may reach. published: the range that the
     literature gives (outside it a fitted value is called implausible), None where there is none.
+    neutral: the value at which the effect is absent, None where the parameter only shapes it.
     """
-    return field(
-        default=start,
-        metadata={
-            "bounds": bounds,
-            "published": published,
-            "unit": unit,
-            "description": description,
-        },
-    )
+    return _field("parameter", start, bounds, description, unit, published, neutral)
+
+
+def constant(
+    value: float, bounds: tuple[float, float], description: str, *, unit: str = "1"
+) -> Any:  # as above
+    """Declare a number that is given, not fitted: a reference load, a soil's unit weight."""
+    return _field("constant", value, bounds, description, unit, None, None)
+
+
+def _field(
+    kind: str,
+    default: float,
+    bounds: tuple[float, float],
+    description: str,
+    unit: str,
+    published: tuple[float, float] | None,
+    neutral: float | None,
+) -> Any:
+    known = Parameter("", float(default), bounds, published, unit, description, neutral)
+    return field(default=float(default), metadata={kind: known})
 
 
 class WheelState(NamedTuple):
@@ -89,7 +129,11 @@ class WheelState(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect:
-    """Base of every effect: class attributes describe it, fields are its parameters."""
+    """Base of every effect: class attributes describe it, fields are its numbers.
+
+    Fields are made by `parameter` (fitted) and `constant` (given). `form`, `stage` and `channels`
+    follow from the class where it does not state them: its name, and the stages it overrides.
+    """
 
     id: ClassVar[str] = ""  # the physical idea; forms of one idea share it
     form: ClassVar[str] = ""  # which published form of the idea this is
@@ -97,42 +141,69 @@ class Effect:
     formula: ClassVar[str] = ""
     source: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()  # covariates that it reads
-    channels: ClassVar[tuple[str, ...]] = ("sinkage", "resistance", "drawbar_pull")
-    stage: ClassVar[str] = ""  # the first of the stages above that it acts at
+    channels: ClassVar[tuple[str, ...]] = ()
+    stage: ClassVar[str] = ""  # the first of the stages that it acts at
+    # A rule of contact in place of numbers: a model takes it over when the effect is added.
+    geometry: ClassVar[str] = ""
+    # Known physics is applied wherever its columns are there, and so is never a discovery.
+    known_physics: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        own = vars(cls)
+        acts = [stage for stage in STAGES if cls.overrides(stage)]
+        if "form" not in own:
+            cls.form = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
+        if "stage" not in own:
+            cls.stage = acts[0] if acts else ""
+        if "channels" not in own:
+            touched = {name for stage in acts for name in _CHANNELS.get(stage, _ALL_CHANNELS)}
+            cls.channels = tuple(name for name in _ALL_CHANNELS if name in touched)
 
     def __post_init__(self) -> None:
-        for known in self.parameters():
+        for known in (*self.parameters(), *self.constants()):
             value = getattr(self, known.name)
             low, high = known.bounds
-            if not (np.isfinite(value) and low <= value <= high):
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not (number and np.isfinite(value) and low <= value <= high):
                 raise EffectError(
                     f"effect '{self.id}': {known.name} is {value!r}, "
                     f"expected {low:g} to {high:g} [{known.unit}]"
                 )
 
     @classmethod
-    def parameters(cls) -> tuple[Parameter, ...]:
-        """The parameters in the order of the fields."""
-        return tuple(cls._described(f) for f in fields(cls) if "bounds" in f.metadata)
+    def overrides(cls, stage: str) -> bool:
+        """Whether the effect acts at that stage."""
+        return getattr(cls, stage) is not getattr(Effect, stage)
 
-    @staticmethod
-    def _described(f: Field[Any]) -> Parameter:
-        return Parameter(
-            f.name,
-            float(f.default),  # type: ignore[arg-type]  # parameter() always sets one
-            f.metadata["bounds"],
-            f.metadata["published"],
-            f.metadata["unit"],
-            f.metadata["description"],
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """What a fit determines, in the order of the fields."""
+        return cls._declared("parameter")
+
+    @classmethod
+    def constants(cls) -> tuple[Parameter, ...]:
+        """The numbers that are given, in the order of the fields."""
+        return cls._declared("constant")
+
+    @classmethod
+    def _declared(cls, kind: str) -> tuple[Parameter, ...]:
+        return tuple(
+            replace(f.metadata[kind], name=f.name) for f in fields(cls) if kind in f.metadata
         )
 
     def values(self) -> Iterator[tuple[str, float]]:
-        """Name and value of each parameter."""
+        """Name and value of each parameter (constants are not among them)."""
         for known in self.parameters():
             yield known.name, float(getattr(self, known.name))
 
-    def geometry(self, rule: str) -> str:
-        return rule
+    @classmethod
+    def suited_to(cls, conditions: Conditions) -> Effect:
+        """Make the effect to start a fit from; constants that only scale are set from the data."""
+        return cls()
+
+    def objection(self, conditions: Conditions) -> str:
+        """Say why this form cannot be used on these rows, "" where it can."""
+        return ""
 
     def normal_load(self, load: Array, conditions: Conditions) -> Array:
         return load

@@ -1,4 +1,8 @@
-"""bulldozing: the wheel pushes a wedge of soil before it."""
+"""bulldozing: soil pushed ahead of the wheel resists; sinkage does not show it.
+
+Published forms differ 10 to 70 times at the scale of a small wheel, so each has a scale that is
+fitted; Bekker's form of 1969, the largest, is left out for that.
+"""
 
 from __future__ import annotations
 
@@ -7,60 +11,66 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
-
-UNIT_WEIGHT = 15500.0  # N/m3, dry to moist sand; the fitted scale takes up the difference
-FRICTION_ANGLE = np.radians(33.0)
-COHESION = 500.0  # Pa
-_PASSIVE = np.tan(np.pi / 4 + FRICTION_ANGLE / 2) ** 2
+from smallwheel_ros.effects.base import Array, Effect, WheelState, constant, parameter
 
 
 @dataclass(frozen=True)
-class Rankine(Effect):
+class _Bulldozing(Effect):
     id = "bulldozing"
-    form = "rankine"
-    summary = "The wheel pushes a wedge of soil before it, which adds resistance."
+    summary = "Soil pushed ahead of the wheel adds resistance; sinkage does not show it."
+
+    scale: float = parameter(1.0, (0.0, 10.0), "factor on the published form")
+    friction_angle: float = constant(
+        np.radians(33.0), (0.01, 1.2), "angle of the soil's friction", unit="rad"
+    )
+    unit_weight: float = constant(15.5e3, (1e3, 30e3), "weight of the soil", unit="N/m^3")
+
+    def resistance(self, depth: Array, width: Array) -> Array:
+        raise NotImplementedError
+
+    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
+        return self.scale * self.resistance(state.sinkage, state.width)
+
+
+@dataclass(frozen=True)
+class Rankine(_Bulldozing):
     formula = "R = s b (g z^2 Kp / 2 + 2 c z sqrt(Kp)), Kp = tan^2(45 deg + phi/2)"
-    source = "passive earth pressure, Rankine (Bekker 1956); scale fitted: forms differ 10-fold"
-    channels = ("resistance", "drawbar_pull")
-    stage = "added_resistance"
+    source = "passive earth pressure of Rankine, as in Bekker 1956"
 
-    scale: float = parameter(1.0, (-1.0, 20.0), "scale of the nominal wedge", published=(0.0, 10.0))
+    cohesion: float = constant(500.0, (0.0, 50e3), "cohesion of the soil", unit="Pa")
 
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        z = state.sinkage
-        wedge = 0.5 * UNIT_WEIGHT * z**2 * _PASSIVE + 2.0 * COHESION * z * np.sqrt(_PASSIVE)
-        return np.asarray(self.scale * state.width * wedge)
+    def resistance(self, depth: Array, width: Array) -> Array:
+        root = np.tan(np.pi / 4.0 + self.friction_angle / 2.0)
+        weight = 0.5 * self.unit_weight * depth**2 * root**2
+        return np.asarray(width * (weight + 2.0 * self.cohesion * depth * root))
 
 
 @dataclass(frozen=True)
-class Frictional(Rankine):
-    form = "frictional"
-    formula = "R = s b g z^2 Kp / 2 (no cohesion)"
-
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        return np.asarray(
-            self.scale * state.width * 0.5 * UNIT_WEIGHT * state.sinkage**2 * _PASSIVE
-        )
-
-
-@dataclass(frozen=True)
-class Hegedus(Rankine):
-    form = "hegedus"
+class Hegedus(_Bulldozing):
     formula = (
         "R = s b D1 (c z + D2 g z^2 / 2), D1 = cot X + tan(X + phi), "
         "D2 = cot X + cot^2 X / cot phi, X = 45 deg - phi/2"
     )
-    source = "Hegedus blade (unverified); scale fitted"
+    source = "Hegedus, resistance of a bulldozing blade (1960)"
 
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        x = np.pi / 4 - FRICTION_ANGLE / 2
-        cot = 1.0 / np.tan(x)
-        first = cot + np.tan(x + FRICTION_ANGLE)
-        second = cot + cot**2 * np.tan(FRICTION_ANGLE)
-        z = state.sinkage
-        blade = COHESION * z + second * UNIT_WEIGHT * z**2 / 2.0
-        return np.asarray(self.scale * state.width * first * blade)
+    cohesion: float = constant(500.0, (0.0, 50e3), "cohesion of the soil", unit="Pa")
+
+    def resistance(self, depth: Array, width: Array) -> Array:
+        phi = self.friction_angle
+        x = np.pi / 4.0 - phi / 2.0
+        d1 = 1.0 / np.tan(x) + np.tan(x + phi)
+        d2 = 1.0 / np.tan(x) + np.tan(phi) / np.tan(x) ** 2
+        weight = 0.5 * d2 * self.unit_weight * depth**2
+        return np.asarray(width * d1 * (self.cohesion * depth + weight))
 
 
-Bulldozing = Rankine
+@dataclass(frozen=True)
+class Cohesionless(_Bulldozing):
+    formula = "R = s b g z^2 Kp / 2, Kp = tan^2(45 deg + phi/2)"
+    source = "passive earth pressure of Rankine without cohesion"
+
+    scale: float = parameter(1.0, (0.0, 100.0), "factor on the published form")
+
+    def resistance(self, depth: Array, width: Array) -> Array:
+        passive = np.tan(np.pi / 4.0 + self.friction_angle / 2.0) ** 2
+        return np.asarray(width * 0.5 * self.unit_weight * depth**2 * passive)

@@ -1,4 +1,7 @@
-"""contact_geometry: the closed form (eq. 10) replaced by the contact integral."""
+"""contact_geometry: the exact contact integral in place of the paper's closed form (eq. 10).
+
+A rule, not a number: adding it to a model sets the model's geometry.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,11 @@ from smallwheel_ros.effects.base import Effect
 
 
 @dataclass(frozen=True)
-class ContactGeometry(Effect):
+class ContactIntegral(Effect):
     id = "contact_geometry"
-    form = "contact integral"
-    summary = "The wheel's round outline instead of a parabola and two terms of a series."
-    formula = "W = b r integral of p cos(theta), instead of eq. 10"
+    summary = "The wheel's true outline carries the load, not eq. 10's parabola and two terms."
+    formula = "W = b r int p(z(theta)) cos(theta) d(theta), z = r (cos(theta) - cos(theta0))"
     source = "Bekker 1956; Wong 2008, ch. 2"
+    channels = ("sinkage", "resistance", "drawbar_pull")
     stage = "geometry"
-
-    def geometry(self, rule: str) -> str:
-        return "contact_integral"
+    geometry = "contact_integral"

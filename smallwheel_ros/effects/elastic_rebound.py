@@ -1,4 +1,7 @@
-"""elastic_rebound: the rut springs back behind the wheel."""
+"""elastic_rebound: soil comes up again behind the wheel; the rut is shallower than the wheel was.
+
+Seen only where a rut and the wheel's own sinkage are both measured: in one channel k absorbs it.
+"""
 
 from __future__ import annotations
 
@@ -7,27 +10,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
+
+
+def mean_pressure(sinkage: Array, conditions: Conditions) -> Array:
+    """Load over the contact's area (Pa): b sqrt(D z) for a rolling wheel, twice that if pressed."""
+    d, plate = conditions.diameter, conditions.plate
+    width = np.where(plate, d, conditions.width)
+    area = width * np.sqrt(np.maximum(sinkage, 1e-6) * d)
+    area = np.where(conditions.pressed, 2.0 * area, area)
+    return np.asarray(conditions.load / np.where(plate, np.pi / 4.0 * d**2, area))
 
 
 @dataclass(frozen=True)
-class Rebound(Effect):
+class _ElasticRebound(Effect):
     id = "elastic_rebound"
-    form = "linear"
-    summary = "The soil springs back: the rut left behind is shallower than the wheel sank."
-    formula = "z_r = z - u p, p = W / (b sqrt(D z)), u = 1/ku"
-    source = "linear unloading; ku 5 to 50 MPa/m"
-    channels = ("sinkage",)
-    stage = "measured_sinkage"
+    summary = "Soil comes up again behind the wheel: the rut is shallower than the wheel was."
 
-    u: float = parameter(
-        5e-8, (-1e-6, 1e-6), "compliance of unloading", unit="m/Pa", published=(2e-8, 2e-7)
+
+@dataclass(frozen=True)
+class Compliance(_ElasticRebound):
+    formula = "rut = z - W / (b sqrt(D z) ku), parameter 1 / ku"
+    source = "linear unloading; ku 5 to 50 MPa/m (Wong 2008, unloading lines of plate tests)"
+
+    compliance: float = parameter(
+        5e-8, (0.0, 2e-6), "rise by pressure, 1 / ku", unit="m/Pa", published=(2e-8, 2e-7)
     )
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        length = np.sqrt(conditions.diameter * np.maximum(sinkage, 1e-6))
-        rebound = self.u * conditions.load / (conditions.width * length)
-        return np.where(conditions.contact == "rolling", sinkage - rebound, sinkage)
+        return sinkage - self.compliance * mean_pressure(sinkage, conditions)
 
 
-ElasticRebound = Rebound
+@dataclass(frozen=True)
+class ComplianceWithWork(Compliance):
+    formula = "rut = z - W / (b sqrt(D z) ku), and R less by b p^2 / (2 ku), p = K z^n"
+    source = "as `compliance`; the soil that rises gives its work back to the wheel"
+
+    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
+        pressure = state.modulus * state.sinkage**state.exponent
+        return -0.5 * self.compliance * state.width * pressure**2
+
+
+@dataclass(frozen=True)
+class Share(_ElasticRebound):
+    formula = "rut = (1 - f) z"
+    source = "empirical: a share of the depth comes back"
+
+    f: float = parameter(0.1, (0.0, 0.9), "share of the sinkage that comes back")
+
+    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage * (1.0 - self.f)

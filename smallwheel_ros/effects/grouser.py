@@ -1,4 +1,4 @@
-"""grouser: lugs on the rim reach deeper and dig more."""
+"""grouser: lugs of height h dig where they slip, reach deeper, and pull more."""
 
 from __future__ import annotations
 
@@ -7,41 +7,64 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
+from smallwheel_ros.effects.slip_sinkage import driven_slip
+
+_LARGEST_SLIP = 0.95
 
 
 @dataclass(frozen=True)
-class EffectiveRadius(Effect):
+class _Grouser(Effect):
     id = "grouser"
-    form = "effective radius"
-    summary = "Grousers make the wheel act larger."
-    formula = "D = D0 + 2 lambda h"
-    source = "effective radius r + lambda h, lambda 0 to 1 (unverified)"
-    needs = ("grouser_height",)
-    stage = "wheel_diameter"
-
-    share: float = parameter(0.5, (-2.0, 3.0), "lambda, share of the height", published=(0.0, 1.0))
-
-    def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
-        height = np.nan_to_num(conditions["grouser_height"])
-        return np.asarray(diameter + 2.0 * self.share * height)
+    summary = "Grousers dig where they slip, reach deeper, and pull more."
 
 
 @dataclass(frozen=True)
-class Digging(EffectiveRadius):
-    form = "digging"
-    summary = "Grousers dig: sinkage grows with their height."
-    formula = "z = z0 (1 + s h/r)"
-    stage = "sinkage"
+class Digging(_Grouser):
+    formula = "z = z0 + a h i, i > 0"
+    source = "empirical: soil carried away in proportion to height and slip"
+    needs = ("slip", "grouser_height")
 
-    share: float = parameter(1.0, (-3.0, 30.0), "growth with height over radius")
-
-    def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
-        return diameter
+    a: float = parameter(1.0, (0.0, 20.0), "sinkage over height at slip 1", published=(0.0, 5.0))
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        height = np.nan_to_num(conditions["grouser_height"])
-        return np.asarray(sinkage * (1.0 + 2.0 * self.share * height / conditions.diameter))
+        return sinkage + self.a * conditions["grouser_height"] * driven_slip(conditions)
 
 
-Grouser = EffectiveRadius
+@dataclass(frozen=True)
+class LugDigging(_Grouser):
+    formula = "z = z0 + a h i / (1 - i), i > 0 (i up to 0.95)"
+    source = "Reece 1965-66 with a = 1"
+    needs = ("slip", "grouser_height")
+
+    a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.0, 3.0))
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        i = np.minimum(driven_slip(conditions), _LARGEST_SLIP)
+        return np.asarray(sinkage + self.a * conditions["grouser_height"] * i / (1.0 - i))
+
+
+@dataclass(frozen=True)
+class EffectiveRadius(_Grouser):
+    formula = "r = r0 + lambda h"
+    source = "usual in rover models: the soil between lugs moves with the wheel"
+    needs = ("grouser_height",)
+
+    share: float = parameter(
+        0.5, (-1.0, 2.0), "share lambda of the height that adds to the radius", published=(0.0, 1.0)
+    )
+
+    def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
+        return diameter + 2.0 * self.share * conditions["grouser_height"]
+
+
+@dataclass(frozen=True)
+class Traction(_Grouser):
+    formula = "H = H0 (1 + a h / b)"
+    source = "Bekker 1956: 2 h/b on the cohesive part of a track's thrust"
+    needs = ("grouser_height",)
+
+    a: float = parameter(1.0, (0.0, 10.0), "growth of thrust with h/b", published=(0.0, 2.0))
+
+    def thrust_factor(self, state: WheelState, conditions: Conditions) -> Array:
+        return 1.0 + self.a * conditions["grouser_height"] / state.width

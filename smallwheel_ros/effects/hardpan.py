@@ -1,4 +1,4 @@
-"""hardpan: a firm layer below stops the wheel."""
+"""hardpan: a hard layer below makes pressure rise faster than the power law."""
 
 from __future__ import annotations
 
@@ -11,36 +11,48 @@ from smallwheel_ros.effects.base import Array, Effect, parameter
 
 
 @dataclass(frozen=True)
-class SmoothCap(Effect):
+class _Hardpan(Effect):
     id = "hardpan"
-    form = "smooth cap"
-    summary = "A firm layer below the loose soil limits sinkage."
-    formula = "z = z0 / (1 + (h z0)^4)^(1/4), h = 1/depth of the layer"
-    source = "smooth minimum of the sinkage and the layer's depth"
-    stage = "sinkage"
-
-    h: float = parameter(
-        20.0, (0.0, 300.0), "inverse of the layer's depth", unit="1/m", published=(10.0, 200.0)
-    )
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage / (1.0 + (self.h * sinkage) ** 4) ** 0.25)
+    summary = "A hard layer below: pressure rises faster with depth than a power law."
 
 
 @dataclass(frozen=True)
-class PrestonThomas(SmoothCap):
-    form = "preston-thomas"
-    formula = "p = k z^n D^m * -ln(1 - h z)/(h z), h = 1/depth of the layer"
-    source = "Preston-Thomas 1966: p = -km zm ln(1 - z/zm)"
-    stage = "pressure_factor"
+class PrestonThomas(_Hardpan):
+    formula = "p = k z^n D^m (-ln(1 - c z) / (c z)), c = 1 / (depth of the layer)"
+    source = "after Preston-Thomas: p = -km zm ln(1 - z/zm), here as a factor on the power law"
+
+    c: float = parameter(
+        20.0, (0.0, 300.0), "inverse of the layer's depth", unit="1/m", published=(10.0, 200.0)
+    )
 
     def pressure_factor(self, depth: Array, conditions: Conditions) -> Array:
-        share = np.minimum(self.h * depth, 1.0 - 1e-12)
-        safe = np.where(share > 1e-6, share, 0.5)
-        return np.where(share > 1e-6, -np.log1p(-safe) / safe, 1.0 + share / 2.0)
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
+        x = np.clip(self.c * depth, 1e-9, 1.0 - 1e-9)
+        return np.asarray(-np.log1p(-x) / x)
 
 
-Hardpan = SmoothCap
+@dataclass(frozen=True)
+class TwoLayer(_Hardpan):
+    formula = "p = k z^n D^m (1 + s z^2 / (z^2 + h^2))"
+    source = "two layers with a smooth change over the depth h"
+
+    s: float = parameter(5.0, (0.0, 1000.0), "how much stiffer the lower layer is")
+    h: float = parameter(
+        0.03, (0.003, 0.3), "depth of the change", unit="m", published=(0.005, 0.1), neutral=None
+    )
+
+    def pressure_factor(self, depth: Array, conditions: Conditions) -> Array:
+        square = depth**2
+        return np.asarray(1.0 + self.s * square / (square + self.h**2))
+
+
+@dataclass(frozen=True)
+class Exponential(_Hardpan):
+    formula = "p = k z^n D^m exp(c z)"
+    source = "empirical: soil that firms steadily with depth"
+
+    c: float = parameter(
+        20.0, (0.0, 300.0), "growth of ln pressure with depth", unit="1/m", published=(3.0, 200.0)
+    )
+
+    def pressure_factor(self, depth: Array, conditions: Conditions) -> Array:
+        return np.asarray(np.exp(np.minimum(self.c * depth, 50.0)))

@@ -1,4 +1,8 @@
-"""load_dependent_modulus: the soil seems stiffer or softer under a heavier wheel."""
+"""load_dependent_modulus: the soil's modulus under a heavier wheel is another.
+
+With sinkage alone this is exactly aliased with n and with a law of width; resistance, or a plate
+test, tells them apart.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +11,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.effects.base import Array, Effect, parameter
-
-REFERENCE_LOAD = 50.0  # N: k is the modulus at this load
-DECAY_LOAD = 50.0  # N
+from smallwheel_ros.effects.base import Array, Effect, constant, parameter
 
 
 @dataclass(frozen=True)
-class PowerLaw(Effect):
+class _LoadDependentModulus(Effect):
     id = "load_dependent_modulus"
-    form = "power"
-    summary = "The modulus changes with the load that presses the soil."
-    formula = "k (W/W0)^g, W0 = 50 N"
-    source = "Richter 2002 as shown by Meirion-Griffith and Spenko 2011, Fig. 3"
-    stage = "modulus_factor"
-
-    g: float = parameter(0.1, (-1.0, 1.0), "exponent of load", published=(-0.3, 0.3))
-
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.asarray((conditions.load / REFERENCE_LOAD) ** self.g)
+    summary = "The soil's modulus k depends on the load."
 
 
 @dataclass(frozen=True)
-class Saturating(PowerLaw):
-    form = "saturating"
-    formula = "k (1 - a exp(-W/Wc)), Wc = 50 N"
+class Power(_LoadDependentModulus):
+    formula = "k = k0 (W / W0)^g"
+    source = "the trend of Meirion-Griffith and Spenko's figure 3 (data of Richter 2002)"
 
-    g: float = parameter(0.3, (-5.0, 0.95), "share missing at no load", published=(-1.0, 0.9))
+    g: float = parameter(0.1, (-1.5, 1.5), "growth of ln k with ln load", published=(-0.3, 0.3))
+    w0: float = constant(60.0, (1e-2, 1e5), "load at which k is k0", unit="N")
 
     def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.asarray(1.0 - self.g * np.exp(-conditions.load / DECAY_LOAD))
+        return np.asarray((conditions.load / self.w0) ** self.g)
 
 
-LoadDependentModulus = PowerLaw
+@dataclass(frozen=True)
+class Saturating(_LoadDependentModulus):
+    formula = "k = k0 (1 - a exp(-W / Wc))"
+    source = "as the power law, levelling off at high loads"
+
+    a: float = parameter(0.4, (-5.0, 0.99), "share of k that light loads lack")
+    wc: float = parameter(
+        50.0, (5.0, 1000.0), "load scale", unit="N", published=(10.0, 200.0), neutral=None
+    )
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        return np.asarray(1.0 - self.a * np.exp(-conditions.load / self.wc))

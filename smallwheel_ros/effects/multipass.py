@@ -1,4 +1,9 @@
-"""multipass: soil that was rolled before."""
+"""multipass: wheels that follow in a rut meet soil that others have changed.
+
+In the first forms sinkage is the depth of the rut below the untouched surface after pass N; in
+`hardening` it is what that pass itself adds, in soil that the passes before have firmed (p > 0) or
+loosened (p < 0).
+"""
 
 from __future__ import annotations
 
@@ -11,50 +16,55 @@ from smallwheel_ros.effects.base import Array, Effect, parameter
 
 
 def passes(conditions: Conditions) -> Array:
-    """Number of the pass, 1 where none is given (fresh soil)."""
-    number = conditions["pass_number"]
-    return np.asarray(np.where(np.isnan(number), 1.0, np.maximum(number, 1.0)))
+    """Pass number, 1 on fresh soil."""
+    return np.maximum(conditions["pass_number"], 1.0)
 
 
 @dataclass(frozen=True)
-class RutGrowth(Effect):
+class _Multipass(Effect):
     id = "multipass"
-    form = "rut depth"
-    summary = "Each further pass deepens the rut."
-    formula = "z_N = z1 N^p, p = 1/a; z is the depth of the rut below the fresh surface"
-    source = "Abebe 1989 (unverified): a 2-3 loose, 3-4 medium, 4-5 firm soil"
+    summary = "A rut deepens with each wheel that passes."
     needs = ("pass_number",)
-    stage = "sinkage"
 
-    p: float = parameter(0.2, (-1.0, 1.5), "exponent of the pass number", published=(-0.6, 0.6))
+
+@dataclass(frozen=True)
+class Power(_Multipass):
+    formula = "z = z1 N^p"
+    source = "Abebe et al. 1989, with p = 1/a: a 2 to 3 loose, 3 to 4 medium, 4 to 5 firm soil"
+
+    p: float = parameter(
+        0.3, (0.0, 2.0), "growth of ln rut depth with ln pass", published=(0.1, 0.6)
+    )
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return np.asarray(sinkage * passes(conditions) ** self.p)
 
 
 @dataclass(frozen=True)
-class RutGrowthFirstPassWork(RutGrowth):
-    form = "rut depth, work of the first pass"
-    formula = "z_N = z1 N^p; the work of compaction stays that of the first pass"
+class Logarithmic(_Multipass):
+    formula = "z = z1 (1 + a ln N)"
+    source = "empirical, as in settlement under repeated load"
+
+    a: float = parameter(0.3, (0.0, 4.0), "growth of rut depth with ln pass", published=(0.1, 0.9))
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage * (1.0 + self.a * np.log(passes(conditions)))
+
+
+@dataclass(frozen=True)
+class RutPower(Power):
+    formula = "z = z1 N^p; compaction resistance as on fresh soil"
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
 
 
 @dataclass(frozen=True)
-class Hardening(RutGrowth):
-    form = "modulus"
-    formula = "k N^p; z is the pass's own sinkage"
-    source = "hardening (or, p < 0, loosening) by rolling"
-    stage = "modulus_factor"
+class Hardening(_Multipass):
+    formula = "k = k1 N^p"
+    source = "empirical; sinkage is that of the pass itself"
 
-    p: float = parameter(0.2, (-2.0, 2.0), "exponent of the pass number", published=(-1.0, 1.0))
+    p: float = parameter(0.2, (-3.0, 3.0), "growth of ln k with ln pass", published=(-1.5, 1.5))
 
     def modulus_factor(self, conditions: Conditions) -> Array:
         return np.asarray(passes(conditions) ** self.p)
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
-
-
-Multipass = RutGrowth

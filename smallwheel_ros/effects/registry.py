@@ -1,110 +1,275 @@
-"""Which effects there are: the files of this folder, installed entry points, and files you name."""
+"""Which effects there are: those of this folder, of installed packages, and of files given by hand.
+
+Nothing here is a list: a file added to the folder is found. Loading a file runs it, so that only
+happens where a user names the file; a model file never does.
+"""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
-import inspect
 import pkgutil
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import ModuleType
+from typing import Any
 
 from smallwheel_ros import effects as package
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.effects.covariate import covariate
+from smallwheel_ros.effects.column_law import ExponentialLaw, PowerLaw
 from smallwheel_ros.soil import nearest
 
-Families = Mapping[str, tuple[type[Effect], ...]]
+Forms = tuple[type[Effect], ...]
+Families = Mapping[str, Forms]
 
-ENTRY_POINT_GROUP = "smallwheel_ros.effects"
+GROUP = "smallwheel_ros.effects"  # of entry points
 _COVARIATE = "covariate:"
 
 
-def _classes(module: ModuleType) -> list[type[Effect]]:
-    """The effects that a module defines itself, in the order of its text."""
-    own = (value for value in vars(module).values() if inspect.isclass(value))
+def _rebuild(form: type[Effect], column: str, values: dict[str, float]) -> Effect:
+    made = next(cls for cls in covariate(column) if issubclass(cls, form))
+    return made(**values)
+
+
+class _Covariate(Effect):
+    """What the classes that `covariate` makes have in common: copies reach other processes."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        form = next(cls for cls in (ExponentialLaw, PowerLaw) if isinstance(self, cls))
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return _rebuild, (form, self.needs[0], values)
+
+
+@lru_cache(maxsize=256)
+def covariate(column: str) -> Forms:
+    """Make the family in which k depends on that column of the data: exponential and power law."""
+    if not column:
+        raise EffectError(
+            "'covariate:' names no column: write covariate:NAME, like covariate:moisture"
+        )
+    own = {
+        "id": f"{_COVARIATE}{column}",
+        "needs": (column,),
+        "summary": f"The soil's modulus k depends on column '{column}'.",
+        "__module__": __name__,
+    }
+    laws: tuple[type[Effect], ...] = (ExponentialLaw, PowerLaw)
+    return tuple(type(law.__name__, (law, _Covariate), own | {"form": law.form}) for law in laws)
+
+
+def _forms_in(module: ModuleType) -> list[type[Effect]]:
+    """Give the effects that a module defines itself, in the order in which it does."""
     return [
         value
-        for value in own
-        if issubclass(value, Effect) and value.__module__ == module.__name__ and value.id
+        for name, value in vars(module).items()
+        if isinstance(value, type)
+        and issubclass(value, Effect)
+        and value.__module__ == module.__name__
+        and not name.startswith("_")
+        and value.id
     ]
 
 
-def _group(classes: Sequence[type[Effect]]) -> dict[str, tuple[type[Effect], ...]]:
-    grouped: dict[str, dict[str, type[Effect]]] = {}
-    for effect_class in classes:
-        grouped.setdefault(effect_class.id, {})[effect_class.form] = effect_class
-    return {family: tuple(forms.values()) for family, forms in grouped.items()}
+def _add(known: dict[str, Forms], forms: Iterable[type[Effect]], origin: str) -> None:
+    """Add forms to their families; `origin` is where they come from, for messages."""
+    for form in forms:
+        _check(form, origin)
+        family = known.get(form.id, ())
+        if any(other.form == form.form for other in family):
+            raise EffectError(
+                f"{origin}: effect '{form.id}' has a form '{form.form}' already; "
+                "give the class another name, or a 'form' of its own"
+            )
+        known[form.id] = (*family, form)
 
 
-@lru_cache(maxsize=1)
-def built_in() -> Families:
-    """The families of this package and of installed entry points, by id, forms in order."""
-    classes: list[type[Effect]] = []
-    for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
-        if info.name not in ("base", "registry"):
-            classes += _classes(importlib.import_module(f"{package.__name__}.{info.name}"))
-    for point in entry_points(group=ENTRY_POINT_GROUP):
-        loaded = point.load()
-        if isinstance(loaded, ModuleType):
-            classes += _classes(loaded)
-        elif inspect.isclass(loaded) and issubclass(loaded, Effect):
-            classes.append(loaded)
-    return MappingProxyType(_group(classes))
+def _check(form: type[Effect], origin: str) -> None:
+    where = f"{origin}: class {form.__name__}"
+    if "__dataclass_params__" not in vars(form) or not is_dataclass(form):
+        raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
+    if form.id.startswith(_COVARIATE):
+        raise EffectError(f"{where}: ids that begin with '{_COVARIATE}' are made for columns")
+    strange = [f.name for f in fields(form) if not {"parameter", "constant"} & f.metadata.keys()]
+    if strange:
+        raise EffectError(
+            f"{where}: '{strange[0]}' is neither a parameter(...) nor a constant(...)"
+        )
+    if not form.stage:
+        raise EffectError(
+            f"{where} overrides no stage, so it does nothing; expected one of the methods of "
+            "Effect, like modulus_factor or sinkage"
+        )
+
+
+@dataclass(frozen=True)
+class Registry:
+    """Families of effects by id, each a tuple of forms of which the first is the default."""
+
+    known: Families = field(default_factory=dict)
+
+    @property
+    def families(self) -> dict[str, Forms]:
+        """All families by id, in alphabetical order; those of columns are made by `family`."""
+        return {id: self.known[id] for id in sorted(self.known)}
+
+    def family(self, id: str) -> Forms:
+        """Give the forms of one effect; `covariate:NAME` works for any NAME.
+
+        Raises EffectError with the nearest match and a list of what exists.
+        """
+        if id.startswith(_COVARIATE):
+            return covariate(id[len(_COVARIATE) :])
+        if id not in self.known:
+            names = [*self.known, "covariate:NAME"]
+            raise EffectError(f"no effect '{id}': {nearest(id, names)}")
+        return self.known[id]
+
+    def form(self, id: str, form: str | None = None) -> type[Effect]:
+        """Give one form of an effect, the default one for None. Raises EffectError as `family`."""
+        family = self.family(id)
+        if form is None:
+            return family[0]
+        for cls in family:
+            if cls.form == form:
+                return cls
+        raise EffectError(
+            f"effect '{id}' has no form '{form}': {nearest(form, [cls.form for cls in family])}"
+        )
+
+    def effect(self, id: str, form: str | None = None, **values: float) -> Effect:
+        """Make an effect from its id, form and numbers; the rest are at their defaults.
+
+        Raises EffectError where one does not exist or a number is outside its domain.
+        """
+        cls = self.form(id, form)
+        names = [f.name for f in fields(cls)]
+        for name in values:
+            if name not in names:
+                raise EffectError(
+                    f"effect '{id}', form '{cls.form}', has no parameter '{name}': "
+                    f"{nearest(name, names) if names else 'it has none'}"
+                )
+        return cls(**values)
+
+    def with_file(self, path: str | Path) -> Registry:
+        """Add the effects of a Python file, which is run. Raises EffectError naming the file."""
+        return self.with_families(load_effects(path), str(path))
+
+    def with_families(self, user: Families, origin: str = "user's effects") -> Registry:
+        """Add families; forms of an id that exists join its family."""
+        known = dict(self.known)
+        for forms in user.values():
+            _add(known, forms, origin)
+        return Registry(known)
 
 
 def load_effects(path: str | Path) -> Families:
-    """The effects of a user's Python file. This runs the file: name only files that you trust.
+    """Load the effects of a user's Python file. This runs the file: name only those you trust.
 
-    Raises EffectError where the file is missing, does not run, or defines no effect.
+    Raises EffectError where the file is missing, does not run, or defines no usable effect.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise EffectError(f"{file}: no such file; expected a Python file that defines an effect")
-    spec = importlib.util.spec_from_file_location(f"smallwheel_user_{file.stem}", file)
-    if spec is None or spec.loader is None:
-        raise EffectError(f"{file}: not a Python file; its name must end in .py")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise EffectError(f"{file}: does not run: {type(error).__name__}: {error}") from error
-    found = _classes(module)
+    module = _run(Path(path))
+    found: dict[str, Forms] = {}
+    _add(found, _forms_in(module), str(path))
     if not found:
         raise EffectError(
-            f"{file}: defines no effect; expected a class that derives from Effect and has an id"
+            f"{path}: defines no effect, expected a class that derives from Effect and has an id"
         )
-    return _group(found)
+    return found
 
 
-def families(user: Families | None = None) -> dict[str, tuple[type[Effect], ...]]:
-    """Every family of effects by id; a user's family of the same id comes instead of ours."""
-    return {**built_in(), **(user or {})}
+def _run(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise EffectError(f"{path}: no such file of effects")
+    name = f"smallwheel_ros_user_effects_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise EffectError(f"{path}: expected a Python file, *.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up there
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a user's file may raise anything at all
+        del sys.modules[name]
+        line = _line_in(error, path)
+        raise EffectError(f"{path}{line}: {type(error).__name__}: {error}") from error
+    return module
 
 
-def forms(family: str, user: Families | None = None) -> tuple[type[Effect], ...]:
-    """The forms of one family, `covariate:NAME` included; an unknown one raises EffectError."""
-    known = families(user)
-    if family in known:
-        return known[family]
-    if family.startswith(_COVARIATE) and len(family) > len(_COVARIATE):
-        return covariate(family[len(_COVARIATE) :])
-    listing = nearest(family, [*known, f"{_COVARIATE}NAME"])
-    raise EffectError(f"no effect '{family}': {listing}")
+def _line_in(error: Exception, path: Path) -> str:
+    """`, line 7`: where in that file an exception was raised, "" where nowhere."""
+    if isinstance(error, SyntaxError):
+        return f", line {error.lineno}"
+    numbers = []
+    trace = error.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == str(path):
+            numbers.append(trace.tb_lineno)
+        trace = trace.tb_next
+    return f", line {numbers[-1]}" if numbers else ""
+
+
+def _built_in() -> dict[str, Forms]:
+    known: dict[str, Forms] = {}
+    for info in pkgutil.iter_modules(package.__path__):
+        if info.name != "registry":
+            module = importlib.import_module(f"{package.__name__}.{info.name}")
+            _add(known, _forms_in(module), module.__name__)
+    return known
+
+
+@lru_cache(maxsize=1)
+def default_registry() -> Registry:
+    """Effects of this package and of installed ones (entry points in `smallwheel_ros.effects`).
+
+    Raises EffectError where an entry point cannot be loaded; it names the package.
+    """
+    known = _built_in()
+    for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
+        origin = f"entry point '{point.name}' ({point.value})"
+        if point.dist is not None:
+            origin += f" of package {point.dist.name}"
+        try:
+            loaded = point.load()
+        except Exception as error:  # somebody else's package may raise anything at all
+            raise EffectError(f"{origin}: {type(error).__name__}: {error}") from error
+        if isinstance(loaded, ModuleType):
+            _add(known, _forms_in(loaded), origin)
+        elif isinstance(loaded, type) and issubclass(loaded, Effect):
+            _add(known, [loaded], origin)
+        else:
+            raise EffectError(f"{origin}: expected a class derived from Effect, or a module")
+    return Registry(known)
+
+
+def _with(user: Families | None) -> Registry:
+    return default_registry().with_families(user) if user else default_registry()
+
+
+def families(user: Families | None = None) -> dict[str, Forms]:
+    """All families of effects by id, each a tuple of forms, the default one first.
+
+    user: effects from a file (`load_effects`), which join them.
+    """
+    return _with(user).families
+
+
+def forms(family: str, user: Families | None = None) -> Forms:
+    """Give the forms of one family, `covariate:NAME` included. Raises EffectError as `Registry`."""
+    return _with(user).family(family)
 
 
 def effect_class(
     family: str, form: str | None = None, user: Families | None = None
 ) -> type[Effect]:
-    """One form of a family, the first where none is named."""
-    available = forms(family, user)
-    if form is None:
-        return available[0]
-    for candidate in available:
-        if candidate.form == form:
-            return candidate
-    names = nearest(form, [c.form for c in available])
-    raise EffectError(f"effect '{family}' has no form '{form}': {names}")
+    """Give one form of a family, the default one where none is named."""
+    return _with(user).form(family, form)
+
+
+def effect(id: str, form: str | None = None, **values: float) -> Effect:
+    """Make an effect from its id: `effect("slip_sinkage", a=1.2)`; see `Registry.effect`."""
+    return default_registry().effect(id, form, **values)

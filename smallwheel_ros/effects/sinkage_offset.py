@@ -1,4 +1,4 @@
-"""sinkage_offset: the instrument does not read zero at touch-down."""
+"""sinkage_offset: the zero of the instrument that measures sinkage is off."""
 
 from __future__ import annotations
 
@@ -9,18 +9,15 @@ from smallwheel_ros.effects.base import Array, Effect, parameter
 
 
 @dataclass(frozen=True)
-class SinkageOffset(Effect):
+class Constant(Effect):
     id = "sinkage_offset"
-    form = "constant"
-    summary = "The zero of the sinkage instrument is off by a constant."
-    formula = "z shown = z + z_zero"
-    source = "instrument"
-    channels = ("sinkage",)
-    stage = "measured_sinkage"
+    summary = "The instrument's zero is off: every sinkage is shown deeper or shallower by as much."
+    formula = "measured z = z + offset"
+    source = "instrument, not soil"
 
-    zero: float = parameter(
-        0.001, (-0.02, 0.02), "reading at touch-down", unit="m", published=(-0.005, 0.005)
+    offset: float = parameter(
+        0.001, (-0.02, 0.02), "what is shown at zero sinkage", unit="m", published=(-0.005, 0.005)
     )
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage + self.zero
+        return sinkage + self.offset

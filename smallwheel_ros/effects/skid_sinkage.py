@@ -1,4 +1,7 @@
-"""skid_sinkage: a braked or towed wheel that skids ploughs itself in."""
+"""skid_sinkage: a braked wheel that skids ploughs itself in.
+
+Kept apart from slip_sinkage: that the same law holds for both signs has no evidence.
+"""
 
 from __future__ import annotations
 
@@ -11,44 +14,60 @@ from smallwheel_ros.effects.base import Array, Effect, parameter
 
 
 def skid(conditions: Conditions) -> Array:
-    """Size of the slip where the wheel skids, 0 where it drives."""
-    return np.asarray(np.clip(-conditions["slip"], 0.0, 1.0))
+    """|slip| where the wheel skids, 0 where it drives."""
+    return np.clip(-conditions["slip"], 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Quadratic(Effect):
+class _SkidSinkage(Effect):
     id = "skid_sinkage"
-    form = "quadratic"
-    summary = "A wheel that skids ploughs: sinkage grows with the size of negative slip."
-    formula = "z = z0 (1 + a i^2), i < 0"
-    source = "steeper than linear on measured rig data; no standard law found"
+    summary = "A braked wheel that skids ploughs in: sinkage grows with |slip| below zero."
+    source = "empirical, no standard law; on rig data steeper than linear"
     needs = ("slip",)
-    stage = "sinkage"
 
-    a: float = parameter(2.0, (-0.9, 30.0), "relative growth with the square of skid")
+    def growth(self, slip: Array) -> Array:
+        raise NotImplementedError
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * (1.0 + self.a * skid(conditions) ** 2)
+        return sinkage * self.growth(skid(conditions))
 
 
 @dataclass(frozen=True)
-class Linear(Quadratic):
-    form = "linear"
-    formula = "z = z0 (1 + a |i|), i < 0"
+class Quadratic(_SkidSinkage):
+    formula = "z = z0 (1 + s [(1 - q) |i| + q i^2]), i < 0"
 
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * (1.0 + self.a * skid(conditions))
+    s: float = parameter(
+        2.0, (0.0, 20.0), "growth of sinkage from skid 0 to 1", published=(0.3, 12.0)
+    )
+    q: float = parameter(0.8, (-1.0, 1.5), "curvature of the growth", neutral=None)
+
+    def growth(self, slip: Array) -> Array:
+        return 1.0 + self.s * slip * (1.0 - self.q + self.q * slip)
 
 
 @dataclass(frozen=True)
-class Exponential(Quadratic):
-    form = "exponential"
+class Exponential(_SkidSinkage):
     formula = "z = z0 exp(a |i|), i < 0"
 
-    a: float = parameter(1.0, (-1.0, 8.0), "growth of ln sinkage with skid")
+    a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with skid", published=(0.3, 5.0))
 
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage * np.exp(self.a * skid(conditions)))
+    def growth(self, slip: Array) -> Array:
+        return np.exp(self.a * slip)
 
 
-SkidSinkage = Quadratic
+@dataclass(frozen=True)
+class Linear(_SkidSinkage):
+    formula = "z = z0 (1 + s |i|), i < 0"
+
+    s: float = parameter(2.0, (0.0, 30.0), "growth of sinkage with skid", published=(0.3, 12.0))
+
+    def growth(self, slip: Array) -> Array:
+        return 1.0 + self.s * slip
+
+
+@dataclass(frozen=True)
+class DugQuadratic(Quadratic):
+    formula = "z = z0 (1 + s [(1 - q) |i| + q i^2]), i < 0; compaction resistance at z0"
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage

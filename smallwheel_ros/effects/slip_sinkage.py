@@ -1,4 +1,8 @@
-"""slip_sinkage: a driven wheel that slips digs itself in."""
+"""slip_sinkage: a driven wheel that slips digs itself in.
+
+Whether soil that the wheel dug away also costs compaction work is not settled: in the forms named
+`dug_...` only the static sinkage does, in the others all of it.
+"""
 
 from __future__ import annotations
 
@@ -9,87 +13,111 @@ import numpy as np
 from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, parameter
 
+_LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
+
 
 def driven_slip(conditions: Conditions) -> Array:
     """Slip where the wheel drives, 0 where it skids."""
-    return np.asarray(np.clip(conditions["slip"], 0.0, 1.0))
+    return np.clip(conditions["slip"], 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Exponential(Effect):
+class _SlipSinkage(Effect):
     id = "slip_sinkage"
-    form = "exponential"
     summary = "A driven wheel that slips digs: sinkage grows with slip."
-    formula = "z = z0 exp(a i), i > 0"
-    source = "exponential in slip; range from measured series (Ding et al. 2010; rig data)"
     needs = ("slip",)
-    stage = "sinkage"
 
-    a: float = parameter(1.0, (-1.0, 8.0), "growth of ln sinkage with slip", published=(0.2, 5.0))
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage * np.exp(self.a * driven_slip(conditions)))
-
-
-@dataclass(frozen=True)
-class Linear(Exponential):
-    form = "linear"
-    formula = "z = z0 (1 + S i), i > 0"
-    source = "linear in slip (Lyasko 2010, to first order)"
-
-    a: float = parameter(2.0, (-0.9, 20.0), "relative growth per slip", published=(0.2, 12.0))
+    def growth(self, slip: Array) -> Array:
+        raise NotImplementedError
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * (1.0 + self.a * driven_slip(conditions))
+        return sinkage * self.growth(driven_slip(conditions))
 
 
 @dataclass(frozen=True)
-class Lug(Exponential):
-    form = "lug"
-    formula = "z = z0 (1 + a i/(1 - i)), i > 0"
-    source = "lug digging, Reece 1965-66 (unverified)"
+class Exponential(_SlipSinkage):
+    formula = "z = z0 exp(a i), i > 0"
+    source = "empirical; range from digitised rig series, 3 to 7 times static at slip 0.6 (Ding)"
 
-    a: float = parameter(1.0, (-0.5, 10.0), "growth with i/(1 - i)", published=(0.1, 5.0))
+    a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with slip", published=(0.3, 5.0))
 
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        slip = np.minimum(driven_slip(conditions), 0.98)
-        return sinkage * (1.0 + self.a * slip / (1.0 - slip))
+    def growth(self, slip: Array) -> Array:
+        return np.exp(self.a * slip)
 
 
 @dataclass(frozen=True)
-class Digging(Exponential):
-    form = "exponential, loosened soil"
-    formula = "z = z0 exp(a i), i > 0; the soil dug away is not compacted"
-    source = "as exponential; the dug depth adds no work of compaction"
+class Linear(_SlipSinkage):
+    formula = "z = z0 (1 + s i), i > 0"
+    source = "empirical; range from digitised rig series"
 
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
+    s: float = parameter(2.0, (0.0, 30.0), "growth of sinkage with slip", published=(0.3, 12.0))
 
-
-@dataclass(frozen=True)
-class LinearDigging(Linear):
-    form = "linear, loosened soil"
-    formula = "z = z0 (1 + S i), i > 0; the soil dug away is not compacted"
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
+    def growth(self, slip: Array) -> Array:
+        return 1.0 + self.s * slip
 
 
 @dataclass(frozen=True)
-class ExponentGrowth(Exponential):
-    form = "exponent"
+class Quadratic(_SlipSinkage):
+    formula = "z = z0 (1 + s [(1 - q) i + q i^2]), i > 0"
+    source = "empirical; q = 0 is linear, q = 1 a pure square"
+
+    s: float = parameter(
+        2.0, (0.0, 20.0), "growth of sinkage from slip 0 to 1", published=(0.3, 12.0)
+    )
+    q: float = parameter(0.5, (-1.0, 1.5), "curvature of the growth", neutral=None)
+
+    def growth(self, slip: Array) -> Array:
+        return 1.0 + self.s * slip * (1.0 - self.q + self.q * slip)
+
+
+@dataclass(frozen=True)
+class Lyasko(_SlipSinkage):
+    formula = "z = z0 [(1 + i) / (1 - 0.5 i)]^a, i > 0"
+    source = "Lyasko 2010, J. Terramechanics 47, with a = 1; the strength a is fitted here"
+
+    a: float = parameter(1.0, (0.0, 6.0), "strength; Lyasko's own law is 1", published=(0.3, 4.0))
+
+    def growth(self, slip: Array) -> Array:
+        return ((1.0 + slip) / (1.0 - 0.5 * slip)) ** self.a
+
+
+@dataclass(frozen=True)
+class LugDigging(_SlipSinkage):
+    formula = "z = z0 (1 + a i / (1 - i)), i > 0 (i up to 0.95)"
+    source = "after Reece 1965-66, soil carried away by lugs"
+
+    a: float = parameter(0.5, (0.0, 10.0), "digging strength", published=(0.1, 5.0))
+
+    def growth(self, slip: Array) -> Array:
+        i = np.minimum(slip, _LARGEST_SLIP)
+        return 1.0 + self.a * i / (1.0 - i)
+
+
+@dataclass(frozen=True)
+class ExponentShift(Effect):
+    id = "slip_sinkage"
+    summary = _SlipSinkage.summary
     formula = "n = n0 + n1 i, i > 0"
-    source = "Ding et al. 2010/2011 (closed-form convention)"
-    stage = "exponent_shift"
+    source = "Ding et al. 2010, 2011; the range is that of the closed form without slip stress"
+    needs = ("slip",)
 
-    a: float = parameter(0.5, (-0.3, 2.0), "growth of n with slip (n1)", published=(0.1, 1.6))
+    n1: float = parameter(0.6, (0.0, 3.0), "growth of n with slip", published=(0.2, 1.6))
 
     def exponent_shift(self, conditions: Conditions) -> Array:
-        rolling = conditions.contact == "rolling"
-        return np.where(rolling, self.a * driven_slip(conditions), 0.0)
+        return self.n1 * driven_slip(conditions)
 
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+
+@dataclass(frozen=True)
+class DugExponential(Exponential):
+    formula = "z = z0 exp(a i), i > 0; compaction resistance at z0"
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
 
 
-SlipSinkage = Exponential
+@dataclass(frozen=True)
+class DugQuadratic(Quadratic):
+    formula = "z = z0 (1 + s [(1 - q) i + q i^2]), i > 0; compaction resistance at z0"
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage

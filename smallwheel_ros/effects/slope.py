@@ -1,4 +1,7 @@
-"""slope: known physics, applied by default where the column is there."""
+"""slope: on a slope less load presses on the soil, and the rest pulls downhill.
+
+Known physics: a model applies it wherever the conditions have a slope.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,26 @@ from smallwheel_ros.effects.base import Array, Effect, WheelState
 
 
 @dataclass(frozen=True)
-class Slope(Effect):
+class Gravity(Effect):
     id = "slope"
-    form = "rigid body"
-    summary = "On a slope less load reaches the soil, and weight pulls downhill."
-    formula = "normal load W cos(slope); resistance + W sin(slope)"
+    summary = "On a slope, W cos(slope) presses on the soil and W sin(slope) adds to resistance."
+    formula = "normal load = W cos(slope); R = R0 + W sin(slope), slope > 0 uphill"
     source = "statics"
     needs = ("slope",)
-    stage = "normal_load"
+    known_physics = True
+
+    def objection(self, conditions: Conditions) -> str:
+        slope = np.abs(conditions["slope"])
+        steep = np.flatnonzero(slope >= np.pi / 2)
+        if steep.size:
+            return (
+                f"slope in row {steep[0] + 1} is {conditions['slope'][steep[0]]:.4g} rad, "
+                "expected between -pi/2 and pi/2"
+            )
+        return ""
 
     def normal_load(self, load: Array, conditions: Conditions) -> Array:
-        return np.asarray(load * np.cos(np.nan_to_num(conditions["slope"])))
+        return np.asarray(load * np.cos(conditions["slope"]))
 
     def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        return np.asarray(conditions.load * np.sin(np.nan_to_num(conditions["slope"])))
+        return np.asarray(conditions.load * np.sin(conditions["slope"]))

@@ -1,4 +1,8 @@
-"""width_dependent_modulus: a narrow wheel meets another modulus than a wide one."""
+"""width_dependent_modulus: the soil's modulus under a narrower wheel is another.
+
+Two-sided: published values of kc are negative, too. For a round plate the width is its radius, as
+in Bekker's plate tests.
+"""
 
 from __future__ import annotations
 
@@ -7,42 +11,42 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.effects.base import Array, Effect, parameter
-
-REFERENCE_WIDTH = 0.1  # m: k is the modulus at this width
+from smallwheel_ros.effects.base import Array, Effect, constant, parameter
 
 
-def relative_width(conditions: Conditions) -> Array:
-    """Width over the reference width; 1 for plates, which have none."""
-    width = np.where(conditions.contact == "plate", REFERENCE_WIDTH, conditions.width)
-    return np.asarray(width / REFERENCE_WIDTH)
+def _relative_width(conditions: Conditions, b0: float) -> Array:
+    plate = conditions.plate
+    return np.where(plate, 0.5 * conditions.diameter, conditions.width) / b0
 
 
 @dataclass(frozen=True)
-class PowerLaw(Effect):
+class _WidthDependentModulus(Effect):
     id = "width_dependent_modulus"
-    form = "power"
-    summary = "The modulus changes with the width of the wheel."
-    formula = "k (b/b0)^-d, b0 = 0.1 m"
-    source = "empirical; Bekker's kc/b is one case"
-    stage = "modulus_factor"
-
-    d: float = parameter(0.1, (-2.0, 2.0), "exponent of width", published=(-0.5, 0.5))
-
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.asarray(relative_width(conditions) ** -self.d)
+    summary = "The soil's modulus k depends on the wheel's width."
 
 
 @dataclass(frozen=True)
-class Bekker(PowerLaw):
-    form = "bekker"
-    formula = "k (1 + d (b0/b - 1)), b0 = 0.1 m, with d = (kc/b0)/(kc/b0 + kphi)"
-    source = "Bekker 1956, kc/b + kphi (eq. 5)"
+class Bekker(_WidthDependentModulus):
+    formula = "k = k0 (1 - a + a b0 / b): kc/b + kphi with a = (kc/b0) / (kc/b0 + kphi)"
+    source = "Bekker 1956 (eq. 5 of Meirion-Griffith and Spenko 2011)"
 
-    d: float = parameter(0.1, (-1.5, 1.5), "share of kc/b0 in the modulus", published=(-0.5, 1.0))
+    a: float = parameter(
+        0.2, (-2.0, 2.0), "share of kc/b in the modulus at width b0", published=(-0.5, 0.5)
+    )
+    b0: float = constant(0.1, (1e-3, 10.0), "width at which k is k0", unit="m")
 
     def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.maximum(1.0 + self.d * (1.0 / relative_width(conditions) - 1.0), 0.05)
+        ratio = 1.0 / _relative_width(conditions, self.b0)
+        return np.maximum(1.0 + self.a * (ratio - 1.0), 0.02)
 
 
-WidthDependentModulus = PowerLaw
+@dataclass(frozen=True)
+class Power(_WidthDependentModulus):
+    formula = "k = k0 (b / b0)^-d"
+    source = "empirical power law of width"
+
+    d: float = parameter(0.2, (-2.0, 2.0), "fall of ln k with ln width", published=(-0.5, 0.5))
+    b0: float = constant(0.1, (1e-3, 10.0), "width at which k is k0", unit="m")
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        return np.asarray(_relative_width(conditions, self.b0) ** -self.d)

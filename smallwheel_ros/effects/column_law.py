@@ -1,0 +1,90 @@
+"""k as a function of one recorded column: what `moisture` and `covariate:NAME` share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.conditions import Conditions
+from smallwheel_ros.effects.base import Array, Effect, constant, parameter
+
+_ANY = (-1e12, 1e12)
+_POSITIVE = (1e-12, 1e12)
+
+
+@dataclass(frozen=True)
+class ColumnLaw(Effect):
+    """k follows the one column in `needs`."""
+
+    @classmethod
+    def column(cls, conditions: Conditions) -> Array:
+        """The column's values."""
+        return conditions[cls.needs[0]]
+
+    @classmethod
+    def known(cls, conditions: Conditions) -> Array:
+        """The column's values where there are any."""
+        values = cls.column(conditions)
+        return np.asarray(values[np.isfinite(values)])
+
+
+@dataclass(frozen=True)
+class ExponentialLaw(ColumnLaw):
+    """k = k0 exp(a (w - w0) / scale)."""
+
+    form = "exponential"
+    formula = "k = k0 exp(a (w - reference) / scale)"
+    source = "empirical"
+
+    a: float = parameter(0.2, (-6.0, 6.0), "growth of ln k over one scale of the column")
+    reference: float = constant(0.0, _ANY, "value of the column at which k is k0")
+    scale: float = constant(1.0, _POSITIVE, "difference in the column that changes ln k by a")
+
+    @classmethod
+    def suited_to(cls, conditions: Conditions) -> Effect:
+        """Reference and scale are the middle and half the range of the column."""
+        values = cls.known(conditions)
+        if values.size == 0:
+            return cls()
+        low, high = float(values.min()), float(values.max())
+        # A column that never varies says nothing; any scale will do.
+        scale = 0.5 * (high - low) if high > low else max(abs(high), 1.0)
+        return cls(reference=0.5 * (low + high), scale=scale)
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        return np.exp(self.a * (self.column(conditions) - self.reference) / self.scale)
+
+
+@dataclass(frozen=True)
+class PowerLaw(ColumnLaw):
+    """k = k0 (w / w0)^p, for columns of positive values."""
+
+    form = "power"
+    formula = "k = k0 (w / reference)^p, w > 0"
+    source = "empirical"
+
+    p: float = parameter(0.2, (-30.0, 30.0), "growth of ln k with ln of the column")
+    reference: float = constant(1.0, _POSITIVE, "value of the column at which k is k0")
+
+    @classmethod
+    def suited_to(cls, conditions: Conditions) -> Effect:
+        """The reference is the geometric mean of the column."""
+        values = cls.known(conditions)
+        if values.size == 0 or values.min() <= 0:
+            return cls()
+        return cls(reference=float(np.exp(np.mean(np.log(values)))))
+
+    def objection(self, conditions: Conditions) -> str:
+        values = self.column(conditions)
+        bad = np.flatnonzero((conditions.rolling) & (values <= 0.0))
+        if bad.size:
+            return (
+                f"its power law needs values over 0 in column '{self.needs[0]}', "
+                f"row {bad[0] + 1} has {values[bad[0]]:.6g}; take form 'exponential'"
+            )
+        return ""
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        ratio = self.column(conditions) / self.reference
+        return np.asarray(np.where(ratio > 0.0, ratio, np.nan) ** self.p)
