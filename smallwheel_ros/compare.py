@@ -102,7 +102,7 @@ def compare(
     *,
     standard: bool = True,
     folds: int = _FOLDS,
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> Comparison:
     """Compare models with measurements.
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from smallwheel_ros.compare import Comparison, ModelResult
 from smallwheel_ros.display import display, number, sentence, words
 from smallwheel_ros.scores import UNITS
+from smallwheel_ros.tables import text_table
 
 
 def comparison_text(comparison: Comparison) -> str:
@@ -38,7 +37,7 @@ def _channel(comparison: Comparison, channel: str) -> list[str]:
     rows = [_row(comparison, model, channel, shown.scale) for model in comparison.models]
     header = ["model", "rows", "held-out RMSE", "+-", "bias", "in-sample RMSE", "bias"]
     title = f"{words(channel)} [{shown.unit}], noise floor {level} ({floor.reason})"
-    return [title, *_table([header, *rows])]
+    return [title, *(f"  {line}" for line in text_table(header, rows).splitlines())]
 
 
 def _row(comparison: Comparison, model: ModelResult, channel: str, scale: float) -> list[str]:
@@ -51,13 +50,3 @@ def _row(comparison: Comparison, model: ModelResult, channel: str, scale: float)
             value = None if score is None else getattr(score, name)
             cells.append("-" if value is None else number(value * scale))
     return cells
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  "
-        + row[0].ljust(widths[0])
-        + "".join(f"  {cell.rjust(width)}" for cell, width in zip(row[1:], widths[1:], strict=True))
-        for row in rows
-    ]
