@@ -1,0 +1,8 @@
+"""Find out which physical effect a model is missing, and what the data cannot tell."""
+
+from __future__ import annotations
+
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, Step, diagnose
+from smallwheel_ros.diagnosis.workbench import Base
+
+__all__ = ["Base", "Diagnosis", "Step", "diagnose"]

@@ -1,0 +1,114 @@
+"""From what was found to what may be said: a name only where the data leaves one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from smallwheel_ros.diagnosis.candidates import Family
+from smallwheel_ros.diagnosis.search import ALARM, Member, Search
+from smallwheel_ros.diagnosis.ties import Tie, partners
+
+Verdict = Literal[
+    "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
+]
+
+_SURE = 0.005  # p-value of a misfit that no effect explains
+_LEAST_REMOVED = 0.02  # of the standardised error, for such a misfit to matter
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The verdict. named: effects that every good explanation has, in the order added.
+
+    candidates: effects that cannot be told apart. reasons: sentences. pairs: rivals, for what to
+    measure next: an effect and one that could be in its place.
+    """
+
+    verdict: Verdict
+    named: tuple[str, ...]
+    candidates: tuple[str, ...]
+    reasons: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...] = ()
+
+
+def _tied_families(
+    member: Member, families: Sequence[Family], ties: Sequence[Tie], taken: Sequence[str]
+) -> list[tuple[str, Tie]]:
+    """Other families whose driver moves with the member's."""
+    own = next(f for f in families if f.name == member.family)
+    found: dict[str, Tie] = {}
+    for driver in own.drivers:
+        for tie in partners(list(ties), driver):
+            other = tie.second if tie.first == driver else tie.first
+            for family in families:
+                if family.blocked or family.name in taken or family.name in found:
+                    continue
+                if other in family.drivers:
+                    found[family.name] = tie
+    return list(found.items())
+
+
+def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> Finding:
+    """The verdict of a search."""
+    accepted = [m for m in search.members if not m.objection]
+    taken = [m.family for m in accepted]
+    named: list[str] = []
+    open_sets: list[str] = []
+    pairs: list[tuple[str, str]] = []
+    reasons: list[str] = []
+    for member in accepted:
+        rivals = [name for name, _ in member.rivals]
+        tied = _tied_families(member, families, ties, taken)
+        if not rivals and not tied:
+            named.append(member.family)
+            continue
+        others = list(dict.fromkeys(rivals + [name for name, _ in tied]))
+        pairs += [(member.family, other) for other in others]
+        open_sets += [member.family, *others]
+        if rivals:
+            reasons.append(
+                f"{member.family} explains the data best, but {_listed(rivals)} would do nearly as "
+                "well in its place"
+            )
+        for name, tie in tied:
+            reasons.append(
+                f"{member.family} cannot be told from {name}: {tie.first} and {tie.second} were "
+                f"varied together (r = {tie.correlation:.2f})"
+            )
+    candidates = tuple(dict.fromkeys(open_sets))
+    if named:
+        return Finding("missing_effect", tuple(named), candidates, tuple(reasons), tuple(pairs))
+    if candidates:
+        return Finding("indistinguishable", (), candidates, tuple(reasons), tuple(pairs))
+    return _without_name(search)
+
+
+def _without_name(search: Search) -> Finding:
+    first = search.first
+    reasons = [f"{m.family} was not accepted: {m.objection}" for m in search.members]
+    gain = max(first.generic_gain, first.leads[0].gain if first.leads else 0.0)
+    rows = len(search.workbench.observations)
+    removed = 1.0 - float(np.exp(-gain / (2.0 * rows)))
+    if min(first.p_generic, first.p_any) < _SURE and removed > _LEAST_REMOVED:
+        where = first.generic or "nothing recorded"
+        reasons.append(
+            f"the base model misses something (p {min(first.p_generic, first.p_any):.2g}), most "
+            f"clearly in {where}, and no effect of the library explains it well enough"
+        )
+        return Finding("unknown_effect", (), (), tuple(reasons))
+    if first.p_any < ALARM or first.p_generic < ALARM:
+        reasons.append(
+            f"there is a sign that something is missing (p {min(first.p_any, first.p_generic):.2g}), "
+            "but none that helps prediction: too small to matter here, or chance"
+        )
+    elif min(first.p_any, first.p_generic) < 0.10:
+        reasons.append("there is a weak sign that something is missing: measure more runs")
+    return Finding("adequate", (), (), tuple(reasons))
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
