@@ -21,7 +21,9 @@ from smallwheel_ros.model import Model, predict
 from smallwheel_ros.noise_floor import NoiseFloor, noise_floor
 from smallwheel_ros.scores import Index, Mask, Part, Score, parts, score
 
-_FOLDS = 10
+_FOLDS, _FOLDS_OF_MANY, _MANY = 10, 5, 1000  # with over so many rows fewer, larger folds do
+
+Progress = Callable[[int, int], object]  # fits done, fits needed
 
 
 class CompareError(SmallwheelError):
@@ -101,23 +103,23 @@ def compare(
     contenders: Sequence[Contender] = (),
     *,
     standard: bool = True,
-    folds: int = _FOLDS,
-    progress: Callable[[str], object] = lambda step: None,
+    folds: int | None = None,
+    progress: Progress = lambda done, needed: None,
 ) -> Comparison:
     """Compare models with measurements.
 
-    contenders: further models beside the standard ones. folds: parts that the runs are dealt into;
-    each is predicted by a model that was fitted without it. progress: told each step.
+    contenders: further models beside the standard ones. folds: parts that the runs are dealt into
+    (10; 5 with over 1000 rows); each is predicted by a model that was fitted without it. progress:
+    told how many of how many fits are done.
     Raises CompareError where no row can be compared, FittingError where a fit is impossible.
     """
     data, left_out = _comparable(measurements)
     runs, run = run_codes(data)
-    fold = _deal(len(runs), folds)[run]
+    few = _FOLDS if len(data) <= _MANY else _FOLDS_OF_MANY
+    fold = _deal(len(runs), folds or few)[run]
     models = [*(standard_contenders(data) if standard else ()), *contenders]
-    results = []
-    for contender in models:
-        progress(contender.name)
-        results.append(_result(contender, data, fold))
+    count = _Count(progress, models, fold)
+    results = [_result(contender, data, fold, count) for contender in models]
     notes = []
     if len(runs) < 2:
         notes.append("all rows are of one run: nothing can be held out, every error is in sample")
@@ -157,7 +159,22 @@ def _deal(runs: int, folds: int) -> Index:
     return np.random.default_rng(0).permutation(dealt)
 
 
-def _result(contender: Contender, data: Measurements, fold: Index) -> ModelResult:
+class _Count:
+    """Counts the fits of a comparison and tells of each."""
+
+    def __init__(self, progress: Progress, models: Sequence[Contender], fold: Index) -> None:
+        folds = int(fold.max()) + 1
+        each = folds + 1 if folds > 1 else 1
+        self.needed = each * sum(contender.fit is not None for contender in models)
+        self.done, self.progress = 0, progress
+        progress(0, self.needed)
+
+    def __call__(self) -> None:
+        self.done += 1
+        self.progress(self.done, self.needed)
+
+
+def _result(contender: Contender, data: Measurements, fold: Index, count: _Count) -> ModelResult:
     if contender.model is not None:
         return ModelResult(
             contender,
@@ -168,10 +185,11 @@ def _result(contender: Contender, data: Measurements, fold: Index) -> ModelResul
         )
     assert contender.fit is not None
     model = contender.fit(data)
+    count()
     in_sample = _predicted(model, data)
     if fold.max() == 0:
         return ModelResult(contender, model, in_sample, None)
-    return ModelResult(contender, model, in_sample, _held_out(contender.fit, data, fold))
+    return ModelResult(contender, model, in_sample, _held_out(contender.fit, data, fold, count))
 
 
 def _standing_note(contender: Contender, data: Measurements) -> str:
@@ -182,12 +200,15 @@ def _standing_note(contender: Contender, data: Measurements) -> str:
     return "stands as it is; what it was fitted to is not known, so nothing is called held out"
 
 
-def _held_out(fit: Callable[[Measurements], Model], data: Measurements, fold: Index) -> Predicted:
+def _held_out(
+    fit: Callable[[Measurements], Model], data: Measurements, fold: Index, count: _Count
+) -> Predicted:
     values = {name: np.full(len(data), np.nan) for name in data.channels}
     reasons: dict[str, list[Index]] = {}
     for number in range(int(fold.max()) + 1):
         rows = np.flatnonzero(fold == number)
         model = fit(data.take(fold != number))
+        count()
         part = _predicted(model, data.take(rows))
         for name, predicted in part.values.items():
             values[name][rows] = predicted

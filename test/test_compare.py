@@ -115,6 +115,18 @@ def test_no_run_is_predicted_by_a_model_that_saw_it() -> None:
     assert sum(map(len, left_out)) == 11  # each run once
 
 
+def test_progress_counts_every_fit() -> None:
+    told: list[tuple[int, int]] = []
+    compare(
+        table(22),
+        [Contender("a", "", lambda part: Model(SAND)), Contender("b", "", None, Model(SAND))],
+        standard=False,
+        folds=3,
+        progress=lambda done, needed: told.append((done, needed)),
+    )
+    assert told == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+
+
 def test_held_out_errors_are_those_of_a_refit_by_hand(
     simulated: Measurements, comparison: Comparison
 ) -> None:

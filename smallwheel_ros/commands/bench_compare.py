@@ -14,7 +14,7 @@ from smallwheel_ros.compare import Comparison
 from smallwheel_ros.compare import compare as compare_models
 from smallwheel_ros.compare_document import comparison_document
 from smallwheel_ros.compare_text import comparison_text
-from smallwheel_ros.contenders import Contender, standard_contenders
+from smallwheel_ros.contenders import Contender
 from smallwheel_ros.effects.registry import load_effects
 from smallwheel_ros.measurements import read_measurements
 from smallwheel_ros.model_file import read_model
@@ -66,9 +66,13 @@ def compare(
         raise OutputError(f"{plots}: a file, expected a folder for the pictures")
     measurements = read_measurements(data, diameter=diameter, width=width)
     contenders = standing_contenders(models, effects_file)
-    total = len(standard_contenders(measurements)) + len(contenders)
-    with tqdm(total=total, desc="fitting", unit="model", disable=None, leave=False) as bar:
-        comparison = compare_models(measurements, contenders, progress=lambda name: bar.update())
+    with tqdm(desc="fitting", unit="fit", disable=None, leave=False) as bar:
+
+        def show(done: int, needed: int) -> None:
+            bar.total = needed
+            bar.update(done - bar.n)
+
+        comparison = compare_models(measurements, contenders, progress=show)
     for warning in measurements.warnings:
         click.echo(f"warning: {warning}", err=True)
     if html is not None:
