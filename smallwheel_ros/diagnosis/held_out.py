@@ -16,6 +16,7 @@ from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.mixed import Padding, RunEffects
 from smallwheel_ros.fitting.solve import Weights, solve
+from smallwheel_ros.scores import score
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,15 @@ class Errors:
             name: float(np.sqrt(np.mean(self.error[self.channel == c] ** 2)))
             for c, name in enumerate(self.channels)
         }
+
+    def rmse_std(self) -> dict[str, float | None]:
+        """Standard error of the rmse by channel, by bootstrap over runs; None with under 3 runs."""
+        found: dict[str, float | None] = {}
+        for c, name in enumerate(self.channels):
+            mask = self.channel == c
+            scored = score(self.error[mask], self.run[mask])
+            found[name] = None if scored is None else scored.rmse_std
+        return found
 
     def bias(self) -> dict[str, float]:
         """By channel, mean of measured less predicted, m or N."""
@@ -142,13 +152,15 @@ def _fitted(workbench: Workbench, explanation: Explanation, draws: Array) -> Arr
     return np.asarray(draws - design @ solved)
 
 
-def better(before: Errors, after: Errors) -> tuple[float, float, float]:
-    """Whether the second predicts better: largest relative fall of a channel's error, gain over its
-    standard error (runs are the units), and fall of the standardised error.
+def better(before: Errors, after: Errors) -> tuple[float, float]:
+    """How much better the second predicts: relative fall of the error, and gain over its own error.
+
+    The fall is that of the channel that gains most, or of the standardised error of all. The gain is the
+    fall of the squared standardised error over its standard error, where runs are the units.
     """
     first, second = before.rmse(), after.rmse()
-    fall = max(1.0 - second[c] / first[c] if first[c] > 0 else 0.0 for c in first)
+    falls = [1.0 - second[c] / first[c] for c in first if first[c] > 0]
+    falls.append(1.0 - after.standardised() / max(before.standardised(), 1e-300))
     gain = before.by_run() - after.by_run()
     spread = float(np.std(gain, ddof=1) * np.sqrt(gain.size)) if gain.size > 1 else np.inf
-    total = 1.0 - after.standardised() / max(before.standardised(), 1e-300)
-    return fall, float(gain.sum()) / max(spread, 1e-300), total
+    return max(falls), float(gain.sum()) / max(spread, 1e-300)

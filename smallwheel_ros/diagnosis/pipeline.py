@@ -144,7 +144,8 @@ def diagnose(
         "ties": [
             {"settings": [t.first, t.second], "correlation": t.correlation}
             for t in ties
-            if t.first < t.second or not any((u.first, u.second) == (t.second, t.first) for u in ties)
+            if t.first < t.second
+            or not any((u.first, u.second) == (t.second, t.first) for u in ties)
         ],
         "run_scatter": dict(
             zip(workbench.effects.names, found.best.fit.scatter.tau.tolist(), strict=True)
@@ -218,7 +219,8 @@ def _proposals(workbench: Workbench, found: Search, finding: Finding) -> list[Pr
         options = [
             e
             for e in workbench.known()
-            if second in e.families and sorted(e.families) == sorted((*(f.family for f in rest), second))
+            if second in e.families
+            and sorted(e.families) == sorted((*(f.family for f in rest), second))
         ]
         if options:
             rival = min(options, key=lambda e: e.cost)
@@ -268,7 +270,9 @@ def _notes(calibration: Calibration, measurements: Measurements, base: Base) -> 
     notes = [*result_of(calibration).notes, *measurements.notes]
     if base.priors:
         names = ", ".join(base.priors)
-        notes.append(f"the soil ({names}) was known beforehand; it was refitted within its covariance")
+        notes.append(
+            f"the soil ({names}) was known beforehand; it was refitted within its covariance"
+        )
     flagged = np.flatnonzero(~calibration.kept)
     if flagged.size:
         lines = measurements.line[calibration.observations.row[flagged]]

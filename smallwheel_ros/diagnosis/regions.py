@@ -68,9 +68,7 @@ def where_it_fails(observations: Observations, errors: Errors, seed: int) -> lis
             p = float((1 + np.sum(null >= statistic[0])) / (1 + null.size))
             if p <= _SHOWN:
                 column = settings_of(observations)[name][observations.row[mask]]
-                found.append(
-                    _region(name, threshold, column, errors.error[mask], channel, p)
-                )
+                found.append(_region(name, threshold, column, errors.error[mask], channel, p))
     found.sort(key=lambda r: (r.p, -r.rmse / max(r.rmse_elsewhere, 1e-300)))
     return found[:_MOST]
 
@@ -82,7 +80,9 @@ def _worst_cut(setting: Array, values: Array) -> tuple[Array, float] | None:
     size = ordered.size
     step = 1e-3 * np.ptp(ordered)
     places = [
-        i for i in range(_FEWEST_RUNS, size - _FEWEST_RUNS + 1) if ordered[i] - ordered[i - 1] > step
+        i
+        for i in range(_FEWEST_RUNS, size - _FEWEST_RUNS + 1)
+        if ordered[i] - ordered[i - 1] > step
     ]
     if not places:
         return None

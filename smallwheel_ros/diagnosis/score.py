@@ -156,7 +156,7 @@ def scores(
     xy = x.T @ (responses * weight[:, None])
     yy = np.sum(responses**2 * weight[:, None], axis=0)
     runs, q = uu.shape[0], uu.shape[1]
-    flat_y = uy.reshape(runs * q, -1)
+    flat_x, flat_y = ux.reshape(runs * q, -1), uy.reshape(runs * q, -1)
     freedom = responses.shape[0] - p
     best_base = np.full(responses.shape[1], np.inf)
     best_with = np.full((c.shape[1], responses.shape[1]), np.inf)
@@ -164,10 +164,10 @@ def scores(
         w, log_det = woodbury(uu, point, effects.log_noise)
         wx = w @ ux
         flat = wx.reshape(runs * q, -1)
-        jvx = jx - np.einsum("gqa,gqb->ab", ux[:, :, :p], wx)
-        cvc = cc - np.einsum("gqa,gqa->a", ux[:, :, p:], wx[:, :, p:])
+        jvx = jx - flat_x[:, :p].T @ flat
+        cvc = cc - np.sum(flat_x[:, p:] * flat[:, p:], axis=0)
         xvy = xy - flat.T @ flat_y
-        yvy = yy - np.einsum("gqb,gqr,grb->b", uy, w, uy, optimize=True)
+        yvy = yy - np.sum(uy * (w @ uy), axis=(0, 1))
         factor = np.linalg.cholesky(jvx[:, :p] + precision)
         hx = np.linalg.solve(factor, jvx[:, p:])
         hy = np.linalg.solve(factor, xvy[:p])
@@ -180,11 +180,10 @@ def scores(
         best_base = np.minimum(best_base, freedom * np.log(rss) + constant)
         best_with = np.minimum(best_with, freedom * np.log(rss - gain) + constant)
     w, _ = woodbury(uu, tau, 0.0)
-    inner = x.T @ (x * weight[:, None]) - np.einsum("gqa,gqr,grb->ab", ux, w, ux, optimize=True)
-    y = xy[:, 0] - np.einsum("gqa,gqr,gr->a", ux, w, uy[:, :, 0], optimize=True)
-    solved = np.linalg.solve(
-        inner[:p, :p] + precision, np.column_stack([inner[:p, p:], y[:p]])
-    )
+    flat = (w @ ux).reshape(runs * q, -1)
+    inner = x.T @ (x * weight[:, None]) - ux.reshape(runs * q, -1).T @ flat
+    y = xy[:, 0] - flat.T @ flat_y[:, 0]
+    solved = np.linalg.solve(inner[:p, :p] + precision, np.column_stack([inner[:p, p:], y[:p]]))
     rest = inner[p:, p:] - inner[p:, :p] @ solved[:, :-1]
     length = np.maximum(np.diag(rest), 1e-12 * np.diag(inner)[p:] + 1e-300)
     slope = (y[p:] - inner[p:, :p] @ solved[:, -1]) / length
@@ -197,9 +196,7 @@ def scores(
     )
 
 
-def simulate(
-    effects: RunEffects, tau: Array, count: int, generator: np.random.Generator
-) -> Array:
+def simulate(effects: RunEffects, tau: Array, count: int, generator: np.random.Generator) -> Array:
     """Residuals under "nothing is missing", shape (observations, count)."""
     rows = effects.variance.size
     noise = generator.standard_normal((rows, count)) * np.sqrt(effects.variance)[:, None]

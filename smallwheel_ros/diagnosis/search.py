@@ -227,7 +227,7 @@ def _member(found: Search, name: str) -> Member:
     )
     lead = table.lead(name)
     p = lead.p_any if lead is not None else 1.0
-    fall, sigmas, total = better(one_step(workbench, rest), one_step(workbench, best))
+    fall, sigmas = better(one_step(workbench, rest), one_step(workbench, best))
     objection = ""
     if p >= ALARM:
         objection = f"a gain this large comes by chance (p {p:.2g})"
@@ -237,7 +237,6 @@ def _member(found: Search, name: str) -> Member:
         objection = f"held-out error falls by {100 * fall:.1f} % only"
     elif sigmas < 1.0:
         objection = "held-out error falls by less than its standard error"
-    del total
     return Member(name, gain, p, fall, sigmas, objection)
 
 
@@ -280,9 +279,7 @@ def _with_rivals(found: Search, member: Member) -> Member:
             rivals += [(n, float(cost(other) - cost(best))) for n in extra]
     unique = dict(sorted(rivals, key=lambda r: -r[1]))
     ordered = tuple(sorted(unique.items(), key=lambda r: r[1]))
-    return Member(
-        member.family, member.gain, member.p, member.fall, member.sigmas, "", ordered
-    )
+    return Member(member.family, member.gain, member.p, member.fall, member.sigmas, "", ordered)
 
 
 def forms_alike(workbench: Workbench, explanation: Explanation, family: Family) -> list[Form]:

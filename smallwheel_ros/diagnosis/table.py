@@ -104,9 +104,7 @@ def look(
         generator = np.random.default_rng([seed, 7, len(explanation.forms)])
         null = simulate(workbench.effects, tau, draws, generator)
         responses = np.column_stack([responses, null])
-    found = scores(
-        workbench.effects, workbench.typical, tau, design, precision, columns, responses
-    )
+    found = scores(workbench.effects, workbench.typical, tau, design, precision, columns, responses)
     return _table(columns, found, names, draws, critical)
 
 

@@ -61,7 +61,8 @@ class Weights:
         e = self.effects
         ux = e.products(e.loadings, x)
         plain = x.T @ (x / e.variance[:, None])
-        return np.asarray(plain - np.einsum("gqa,gqr,grb->ab", ux, self._w, ux, optimize=True))
+        flat = ux.reshape(-1, x.shape[1])
+        return np.asarray(plain - flat.T @ (self._w @ ux).reshape(flat.shape))
 
 
 def solve(
@@ -74,15 +75,14 @@ def solve(
     predicted, slopes = predictor.with_slopes(theta)
     damping, settled = 1e-3, False
 
-    def quadratic(theta: Array, residual: Array) -> float:
+    def total(theta: Array, form: Array) -> float:
         away = theta - layout.centre
-        form = weights.form(residual[:, None])[0, 0]
-        return float(form + away @ layout.precision @ away)
+        return float(form[-1, -1] + away @ layout.precision @ away)
 
-    value = quadratic(theta, observed - predicted)
+    form = weights.form(np.column_stack([slopes, observed - predicted]))
+    value = total(theta, form)
     frozen = np.zeros(theta.size, dtype=bool)
     for _ in range(steps):
-        form = weights.form(np.column_stack([slopes, observed - predicted]))
         hessian = form[:-1, :-1] + layout.precision
         gradient = form[:-1, -1] - layout.precision @ (theta - layout.centre)
         frozen = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
@@ -98,8 +98,10 @@ def solve(
                 block + (damping * np.diag(block) + 1e-12) * np.eye(block.shape[0]), gradient[free]
             )
             trial = np.clip(theta + step, low, high)
-            trial_predicted = predictor(trial)
-            trial_value = quadratic(trial, observed - trial_predicted)
+            # Slopes with it at once: nearly every step is taken.
+            trial_predicted, trial_slopes = predictor.with_slopes(trial)
+            trial_form = weights.form(np.column_stack([trial_slopes, observed - trial_predicted]))
+            trial_value = total(trial, trial_form)
             if np.isfinite(trial_value) and trial_value <= value + 1e-9:
                 moved = True
                 break
@@ -108,13 +110,12 @@ def solve(
             settled = True
             break
         gain = value - trial_value
-        theta, value = trial, trial_value
-        predicted, slopes = predictor.with_slopes(theta)
+        theta, value, form = trial, trial_value, trial_form
+        predicted, slopes = trial_predicted, trial_slopes
         damping = max(damping / 8.0, 1e-9)
         if gain < _SMALL:
             settled = True
             break
-    form = weights.form(np.column_stack([slopes, observed - predicted]))
     gradient = form[:-1, -1] - layout.precision @ (theta - layout.centre)
     frozen = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
     return Solution(

@@ -1,0 +1,135 @@
+"""Add effects to a model, and say what that does to the held-out error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.diagnosis.candidates import Family, list_families
+from smallwheel_ros.diagnosis.held_out import Errors, better, refitted
+from smallwheel_ros.diagnosis.search import best_form, plausible
+from smallwheel_ros.diagnosis.workbench import Base, Workbench
+from smallwheel_ros.effects.base import EffectError
+from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.fitting.calibrate import calibrate
+from smallwheel_ros.fitting.files import soil_priors, starting_soils
+from smallwheel_ros.fitting.layout import make_layout
+from smallwheel_ros.fitting.observations import observe
+from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.model_file import CalibratedModel
+
+_LEAST_FALL = 0.05
+
+
+@dataclass(frozen=True)
+class Added:
+    """An effect that was added to a model. before, after: held-out errors.
+
+    fall: relative fall of the error (of the channel that gains most). sigmas: the gain over its standard
+    error. recommended: it falls by more than 5 % and by more than its standard error, plausibly.
+    """
+
+    effect: str
+    form: str
+    fit: FitResult
+    before: Errors
+    after: Errors
+    fall: float
+    sigmas: float
+    recommended: bool
+    reason: str
+
+
+def base_of(known: CalibratedModel, measurements: Measurements) -> Base:
+    """What a diagnosis starts from, given a model file: its geometry, thrust, effects and soils.
+
+    The soils are refitted within their covariance, where the file has one and was not made from this data.
+    """
+    model = known.model
+    return Base(
+        model.effects,
+        model.geometry,
+        model.thrust_form,
+        starting_soils(known, measurements),
+        soil_priors(known, measurements) or None,
+    )
+
+
+def base_physics(base: Base, measurements: Measurements, registry: Registry | None = None) -> Base:
+    """The base with the known physics whose columns the table has (slope), where it is not in yet."""
+    present = {effect.id for effect in base.effects}
+    added = []
+    for name, forms in (registry or default_registry()).families.items():
+        cls = forms[0]
+        there = all(need in measurements.conditions for need in cls.needs)
+        if cls.known_physics and cls.needs and there and name not in present:
+            if any(np.any(measurements.conditions[need] != 0) for need in cls.needs):
+                added.append(cls.suited_to(measurements.conditions))
+    return Base((*added, *base.effects), base.geometry, base.thrust_form, base.soils, base.priors)
+
+
+def _family(families: list[Family], effect: str, registry: Registry | None) -> Family:
+    for family in families:
+        if family.name == effect:
+            if family.blocked:
+                raise EffectError(
+                    f"effect '{effect}' cannot be fitted to this data: {family.blocked}"
+                )
+            return family
+    (registry or default_registry()).family(effect)  # says what exists where there is none
+    raise EffectError(f"effect '{effect}' cannot be fitted to this data: its column is not there")
+
+
+def add_effect(
+    effect: str,
+    base: Base,
+    measurements: Measurements,
+    *,
+    registry: Registry | None = None,
+) -> Added:
+    """Add one effect, in the form that fits best, and fit everything anew.
+
+    Raises EffectError where there is no such effect or the data does not have what it needs.
+    """
+    observations = observe(measurements)
+    present = [e.id for e in base.effects]
+    families = list_families(observations, present, base.geometry, registry)
+    family = _family(families, effect, registry)
+    layout = make_layout(
+        observations,
+        base.effects,
+        base.geometry,
+        soils=base.soils or None,
+        priors=base.priors,
+        thrust_form=base.thrust_form,
+    )
+    workbench = Workbench(calibrate(observations, layout), base)
+    before = workbench.fit(())
+    after = workbench.fit((family.forms[0],), near=before)
+    after = best_form(workbench, after, family)
+    errors = refitted(workbench, before), refitted(workbench, after)
+    fall, sigmas = better(*errors)
+    sensible = plausible(after, effect)
+    final = calibrate(observations, after.layout, start=after.theta)
+    reason = ""
+    if fall <= 0.0:
+        reason = "the error did not fall; not recommended"
+    elif fall < _LEAST_FALL:
+        reason = f"the error fell by {100 * fall:.1f} % only; not recommended"
+    elif sigmas < 1.0:
+        reason = "the error fell by less than its own uncertainty; not recommended"
+    elif not sensible:
+        reason = "the fitted strength is at a bound or outside the published range; not recommended"
+    return Added(
+        effect,
+        after.forms[0].effect.form,
+        result_of(final),
+        errors[0],
+        errors[1],
+        fall,
+        sigmas,
+        not reason,
+        reason,
+    )

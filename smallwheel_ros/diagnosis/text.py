@@ -1,0 +1,113 @@
+"""The diagnosis in words, made from its document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from smallwheel_ros.display import brief, display, number, words
+from smallwheel_ros.scores import UNITS
+
+_SAID = {
+    "missing_effect": "The model lacks {named}.",
+    "adequate": "Nothing is missing that this data could show.",
+    "unknown_effect": "Something is missing, and no effect of the library explains it.",
+    "indistinguishable": "Something is missing: {candidates}. This data cannot tell which.",
+    "insufficient_data": "Too little data for a verdict.",
+}
+
+
+def _listed(names: Sequence[str], last: str) -> str:
+    shown = [words(name) for name in names]
+    if len(shown) < 2:
+        return "".join(shown)
+    return f"{', '.join(shown[:-1])} {last} {shown[-1]}"
+
+
+def _shown(channel: str, value: float | None) -> str:
+    if value is None:
+        return "-"
+    how = display(channel, UNITS[channel])
+    return f"{number(value * how.scale)} {how.unit}"
+
+
+def diagnosis_text(document: Mapping[str, Any]) -> str:
+    """The document for people, in the order in which one asks."""
+    lines = [
+        _SAID[document["verdict"]].format(
+            named=_listed(document["missing_effects"], "and"),
+            candidates=_listed(document["candidates"], "or"),
+        )
+    ]
+    if document["verdict"] == "missing_effect" and document["candidates"]:
+        rivals = _listed(document["candidates"], "or")
+        lines.append(f"Something more is missing: {rivals}. This data cannot tell which.")
+    if document.get("reason"):
+        lines.append(str(document["reason"]) + ".")
+    p = document["lack_of_fit"]["p_value"]
+    if p is not None:
+        lines.append(f"Chance of such errors if nothing were missing: p = {p:.2g}.")
+    lines += ["", *_steps(document), *_regions(document), *_ranking(document), *_blind(document)]
+    if document["next_measurements"]:
+        lines += ["", "What to measure next"]
+        for proposal in document["next_measurements"]:
+            power = proposal.get("expected_power")
+            chance = "" if power is None else f" (chance to decide {100 * power:.0f} %)"
+            lines.append(f"  {proposal['text']}{chance}")
+    for title, key in (("Warnings", "warnings"), ("Notes", "notes")):
+        if document.get(key):
+            lines += ["", title, *[f"  {text}" for text in document[key]]]
+    return "\n".join(lines)
+
+
+def _steps(document: Mapping[str, Any]) -> list[str]:
+    lines = ["Held-out error"]
+    for name, channel in document["channels"].items():
+        path = [_shown(name, step["held_out_rmse"].get(name)) for step in document["steps"]]
+        floor = channel.get("noise_floor")
+        known = "" if floor is None else f"; noise floor {_shown(name, floor)}"
+        lines.append(f"  {words(name)}, {channel['rows']} rows: {' -> '.join(path)}{known}")
+    return lines
+
+
+def _regions(document: Mapping[str, Any]) -> list[str]:
+    if not document["where_it_fails"]:
+        return []
+    lines = ["", "Where the base model fails"]
+    for region in document["where_it_fails"]:
+        channel = region["channel"]
+        lines.append(
+            f"  {words(channel)} where {region['region']} ({region['rows']} rows): error "
+            f"{_shown(channel, region['rmse'])}, elsewhere {_shown(channel, region['rmse_elsewhere'])}, "
+            f"measured - predicted {_shown(channel, region['bias'])} on average"
+        )
+    return lines
+
+
+def _ranking(document: Mapping[str, Any]) -> list[str]:
+    rows = [row for row in document["ranking"] if row["status"] != "not_testable"]
+    if not rows:
+        return []
+    lines = ["", "Effects, by what they explain"]
+    for row in rows:
+        share = row.get("reduction")
+        removed = "" if share is None else f"{100 * share:4.0f} % of the error"
+        lines.append(f"  {words(row['effect']):26s} {removed:>18s}  {row['reason']}")
+        if row["status"] in ("significant", "confounded"):
+            for name, p in row["parameters"].items():
+                unit = "" if p["unit"] == "1" else f" {p['unit']}"
+                std = "" if p["std"] is None else f" +- {number(p['std'])}"
+                known = p["published_range"]
+                where = "" if not known else f", published {brief(known[0])} to {brief(known[1])}"
+                lines.append(
+                    f"      {name} = {number(p['value'])}{std}{unit} ({row['form']}{where})"
+                )
+    return lines
+
+
+def _blind(document: Mapping[str, Any]) -> list[str]:
+    rows = [row for row in document["ranking"] if row["status"] == "not_testable"]
+    if not rows:
+        return []
+    lines = ["", "Not testable with this data"]
+    return lines + [f"  {words(row['effect'])}: {row['reason']}" for row in rows]

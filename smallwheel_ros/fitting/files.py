@@ -1,0 +1,99 @@
+"""From a fit to a model file and back: what is known of a soil becomes what is believed beforehand."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.fitting.parameters import SoilPrior
+from smallwheel_ros.fitting.result import FitResult
+from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.model import Model
+from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.soil import Soil
+
+Array = NDArray[np.float64]
+
+_SOIL = ("log_reference_pressure", "n", "m")
+_UNKNOWN = np.diag([9.0, 0.36, 1.0])  # variances where a model file states none
+# A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
+_LEAST = np.array([0.03, 0.02, 0.02])
+
+
+def calibrated(
+    fit: FitResult,
+    measurements: Measurements,
+    held_out: Mapping[str, float] | None = None,
+    date: str | None = None,
+) -> CalibratedModel:
+    """The fit as it is written to a model file. held_out: held-out RMSE by channel, m or N.
+
+    date: ISO; today where None.
+    """
+    soils = {s.name for s in fit.model.soils}
+    keep = [
+        i
+        for i, name in enumerate(fit.names)
+        if name.rsplit(".", 1)[0] not in soils or name.rsplit(".", 1)[1] in _SOIL
+    ]
+    provenance: dict[str, object] = {
+        "data": measurements.source,
+        "sha256": measurements.sha256,
+        "date": date or datetime.date.today().isoformat(),
+        "rows": len(measurements),
+        "runs": int(measurements.runs.size),
+    }
+    if held_out:
+        provenance["held_out_rmse"] = {name: float(v) for name, v in held_out.items()}
+    if fit.run_scatter:
+        provenance["run_scatter"] = {name: float(v) for name, v in fit.run_scatter.items()}
+    names = tuple(fit.names[i] for i in keep)
+    return CalibratedModel(fit.model, names, fit.covariance[np.ix_(keep, keep)], provenance)
+
+
+def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:
+    """The model's soils under the names that the rows use.
+
+    One soil in the model and one in the rows are the same soil, whatever they are called.
+    """
+    named = measurements.conditions.soil
+    wanted = ["soil"] if named is None else sorted({str(name) for name in named})
+    known = {s.name: s for s in model.soils}
+    if len(wanted) == 1 and len(known) == 1:
+        only = next(iter(known.values()))
+        return {wanted[0]: replace(only, name=wanted[0])}
+    return {name: known[name] for name in wanted if name in known}
+
+
+def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, SoilPrior]:
+    """What a model file says of the soils of these rows, as a belief beforehand.
+
+    Empty where the model was fitted to this very data: the same evidence must not count twice.
+    """
+    if not known.names or known.provenance.get("sha256") == measurements.sha256:
+        return {}
+    priors = {}
+    for name, soil in _matched(known.model, measurements).items():
+        original = soil.name if any(s.name == soil.name for s in known.model.soils) else None
+        source = original or known.model.soils[0].name
+        covariance = np.array(_UNKNOWN)
+        at = {
+            f: known.names.index(f"{source}.{f}") for f in _SOIL if f"{source}.{f}" in known.names
+        }
+        for i, a in enumerate(_SOIL):
+            for j, b in enumerate(_SOIL):
+                if a in at and b in at:
+                    covariance[i, j] = known.covariance[at[a], at[b]]
+                elif i != j:
+                    covariance[i, j] = 0.0
+        priors[name] = SoilPrior(soil, covariance + np.diag(_LEAST**2))
+    return priors
+
+
+def starting_soils(known: CalibratedModel, measurements: Measurements) -> tuple[Soil, ...]:
+    """The model's soils under the names that the rows use."""
+    return tuple(_matched(known.model, measurements).values())
