@@ -26,8 +26,9 @@ class PrestonThomas(_Hardpan):
     )
 
     def pressure_factor(self, depth: Array, conditions: Conditions) -> Array:
-        x = np.clip(self.c * depth, 1e-9, 1.0 - 1e-9)
-        return np.asarray(-np.log1p(-x) / x)
+        x = np.minimum(self.c * depth, 1.0 - 1e-9)
+        safe = np.where(x > 1e-5, x, 0.5)  # below, the quotient loses its digits
+        return np.where(x > 1e-5, -np.log1p(-safe) / safe, 1.0 + x / 2.0 + x**2 / 3.0)
 
 
 @dataclass(frozen=True)

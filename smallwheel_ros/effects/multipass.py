@@ -54,6 +54,7 @@ class Logarithmic(_Multipass):
 @dataclass(frozen=True)
 class RutPower(Power):
     formula = "z = z1 N^p; compaction resistance as on fresh soil"
+    channels = ("sinkage", "drawbar_pull")
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage

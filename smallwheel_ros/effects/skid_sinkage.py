@@ -68,6 +68,7 @@ class Linear(_SkidSinkage):
 @dataclass(frozen=True)
 class DugQuadratic(Quadratic):
     formula = "z = z0 (1 + s [(1 - q) |i| + q i^2]), i < 0; compaction resistance at z0"
+    channels = ("sinkage", "drawbar_pull")
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage

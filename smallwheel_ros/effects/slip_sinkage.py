@@ -110,6 +110,7 @@ class ExponentShift(Effect):
 @dataclass(frozen=True)
 class DugExponential(Exponential):
     formula = "z = z0 exp(a i), i > 0; compaction resistance at z0"
+    channels = ("sinkage", "drawbar_pull")
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
@@ -118,6 +119,7 @@ class DugExponential(Exponential):
 @dataclass(frozen=True)
 class DugQuadratic(Quadratic):
     formula = "z = z0 (1 + s [(1 - q) i + q i^2]), i > 0; compaction resistance at z0"
+    channels = ("sinkage", "drawbar_pull")
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
