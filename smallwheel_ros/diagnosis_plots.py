@@ -41,8 +41,9 @@ def staircase(document: Mapping[str, Any]) -> Figure | None:
         axes.bar(at, heights, 0.62, color=[GREY] + [COLOURS[2]] * (len(steps) - 1))
         for x, height in zip(at, heights, strict=True):
             if np.isfinite(height):
-                axes.annotate(number(height), (x, height), (0, 2), textcoords="offset points",
-                              ha="center", fontsize=8.5, color=INK)  # fmt: skip
+                axes.annotate(number(height), (x, height), (0, 3), textcoords="offset points",
+                              ha="center", fontsize=8.5, color=INK,
+                              bbox={"fc": "white", "ec": "none", "pad": 0.2})  # fmt: skip
         floor = (document.get("channels") or {}).get(channel, {}).get("noise_floor")
         right = len(steps) - 0.5
         if floor is not None:

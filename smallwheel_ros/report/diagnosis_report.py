@@ -18,11 +18,17 @@ from smallwheel_ros.report.page import (
     Text,
     page,
 )
-from smallwheel_ros.scores import UNITS
+from smallwheel_ros.report.verdict_section import (
+    HEADLINES,
+    listed,
+    p_text,
+    shown_value,
+    verdict_block,
+)
 
 _STATUS = {
     "significant": "significant",
-    "not_significant": "not significant",
+    "not_significant": "not\u00a0significant",  # on one line
     "not_testable": "not testable",
     "confounded": "cannot be told apart",
 }
@@ -45,15 +51,15 @@ def diagnosis_report(
     Raises ReportError where the document is not one of a diagnosis.
     """
     verdict = document.get("verdict")
-    if verdict not in _HEADLINES:
+    if verdict not in HEADLINES:
         raise ReportError(
-            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(_HEADLINES)}"
+            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(HEADLINES)}"
         )
     more = pictures or {}
     return page(
         "Which effect is missing?",
         [
-            Section("In short", [_verdict(document)]),
+            Section("In short", [verdict_block(document)]),
             Section("The data", [*_data(document), *more.get("data", ())]),
             Section("Where the model fails",
                     [*_where_it_fails(document), *more.get("where_it_fails", ())]),
@@ -67,79 +73,10 @@ def diagnosis_report(
     )  # fmt: skip
 
 
-def _listed(names: Sequence[str], last: str = "and") -> str:
-    shown = [words(name) for name in names]
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
-
-
-_HEADLINES = {
-    "missing_effect": "The base model lacks an effect",
-    "adequate": "Nothing is missing that this data could show",
-    "unknown_effect": "Something is missing, and no known effect explains it",
-    "indistinguishable": "Something is missing, and this data cannot tell which of several effects",
-    "insufficient_data": "The data is too small or too uniform for a verdict",
-}
-
-
-def _verdict(document: Mapping[str, Any]) -> Callout:
-    verdict, named = document["verdict"], list(document.get("missing_effects") or [])
-    rivals = list(document.get("candidates") or [])
-    headline, lines = _HEADLINES[verdict], []
-    if verdict == "missing_effect" and named:
-        headline = f"Missing: {_listed(named)}"
-        lines += _fall(document)
-        if rivals:
-            lines.append(f"For a further effect these are rivals: {_listed(rivals)}.")
-    elif verdict == "indistinguishable" and rivals:
-        headline = f"Something is missing: {_listed(rivals, 'or')}"
-        lines.append("This data cannot tell which of them: see what to measure next.")
-    elif verdict == "adequate":
-        lines.append(
-            "What the data could have shown, and what not, is below under what this data cannot "
-            "tell: an effect that is not testable may still be there."
-        )
-    elif verdict == "unknown_effect":
-        lines.append("Where it fails, below, says which condition the error follows.")
-    reason = document.get("reason")
-    if reason:
-        lines.append(str(reason))
-    p = (document.get("lack_of_fit") or {}).get("p_value")
-    if p is not None:
-        lines.append(f"Test of whether anything is missing at all: p = {_p(p)}.")
-    return Callout(headline, lines, "result" if verdict in ("missing_effect", "adequate") else
-                   "warning")  # fmt: skip
-
-
-def _fall(document: Mapping[str, Any]) -> list[str]:
-    steps = document.get("steps") or []
-    lines = []
-    for channel in UNITS:
-        errors = [step["held_out_rmse"].get(channel) for step in steps]
-        known = [e for e in errors if e is not None]
-        if len(known) > 1:
-            ends = f"from {_value(channel, known[0])} to {_value(channel, known[-1])}"
-            what = "it" if len(steps) == 2 else "them"
-            lines.append(f"Adding {what} takes the held-out error of {words(channel)} {ends}.")
-    return lines
-
-
-def _value(channel: str, value: float | None) -> str:
-    if value is None:
-        return "-"
-    shown = display(channel, UNITS.get(channel, ""))
-    return f"{number(value * shown.scale)} {shown.unit}".rstrip()
-
-
-def _p(p: float | None) -> str:
-    if p is None:
-        return "-"
-    return f"{p:.1g}" if p < 0.001 else f"{p:.3f}"
-
-
 def _data(document: Mapping[str, Any]) -> list[Block]:
     rows = [
-        [words(name), str(c["rows"]), _value(name, c["rmse"]), _value(name, c["bias"]),
-         _value(name, c.get("noise_floor")), str(c.get("noise_floor_source") or "-")]
+        [words(name), str(c["rows"]), shown_value(name, c["rmse"]), shown_value(name, c["bias"]),
+         shown_value(name, c.get("noise_floor")), str(c.get("noise_floor_source") or "-")]
         for name, c in (document.get("channels") or {}).items()
     ]  # fmt: skip
     blocks: list[Block] = []
@@ -159,8 +96,8 @@ def _where_it_fails(document: Mapping[str, Any]) -> list[Block]:
         return []
     rows = [
         [str(r["region"]), words(str(r["channel"])), str(r["rows"]),
-         _value(r["channel"], r["bias"]), _value(r["channel"], r["rmse"]),
-         _value(r["channel"], r.get("rmse_elsewhere")), _p(r.get("p_value"))]
+         shown_value(r["channel"], r["bias"]), shown_value(r["channel"], r["rmse"]),
+         shown_value(r["channel"], r.get("rmse_elsewhere")), p_text(r.get("p_value"))]
         for r in regions
     ]  # fmt: skip
     header = ["where", "channel", "rows", "bias", "RMSE", "RMSE elsewhere", "p"]
@@ -174,8 +111,8 @@ def _ranking(document: Mapping[str, Any]) -> list[Block]:
         return []
     named = set(document.get("missing_effects") or [])
     rows = [
-        [words(r["effect"]), _STATUS.get(r["status"], r["status"]), _p(r.get("p_value")),
-         "-" if r.get("reduction") is None else f"{100 * r['reduction']:.0f} %",
+        [words(r["effect"]), _STATUS.get(r["status"], r["status"]), p_text(r.get("p_value")),
+         _percent(r.get("reduction")),
          str(r.get("reason") or r.get("summary") or "")]
         for r in tested
     ]  # fmt: skip
@@ -186,12 +123,15 @@ def _ranking(document: Mapping[str, Any]) -> list[Block]:
     if figure is not None:
         caption = "Blue: significant; orange: cannot be told apart; grey: not significant."
         blocks.insert(0, Picture(figure, caption))
-    parameters = _parameters(tested)
-    if parameters:
-        header = ["effect", "parameter", "value", "std", "unit", "published", "plausible"]
-        table = Table(header, parameters, "Fitted parameters", numbers=(2, 3))
-        likely = [r for r in tested if r["status"] in ("significant", "confounded")]
-        blocks.append(table if likely else Details("Fitted parameters", [table]))
+    header = ["effect", "parameter", "value", "std", "unit", "published", "plausible"]
+    likely = [r for r in tested if r["status"] in ("significant", "confounded")]
+    fitted = _parameters(likely)
+    if fitted:
+        blocks.append(Table(header, fitted, "Fitted parameters", numbers=(2, 3)))
+    others = _parameters([r for r in tested if r not in likely])
+    if others:
+        table = Table(header, others, numbers=(2, 3))
+        blocks.append(Details("Fitted parameters of the other effects", [table]))
     return blocks
 
 
@@ -203,11 +143,19 @@ def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
             plausible = {True: "yes", False: "no", None: "-"}[p.get("plausible")]
             rows.append([
                 words(row["effect"]), str(name), number(p.get("value")), number(p.get("std")),
-                "" if p.get("unit") in (None, "1") else str(p["unit"]),
+                _plain_unit(p.get("unit")),
                 "-" if not low_high else f"{brief(low_high[0])} to {brief(low_high[1])}",
                 plausible,
             ])  # fmt: skip
     return rows
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{round(100 * share)} %"
+
+
+def _plain_unit(unit: str | None) -> str:
+    return "" if unit in (None, "1") else str(unit)
 
 
 def _steps(document: Mapping[str, Any]) -> list[Block]:
@@ -231,22 +179,37 @@ def _unknowable(document: Mapping[str, Any]) -> list[Block]:
     if blind:
         rows = [[words(r["effect"]), str(r.get("reason") or "")] for r in blind]
         blocks.append(Table(["effect", "why not"], rows, "Not testable with this data"))
-    ties = [
-        f"{words(r['effect'])} and {words(c['effect'])}: alike to {number(c.get('similarity'), 2)}"
+    seen = [
+        [
+            words(r["effect"]),
+            f"{brief(t['smallest_visible'])} {_plain_unit(t.get('unit'))}".rstrip(),
+        ]
+        for r in ranking
+        if r["status"] != "not_testable"
+        and (t := r.get("testability"))
+        and t.get("smallest_visible") is not None
+    ]
+    if seen:
+        header = ["effect", "smallest strength seen half the time"]
+        caption = "How strong an effect must be for this data to show it"
+        blocks.append(Table(header, seen, caption, numbers=(1,)))
+    ties = {
+        frozenset((r["effect"], c["effect"])): f"{words(r['effect'])} and {words(c['effect'])}: "
+        f"{number(c.get('similarity'), 2)}"
         for r in ranking
         for c in r.get("confounded_with") or []
-    ]
+    }
     if ties:
-        blocks.append(Text("What acts alike here, of 1 for exactly alike:", ties))
+        blocks.append(Text("What acts alike on this data (1 is exactly alike):", [*ties.values()]))
     return blocks
 
 
 def _next(document: Mapping[str, Any]) -> list[Block]:
     proposals = document.get("next_measurements") or []
     rows = [
-        [_settings(p.get("settings") or {}), _listed(p["separates"], "from")
+        [_settings(p.get("settings") or {}), listed(p["separates"], "from")
          if p.get("separates") else "", str(p.get("runs", "-")),
-         "-" if p.get("expected_power") is None else f"{100 * p['expected_power']:.0f} %"]
+         _percent(p.get("expected_power"))]
         for p in proposals
     ]  # fmt: skip
     if not rows:
