@@ -47,7 +47,7 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); padding-top: .7rem
   body { max-width: none; padding: 0; font-size: 10.5pt; }
   nav { display: none; }
   h2, h3 { break-after: avoid; }
-  figure, .callout, tr { break-inside: avoid; }
+  figure, .callout, .scroll, tr { break-inside: avoid; }
   .scroll { overflow: visible; }
   * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
 }
