@@ -6,16 +6,16 @@ prediction = predict(model, Conditions.of(load=60, diameter=0.2, width=0.1, slip
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar, cast, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.contact import contact_sinkage
-from smallwheel_ros.effects.base import Effect, EffectError, WheelState
+from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.slope import Gravity
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.sinkage import (
@@ -27,12 +27,12 @@ from smallwheel_ros.sinkage import (
     sunk_to_axle,
 )
 from smallwheel_ros.soil import Soil, effective_modulus, nearest
+from smallwheel_ros.stages import Stages, guarded
 from smallwheel_ros.traction import ThrustForm, compaction_resistance, thrust
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
-T = TypeVar("T")
 
 
 class ModelError(SmallwheelError):
@@ -136,70 +136,8 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
     return {name: np.array([getattr(s, name) for s in model.soils])[rows] for name in names}
 
 
-class _Stages:
-    """Calls effects stage by stage, with what goes for all of them.
-
-    A pressed or plate row may leave a covariate blank (NaN): an effect that reads it does nothing
-    there. An effect that fails is named.
-    """
-
-    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
-        self.effects = effects
-        self.conditions = conditions
-        self.rolling = conditions.rolling
-        self.all_rolling = bool(self.rolling.all())
-
-    def acting_at(self, stage: str) -> list[Effect]:
-        return [effect for effect in self.effects if effect.overrides(stage)]
-
-    def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
-        value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
-        if self.all_rolling:
-            return value
-        return np.where(~self.rolling & np.isnan(value), neutral, value)
-
-    @property
-    def layered(self) -> bool:
-        """Whether pressure is no power of depth any more."""
-        return bool(self.acting_at("pressure_factor"))
-
-    def pressure_factor(self, depth: Array) -> Array:
-        """Product of the effects' factors at depths of shape (nodes,) + rows, or rows."""
-        product = np.ones_like(depth)
-        for effect in self.acting_at("pressure_factor"):
-            product = product * self.call(effect, "pressure_factor", 1.0, depth)
-        return product
-
-    def change(self, stage: str, value: Array) -> Array:
-        """Let each effect change a value in turn, on every row."""
-        for effect in self.acting_at(stage):
-            value = self.call(effect, stage, value, value)
-        return value
-
-    def change_rolling(self, stage: str, value: Array) -> Array:
-        """Let each effect change a value in turn, on rolling rows.
-
-        What digs or compacts further does so because the wheel rolls; a pressed body does not.
-        """
-        for effect in self.acting_at(stage):
-            value = np.where(self.rolling, self.call(effect, stage, value, value), value)
-        return value
-
-
-def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call an effect's method; what it raises names the effect. Raises EffectError."""
-    try:
-        return function(*arguments)
-    except SmallwheelError:
-        raise
-    except Exception as error:  # a user's effect may raise anything at all
-        raise EffectError(
-            f"effect '{effect.id}' failed in {stage}: {type(error).__name__}: {error}"
-        ) from error
-
-
 def _static_sinkage(
-    model: Model, stages: _Stages, load: Array, diameter: Array, modulus: Array, n: Array
+    model: Model, stages: Stages, load: Array, diameter: Array, modulus: Array, n: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage that carries the load, by each row's contact, before any digging."""
     conditions = stages.conditions
@@ -210,6 +148,12 @@ def _static_sinkage(
     if stages.layered:
         z, sunk = _layered_sinkage(stages, carried, diameter, width, modulus, n)
     elif model.geometry == "closed_form":
+        bad = np.flatnonzero(~(n < 3.0))
+        if bad.size:
+            raise ModelError(
+                f"the closed form needs n < 3, row {bad[0] + 1} has n = {n[bad[0]]:.3g}; "
+                "the contact integral (geometry contact_integral) has no such limit"
+            )
         z = closed_form_sinkage(carried, diameter, width, modulus, n)
         sunk = sunk_to_axle(z, diameter)
     else:
@@ -221,7 +165,7 @@ def _static_sinkage(
 
 
 def _layered_sinkage(
-    stages: _Stages, load: Array, diameter: Array, width: Array, modulus: Array, n: Array
+    stages: Stages, load: Array, diameter: Array, width: Array, modulus: Array, n: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     factor = stages.pressure_factor
     plate = stages.conditions.plate
@@ -236,7 +180,7 @@ def _layered_sinkage(
     return solve_layered(load, 0.5 * diameter, load_at)
 
 
-def _check_covariates(model: Model, stages: _Stages) -> None:
+def _check_covariates(model: Model, stages: Stages) -> None:
     """Refuse rows that an effect cannot be worked out for."""
     conditions = stages.conditions
     lacking = model.missing_covariates(conditions)
@@ -262,7 +206,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
 
     Raises ModelError where an effect's covariate is missing or a row's soil is not the model's.
     """
-    stages = _Stages(model.acting(conditions), conditions)
+    stages = Stages(model.acting(conditions), conditions)
     _check_covariates(model, stages)
     soil = _soil_columns(model, conditions)
     rolling = stages.rolling
@@ -312,7 +256,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
     )
 
 
-def _push(model: Model, stages: _Stages, soil: dict[str, Array], state: WheelState) -> Array:
+def _push(model: Model, stages: Stages, soil: dict[str, Array], state: WheelState) -> Array:
     """Thrust; a body pressed straight down shears no soil."""
     slip = stages.conditions["slip"]
     blank = np.flatnonzero(np.isnan(slip) & stages.rolling)

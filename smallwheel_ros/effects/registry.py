@@ -28,6 +28,7 @@ Families = Mapping[str, Forms]
 
 GROUP = "smallwheel_ros.effects"  # of entry points
 _COVARIATE = "covariate:"
+_EXPECTED = "expected a class that derives from Effect and has an id"
 
 
 def _rebuild(form: type[Effect], column: str, values: dict[str, float]) -> Effect:
@@ -176,9 +177,7 @@ def load_effects(path: str | Path) -> Families:
     found: dict[str, Forms] = {}
     _add(found, _forms_in(module), str(path))
     if not found:
-        raise EffectError(
-            f"{path}: defines no effect, expected a class that derives from Effect and has an id"
-        )
+        raise EffectError(f"{path}: defines no effect, {_EXPECTED}")
     return found
 
 
@@ -238,7 +237,10 @@ def default_registry() -> Registry:
         except Exception as error:  # somebody else's package may raise anything at all
             raise EffectError(f"{origin}: {type(error).__name__}: {error}") from error
         if isinstance(loaded, ModuleType):
-            _add(known, _forms_in(loaded), origin)
+            forms = _forms_in(loaded)
+            if not forms:
+                raise EffectError(f"{origin}: defines no effect, {_EXPECTED}")
+            _add(known, forms, origin)
         elif isinstance(loaded, type) and issubclass(loaded, Effect):
             _add(known, [loaded], origin)
         else:

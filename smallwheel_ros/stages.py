@@ -1,0 +1,87 @@
+"""Effects called stage by stage, with what goes for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.conditions import Conditions
+from smallwheel_ros.effects.base import Effect, EffectError
+from smallwheel_ros.errors import SmallwheelError
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+
+class Stages:
+    """Calls effects stage by stage, with what goes for all of them.
+
+    A pressed or plate row may leave a covariate blank (NaN): an effect that reads it does nothing
+    there. An effect that fails is named.
+    """
+
+    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
+        self.effects = effects
+        self.conditions = conditions
+        self.rolling = conditions.rolling
+        self.all_rolling = bool(self.rolling.all())
+
+    def acting_at(self, stage: str) -> list[Effect]:
+        """Give the effects that act at a stage, in the model's order."""
+        return [effect for effect in self.effects if effect.overrides(stage)]
+
+    def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
+        """Call one effect at a stage; `neutral` stands where a body at rest has no covariate."""
+        value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
+        first = arguments[0] if arguments else None
+        expected = first.shape if isinstance(first, np.ndarray) else (len(self.conditions),)
+        if np.shape(value) not in ((), expected):
+            raise EffectError(
+                f"effect '{effect.id}': {stage} gave values of shape {np.shape(value)}, "
+                f"expected {expected}"
+            )
+        if self.all_rolling:
+            return value
+        return np.where(~self.rolling & np.isnan(value), neutral, value)
+
+    @property
+    def layered(self) -> bool:
+        """Whether pressure is no power of depth any more."""
+        return bool(self.acting_at("pressure_factor"))
+
+    def pressure_factor(self, depth: Array) -> Array:
+        """Product of the effects' factors at depths of shape (nodes,) + rows, or rows."""
+        product = np.ones_like(depth)
+        for effect in self.acting_at("pressure_factor"):
+            product = product * self.call(effect, "pressure_factor", 1.0, depth)
+        return product
+
+    def change(self, stage: str, value: Array) -> Array:
+        """Let each effect change a value in turn, on every row."""
+        for effect in self.acting_at(stage):
+            value = self.call(effect, stage, value, value)
+        return value
+
+    def change_rolling(self, stage: str, value: Array) -> Array:
+        """Let each effect change a value in turn, on rolling rows.
+
+        What digs or compacts further does so because the wheel rolls; a pressed body does not.
+        """
+        for effect in self.acting_at(stage):
+            value = np.where(self.rolling, self.call(effect, stage, value, value), value)
+        return value
+
+
+def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Call an effect's method; what it raises names the effect. Raises EffectError."""
+    try:
+        return function(*arguments)
+    except SmallwheelError:
+        raise
+    except Exception as error:  # a user's effect may raise anything at all
+        raise EffectError(
+            f"effect '{effect.id}' failed in {stage}: {type(error).__name__}: {error}"
+        ) from error

@@ -1,0 +1,210 @@
+"""Models composed of effects, and what any model must do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smallwheel_ros.conditions import Conditions
+from smallwheel_ros.contact import contact_load, contact_sinkage
+from smallwheel_ros.effects.base import Array, Effect, EffectError
+from smallwheel_ros.effects.registry import effect
+from smallwheel_ros.model import Model, ModelError, predict
+from smallwheel_ros.sinkage import closed_form_sinkage, plate_sinkage
+from smallwheel_ros.soil import SOILS, Soil, soil
+
+SAND = soil("dry_sand")
+
+SOIL = st.builds(
+    Soil,
+    st.just("any"),
+    k=st.floats(1e4, 1e7),
+    n=st.floats(0.2, 1.8),
+    m=st.floats(-0.8, 0.8),
+    cohesion=st.floats(0, 5e3),
+    friction_angle=st.floats(0.2, 0.8),
+    shear_displacement=st.floats(0.003, 0.05),
+)
+WHEEL = {"load": st.floats(1.0, 1e3), "d": st.floats(0.05, 0.6), "b": st.floats(0.02, 0.3)}
+
+
+@given(any_soil=SOIL, **WHEEL)
+@settings(max_examples=100, deadline=None)
+def test_sinkage_grows_with_load_and_falls_with_modulus_and_width(
+    any_soil: Soil, load: float, d: float, b: float
+) -> None:
+    at = Conditions.of(
+        [load, 1.1 * load, load, load], d, [b, b, 1.1 * b, b], soil=["a"] * 3 + ["b"]
+    )
+    stiffer = replace(any_soil, name="b", k=1.1 * any_soil.k)
+    for geometry in ("contact_integral", "closed_form"):
+        model = Model([replace(any_soil, name="a"), stiffer], geometry)  # type: ignore[arg-type]
+        z = predict(model, at).sinkage
+        assert z[1] > z[0]
+        assert z[2] < z[0]
+        assert z[3] < z[0]
+
+
+@given(any_soil=SOIL, scale=st.floats(0.1, 10), **WHEEL)
+@settings(max_examples=100, deadline=None)
+def test_another_unit_of_force_changes_nothing(
+    any_soil: Soil, scale: float, load: float, d: float, b: float
+) -> None:
+    other = replace(any_soil, k=scale * any_soil.k, cohesion=scale * any_soil.cohesion)
+    here = predict(Model(any_soil), Conditions.of(load, d, b, slip=0.2))
+    there = predict(Model(other), Conditions.of(scale * load, d, b, slip=0.2))
+    assert there.sinkage == pytest.approx(here.sinkage, rel=1e-9)
+    assert there.resistance == pytest.approx(scale * here.resistance, rel=1e-9)
+    assert there.drawbar_pull == pytest.approx(
+        scale * here.drawbar_pull, rel=1e-8, abs=1e-9 * scale * load
+    )
+
+
+@given(any_soil=SOIL, scale=st.floats(0.1, 10), **WHEEL)
+@settings(max_examples=100, deadline=None)
+def test_another_unit_of_length_changes_nothing(
+    any_soil: Soil, scale: float, load: float, d: float, b: float
+) -> None:
+    """A wheel `scale` times larger; k in Pa/m^(n+m) changes as its unit says."""
+    other = replace(
+        any_soil,
+        k=any_soil.k * scale ** -(2 + any_soil.n + any_soil.m),
+        cohesion=any_soil.cohesion * scale**-2,
+        shear_displacement=any_soil.shear_displacement * scale,
+    )
+    here = predict(Model(any_soil), Conditions.of(load, d, b, slip=0.2))
+    there = predict(Model(other), Conditions.of(load, scale * d, scale * b, slip=0.2))
+    assert there.sinkage == pytest.approx(scale * here.sinkage, rel=1e-9)
+    assert there.resistance == pytest.approx(here.resistance, rel=1e-9)
+    assert there.thrust == pytest.approx(here.thrust, rel=1e-9)
+
+
+def test_every_contact_has_its_own_law() -> None:
+    at = Conditions.of(60, 0.2, [0.1, 0.1, np.nan], contact=["rolling", "pressed", "plate"])
+    predicted = predict(Model(SAND), at)
+    modulus = SAND.k * 0.2**SAND.m
+    assert predicted.sinkage[0] == contact_sinkage(60, 0.2, 0.1, modulus, 0.8).sinkage
+    # soil on both sides of the lowest point: each carries half
+    assert 2 * contact_load(predicted.sinkage[1], 0.2, 0.1, modulus, 0.8) == pytest.approx(60)
+    assert predicted.sinkage[2] == plate_sinkage(60, 0.2, modulus, 0.8)
+    assert (predicted.resistance[1:] == 0).all()
+    assert predicted.thrust is None
+    assert predicted.drawbar_pull is None
+
+
+def test_closed_form_is_the_papers() -> None:
+    modulus = SAND.k * 0.17**SAND.m
+    predicted = predict(Model(SAND, "closed_form"), Conditions.of(65, 0.17, 0.085))
+    assert predicted.sinkage == closed_form_sinkage(65, 0.17, 0.085, modulus, 0.8)
+    assert predicted.sinkage == pytest.approx(11.9e-3, abs=5e-5)
+
+
+def test_each_row_has_its_soil() -> None:
+    names = ["moist_earth", "dry_sand", "moist_earth"]
+    soils = [SOILS[name] for name in ("dry_sand", "calcium_silicate", "moist_earth")]
+    together = predict(Model(soils), Conditions.of(30, 0.2, 0.1, soil=names)).sinkage
+    alone = [predict(Model(SOILS[n]), Conditions.of(30, 0.2, 0.1)).sinkage[0] for n in names]
+    assert together == pytest.approx(alone, rel=1e-14)
+
+
+def test_effects_act_in_the_order_in_which_they_were_added() -> None:
+    offset = effect("elastic_rebound", "share", f=0.5)
+    zero = effect("sinkage_offset", offset=0.01)
+    at = Conditions.of(60, 0.2, 0.1)
+    z = predict(Model(SAND), at).sinkage
+    assert predict(Model(SAND) + offset + zero, at).sinkage == pytest.approx(z / 2 + 0.01)
+    assert predict(Model(SAND) + zero + offset, at).sinkage == pytest.approx((z + 0.01) / 2)
+
+
+def test_sunk_to_the_axle_is_a_status() -> None:
+    predicted = predict(Model(soil("calcium_silicate")), Conditions.of([5, 500], 0.2, 0.1))
+    assert predicted.immobilised.tolist() == [False, True]
+    deeper = Model(SAND) + effect("slip_sinkage", a=8.0)
+    at = Conditions.of(60, 0.2, 0.1, slip=[0.0, 0.5])
+    assert predict(deeper, at).immobilised.tolist() == [False, True]
+    plate = Conditions.of(5000, 0.05, 0.1, contact="plate")
+    assert not predict(Model(soil("calcium_silicate")), plate).immobilised.any()  # has no axle
+
+
+def test_pressed_wheel_does_not_dig() -> None:
+    model = Model(SAND) + effect("slip_sinkage", a=2.0)
+    at = Conditions.of(60, 0.2, 0.1, contact="pressed", slip=0.5)
+    assert predict(model, at).sinkage == predict(Model(SAND), at).sinkage
+
+
+@dataclass(frozen=True)
+class _Failing(Effect):
+    id = "failing"
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        raise ZeroDivisionError("division by zero")
+
+
+@dataclass(frozen=True)
+class _Crooked(Effect):
+    id = "crooked"
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage[1:]
+
+
+class TestRefusals:
+    def test_missing_column(self) -> None:
+        with pytest.raises(ModelError, match=r"'slip_sinkage' needs the column 'slip'\. There is"):
+            predict(Model(SAND) + effect("slip_sinkage"), Conditions.of(60, 0.2, 0.1, speed=0.1))
+
+    def test_blank_in_a_rolling_row(self) -> None:
+        at = Conditions.of(60, 0.2, 0.1, slip=[0.1, np.nan])
+        with pytest.raises(ModelError, match="needs 'slip', which is blank in row 2"):
+            predict(Model(SAND) + effect("slip_sinkage"), at)
+        with pytest.raises(ModelError, match="slip is blank in row 2"):
+            predict(Model(SAND), at)
+
+    def test_form_that_these_rows_forbid(self) -> None:
+        model = Model(SAND) + effect("covariate:x", "power", p=1.0)
+        with pytest.raises(ModelError, match=r"'x', row 2 has -1; take form 'exponential'"):
+            predict(model, Conditions.of(60, 0.2, 0.1, x=[1.0, -1.0]))
+
+    def test_vertical_ground(self) -> None:
+        with pytest.raises(ModelError, match=r"slope in row 1 is 1\.6 rad, expected between"):
+            predict(Model(SAND), Conditions.of(60, 0.2, 0.1, slope=1.6))
+
+    def test_wheel_that_is_no_more(self) -> None:
+        model = Model(SAND) + effect("grouser", "effective_radius", share=-1.0)
+        with pytest.raises(ModelError, match=r"diameter -0\.04 in row 1"):
+            predict(model, Conditions.of(60, 0.2, 0.1, grouser_height=0.12))
+
+    def test_failing_effect_is_named(self) -> None:
+        with pytest.raises(EffectError, match="'failing' failed in modulus_factor: ZeroDivision"):
+            predict(Model(SAND) + _Failing(), Conditions.of(60, 0.2, 0.1))
+
+    def test_effect_of_the_wrong_shape(self) -> None:
+        with pytest.raises(
+            EffectError, match=r"'crooked': sinkage gave values of shape \(2,\), exp"
+        ):
+            predict(Model(SAND) + _Crooked(), Conditions.of([60, 70, 80], 0.2, 0.1))
+
+    def test_rows_of_an_unknown_soil(self) -> None:
+        model = Model([SOILS["dry_sand"], SOILS["moist_earth"]])
+        with pytest.raises(ModelError, match="no soil 'dry_sant': did you mean 'dry_sand'"):
+            predict(model, Conditions.of(60, 0.2, 0.1, soil="dry_sant"))
+        with pytest.raises(ModelError, match=r"several soils \(dry_sand, moist_earth\)"):
+            predict(model, Conditions.of(60, 0.2, 0.1))
+
+    def test_unknown_choices(self) -> None:
+        with pytest.raises(ModelError, match="no geometry 'closed': did you mean 'closed_form'"):
+            Model(SAND, "closed")  # type: ignore[arg-type]
+        with pytest.raises(ModelError, match="no thrust form 'simple'"):
+            Model(SAND, thrust_form="simple")  # type: ignore[arg-type]
+        with pytest.raises(ModelError, match="at least one soil"):
+            Model([])
+
+    def test_closed_form_beyond_its_domain(self) -> None:
+        model = Model(replace(SAND, n=2.5), "closed_form")
+        model += effect("slip_sinkage", "exponent_shift", n1=1.0)
+        with pytest.raises(ModelError, match=r"closed form needs n < 3, row 2 has n = 3\.4"):
+            predict(model, Conditions.of(60, 0.2, 0.1, slip=[0.1, 0.9]))

@@ -1,0 +1,164 @@
+"""Which effects there are: the folder's, a user's file's, an installed package's."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from smallwheel_ros.conditions import Conditions
+from smallwheel_ros.effects import registry
+from smallwheel_ros.effects.base import EffectError
+from smallwheel_ros.effects.registry import (
+    covariate,
+    default_registry,
+    effect,
+    effect_class,
+    families,
+    forms,
+    load_effects,
+)
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.soil import soil
+
+WARM = """
+from __future__ import annotations
+from dataclasses import dataclass
+import numpy as np
+from smallwheel_ros.effects import Effect, parameter
+
+@dataclass(frozen=True)
+class Warm(Effect):
+    id = "{id}"
+    needs = ("temperature",)
+    a: float = parameter(0.01, (-0.1, 0.1), "loss of ln k per kelvin", unit="1/K")
+
+    def modulus_factor(self, conditions):
+        return np.exp(-self.a * (conditions["temperature"] - 293.0))
+"""
+
+
+def write(folder: Path, text: str, name: str = "mine.py") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def test_effects_are_found_without_a_list() -> None:
+    assert list(families()) == sorted(families())
+    folder = Path(registry.__file__).parent
+    for file in folder.glob("*.py"):
+        if file.stem not in ("__init__", "base", "registry", "column_law"):
+            assert file.stem in families()
+
+
+def test_a_users_file(tmp_path: Path) -> None:
+    user = load_effects(write(tmp_path, WARM.format(id="warm")))
+    made = effect_class("warm", user=user)(a=0.02)
+    assert made.form == "warm"
+    assert made.stage == "modulus_factor"
+    assert made.channels == ("sinkage", "resistance", "drawbar_pull")
+    model = Model(soil("dry_sand")) + made
+    at = Conditions.of(60, 0.2, 0.1, temperature=[293.0, 313.0])
+    cold, warm = predict(model, at).sinkage
+    assert warm / cold > 1.1
+    assert "warm" in families(user)
+    assert "warm" not in families()  # loading one adds nothing for others
+
+
+def test_a_users_form_joins_its_family(tmp_path: Path) -> None:
+    found = default_registry().with_file(write(tmp_path, WARM.format(id="moisture")))
+    assert [form.form for form in found.family("moisture")] == ["exponential", "power", "warm"]
+
+
+def test_columns_of_any_name() -> None:
+    made = effect("covariate:air temperature", a=0.5)
+    assert made.needs == ("air temperature",)
+    assert type(made) is covariate("air temperature")[0]
+    at = Conditions.of(60, 0.2, 0.1, temperature=[270.0, 300.0, 330.0])
+    fitted = covariate("temperature")[0].suited_to(at)
+    assert dict(vars(fitted)) == {"a": 0.2, "reference": 300.0, "scale": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (WARM.format(id="warm").replace("@dataclass(frozen=True)", ""), r"lacks the line '@datac"),
+        (WARM.format(id=""), "defines no effect"),
+        (WARM.format(id="covariate:x"), "ids that begin with 'covariate:' are made for columns"),
+        (WARM.format(id="warm").replace("modulus_factor", "modulus"), "overrides no stage"),
+        (WARM.format(id="warm") + "\n    b: float = 1.0\n", "'b' is neither a parameter"),
+        ("import nothing_of_that_name\n", "line 1: ModuleNotFoundError"),
+        ("x = 1\n\ny = 1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
+        ("def f(:\n", "line 1: SyntaxError"),
+        ("x = 1\n", "defines no effect, expected a class that derives from Effect"),
+    ],
+)
+def test_a_file_that_is_no_effect(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(EffectError, match=message) as caught:
+        load_effects(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_files_that_cannot_be_loaded(tmp_path: Path) -> None:
+    with pytest.raises(EffectError, match="no such file"):
+        load_effects(tmp_path / "none.py")
+    with pytest.raises(EffectError, match=r"expected a Python file, \*\.py"):
+        load_effects(write(tmp_path, "x = 1", "effects.txt"))
+
+
+def test_a_form_that_exists_already(tmp_path: Path) -> None:
+    text = WARM.format(id="moisture").replace("class Warm", "class Power")
+    with pytest.raises(EffectError, match="effect 'moisture' has a form 'power' already"):
+        default_registry().with_file(write(tmp_path, text))
+
+
+def test_unknown_names_are_answered_with_the_nearest() -> None:
+    with pytest.raises(EffectError, match="no effect 'slip_sinkege': did you mean 'slip_sinkage'"):
+        effect("slip_sinkege")
+    with pytest.raises(EffectError, match="has no form 'linaer': did you mean 'linear'"):
+        effect("slip_sinkage", "linaer")
+    with pytest.raises(EffectError, match=r"has no parameter 'b': There is: a$"):
+        effect("slip_sinkage", b=1.0)
+    with pytest.raises(EffectError, match="'slope', form 'gravity', has no parameter 'a'"):
+        effect("slope", a=1.0)
+    with pytest.raises(EffectError, match="'covariate:' names no column"):
+        forms("covariate:")
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
+    """Pretend that a package with that entry point is installed; the rest is the real thing."""
+
+    def install(value: str) -> None:
+        point = EntryPoint("warm", value, registry.GROUP)
+        monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+        default_registry.cache_clear()
+
+    monkeypatch.syspath_prepend(str(tmp_path))
+    write(tmp_path, WARM.format(id="warm"), "warm_package.py")
+    yield install
+    monkeypatch.undo()
+    default_registry.cache_clear()
+
+
+@pytest.mark.parametrize("value", ["warm_package", "warm_package:Warm"])
+def test_an_installed_packages_effect(installed, value: str) -> None:  # type: ignore[no-untyped-def]
+    installed(value)
+    assert families()["warm"][0].__name__ == "Warm"
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no_such_package", "entry point 'warm' .* ModuleNotFoundError"),
+        ("warm_package:np", "defines no effect"),
+        ("warm_package:parameter", "expected a class derived from Effect, or a module"),
+    ],
+)
+def test_an_installed_package_that_fails(installed, value: str, message: str) -> None:  # type: ignore[no-untyped-def]
+    installed(value)
+    with pytest.raises(EffectError, match=message):
+        families()
