@@ -17,6 +17,8 @@ from smallwheel_ros.onboard_settings import OnboardSettings
 from smallwheel_ros.streams import SECOND
 from smallwheel_ros.wheel import Quantity, Wheel
 
+_SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -160,7 +162,10 @@ class Assessor:
             name = self.settings.prior.soil.name
             found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
         if instant.slip is None and instant.wheel.contact == ROLLING:
-            found.append((Status.SLIP_UNKNOWN, "slip unknown: no thrust, no drawbar pull"))
+            why = "no odometry or wheel speed near this instant"
+            if instant.speed is not None and abs(instant.speed) <= _SLOW:
+                why = "the wheel stands"
+            found.append((Status.SLIP_UNKNOWN, f"slip unknown ({why}): no thrust, no drawbar pull"))
         if update is not None and update.outcome is not Outcome.ACCEPTED:
             found.append((Status.REJECTED, f"measured sinkage not used: {update.message}"))
         if instant.load is None:

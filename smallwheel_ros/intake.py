@@ -1,8 +1,8 @@
 """Put together what belongs to one instant of one wheel, from topics that come as they like.
 
-A measured sinkage waits (at most `Timing.reorder_time`, by stamps) until loads, speeds and other
-wheels' sinkages of the same instant are there, so the order in which topics arrive does not matter.
-Stamps are ns. Nothing that a message holds raises: what cannot be used is counted, in words too.
+A measured sinkage waits until load, speeds and other wheels' sinkages of the same instant are there
+(by stamps, see `Timing`), so the order in which topics arrive does not matter. Stamps are
+ns. Nothing that a message holds raises: what cannot be used is counted, and put in words.
 """
 
 from __future__ import annotations
@@ -27,8 +27,6 @@ from smallwheel_ros.streams import (
 )
 from smallwheel_ros.wheel import Quantity, wheel_slip
 
-# A topic that has been silent for so long (by stamps) is not waited for any more.
-_SILENT_AFTER = SECOND
 # Predictions for a wheel without sinkage sensor come so far apart.
 _PREDICTION_PERIOD = SECOND // 10
 # In SI units nothing on a vehicle is larger; squares of such numbers still are finite.
@@ -59,13 +57,15 @@ class Intake:
         self.time_jumps = 0
         timing = settings.timing
         self._reorder = nanoseconds(timing.reorder_time)
+        self._silence = nanoseconds(timing.silent_after)
         self._gap = nanoseconds(timing.maximum_gap)
         self._rules = StampRules(
             nanoseconds(timing.future_tolerance),
             nanoseconds(timing.maximum_age),
             nanoseconds(timing.jump_tolerance),
         )
-        horizon = self._reorder + self._gap + nanoseconds(timing.jump_tolerance)
+        longest_wait = max(self._reorder, self._silence)
+        horizon = longest_wait + self._gap + nanoseconds(timing.jump_tolerance)
         names = [wheel.name for wheel in settings.wheels]
         self._order = {name: i for i, name in enumerate(names)}
         self._loads = [Series(horizon) for _ in names]
@@ -265,20 +265,30 @@ class Intake:
     def _complete(self, measurement: _Waiting) -> bool:
         """Whether everything that belongs to this measurement or before it has come."""
         assert self._newest is not None
-        if self._newest - measurement.stamp >= self._reorder:
+        if self._reorder == 0:
             return True
-        needed = [self._loads[measurement.order].newest]
-        for series, load, wheel in zip(
-            self._sinkages, self._loads, self.settings.wheels, strict=True
-        ):
-            measured = wheel.name not in self.settings.without_sinkage
-            needed.append((series if measured else load).newest)
-        if self.settings.wheels[measurement.order].contact == ROLLING:
-            needed += [self._odometer.newest, self._speeds[measurement.order].newest]
-        return all(
-            newest >= measurement.stamp or self._newest - newest > _SILENT_AFTER
-            for newest in (self._first - 1 if n is None else n for n in needed)
+        stamp, order = measurement.stamp, measurement.order
+        own = [self._loads[order].newest]
+        if self.settings.wheels[order].contact == ROLLING:
+            own += [self._odometer.newest, self._speeds[order].newest]
+        if not all(self._has_passed(stamp, newest) for newest in own):
+            return False
+        if self._newest - stamp >= self._reorder:
+            return True
+        measured = (
+            (series if wheel.name not in self.settings.without_sinkage else load).newest
+            for series, load, wheel in zip(
+                self._sinkages, self._loads, self.settings.wheels, strict=True
+            )
         )
+        return all(self._has_passed(stamp, newest) for newest in measured)
+
+    def _has_passed(self, stamp: int, newest: int | None) -> bool:
+        """Whether nothing is to be expected of a stream any more at this stamp or before it."""
+        assert self._newest is not None
+        if newest is None:
+            return self._newest - self._first > self._silence
+        return newest >= stamp or self._newest - newest > self._silence
 
     # --- One measurement with all that belongs to it
 

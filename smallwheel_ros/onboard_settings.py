@@ -43,8 +43,12 @@ class Timing:
     Attributes
     ----------
     reorder_time
-        How long a measurement waits for messages of other topics that belong before it. 0: not at
-        all; then the result depends on which message happens to come first.
+        How long a measured sinkage waits for those of other wheels that belong before it. 0: it
+        waits for nothing; then the result depends on which message happens to come first.
+    silent_after
+        It also waits for load, odometry and wheel speed of its own instant, from topics that have
+        not been silent for so long. Behind a node that has no time for all its messages those may
+        be much behind, since they are more.
     maximum_gap
         Load, speed and odometry are interpolated or held over at most so long.
     future_tolerance, maximum_age
@@ -54,6 +58,7 @@ class Timing:
     """
 
     reorder_time: float = 0.2
+    silent_after: float = 1.0
     maximum_gap: float = 0.2
     future_tolerance: float = 0.5
     maximum_age: float = 5.0

@@ -94,7 +94,7 @@ GENERAL: tuple[Parameter, ...] = (
     ),
     _double("soil.m_std", 0.4, "1", 1e-3, 3.0, "Standard deviation of m at the start."),
     _double("soil.cohesion", None, "Pa", 0.0, 1e6, f"Cohesion c. {_OF_SOIL}"),
-    _double("soil.cohesion_std", 200.0, "Pa", 0.0, 1e6, "Standard deviation of the cohesion."),
+    _double("soil.cohesion_std", 400.0, "Pa", 0.0, 1e6, "Standard deviation of the cohesion."),
     _double(
         "soil.friction_angle", None, "rad", 0.0, 1.5, f"Angle of internal friction. {_OF_SOIL}"
     ),
@@ -142,8 +142,17 @@ GENERAL: tuple[Parameter, ...] = (
         "s",
         0.0,
         5.0,
-        "How long (by stamps) a sinkage waits for messages of other topics that belong before it."
-        " 0: not at all, with least delay; results then depend on the order of arrival.",
+        "How long (by stamps) a sinkage waits for those of other wheels that belong before it."
+        " 0: it waits for nothing, with least delay; results then depend on the order of arrival.",
+    ),
+    _double(
+        "timing.silent_after",
+        _TIMING.silent_after,
+        "s",
+        0.0,
+        60.0,
+        "A sinkage waits for load, odometry and wheel speed of its instant, unless their topic has"
+        " been silent (by stamps) for so long.",
     ),
     _double(
         "timing.maximum_gap",

@@ -48,18 +48,16 @@ def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quant
     """Slip of a wheel: i = 1 - v/(r omega) driven, r omega/v - 1 skidding; None when standing.
 
     speed, rim_speed: v and r omega, m/s, with one sign convention. A wheel that turns against the
-    travel has slip 1 (or -1 where it travels faster than it turns). standstill: m/s, of both. The
-    standard deviation is to first order, and at most 1.
+    travel has slip 1 (or -1 where it travels faster than it turns). standstill: m/s; the faster of
+    both must be above it, and above two of its own standard deviations: otherwise nobody can tell
+    that the wheel moves at all. The standard deviation is to first order, and at most 1.
     """
-    v, rim = speed.value, rim_speed.value
-    if max(abs(v), abs(rim)) <= standstill:
+    driven = abs(rim_speed.value) >= abs(speed.value)
+    base, other = (rim_speed, speed) if driven else (speed, rim_speed)
+    if abs(base.value) <= max(standstill, 2.0 * base.standard_deviation):
         return None
-    driven = abs(rim) >= abs(v)
-    base, other = (rim, v) if driven else (v, rim)
-    ratio = other / base
-    spread = math.hypot(
-        (speed if driven else rim_speed).standard_deviation,
-        ratio * (rim_speed if driven else speed).standard_deviation,
-    ) / abs(base)
+    ratio = other.value / base.value
+    spread = math.hypot(other.standard_deviation, ratio * base.standard_deviation)
+    spread /= abs(base.value)
     slip = min(1.0, 1.0 - ratio)
     return Quantity(slip if driven else -slip, min(spread, 1.0))

@@ -224,7 +224,9 @@ class TestSlip:
         assert self.slip(speed, rim) == pytest.approx(slip)
 
     def test_standing_is_unknown(self) -> None:
-        assert wheel_slip(Quantity(0.004, 0.01), Quantity(-0.009, 0.0), standstill=0.01) is None
+        assert wheel_slip(Quantity(0.004, 0.0), Quantity(-0.009, 0.0), standstill=0.01) is None
+        # a speed that may well be none
+        assert wheel_slip(Quantity(0.019, 0.01), Quantity(0.0, 0.0), standstill=0.01) is None
 
     @pytest.mark.parametrize(("speed", "rim"), [(0.4, 0.5), (0.5, 0.4), (-0.4, -0.5)])
     def test_deviation_is_that_of_samples(self, speed: float, rim: float) -> None:

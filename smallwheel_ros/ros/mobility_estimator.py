@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from typing import Any, TypeVar
 
@@ -42,7 +42,7 @@ from smallwheel_ros.parameters import NODE_NAME, NodeSettings, ParametersError
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import mobility_message, nanoseconds_of, soil_message
 from smallwheel_ros.ros.node_parameters import NodeParameters
-from smallwheel_ros.ros.reporting import Input, Reporter, soil_status, status, wheel_status
+from smallwheel_ros.ros.reporting import Reporter, inputs_of, status
 from smallwheel_ros.streams import SECOND
 
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
@@ -110,7 +110,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         values = ", ".join(f"{k}={v}" for k, v in self._table.values().items() if v is not None)
         self.get_logger().info(f"effective parameters: {values}")
         self._onboard = Onboard(self._settings.onboard)
-        self._reporter = Reporter(self, self._streams(self._settings))
+        self._reporter = Reporter(self, inputs_of(self, self._settings, self._onboard.streams))
         self._mobility = self._output(MobilityMessage, "~/mobility", qos.ESTIMATE)
         self._soil = self._output(SoilMessage, "~/soil", qos.LATCHED)
         return super().on_configure(state)
@@ -160,43 +160,21 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Topics
 
-    def _streams(self, settings: NodeSettings) -> Iterator[Input]:
-        """Say by which topic each stream of the estimate comes."""
-        assert self._onboard is not None
-        joints = self.resolve_topic_name("joint_states")
-        for stream in self._onboard.streams:
-            wheel, _, kind = stream.partition("/")
-            if stream == ODOMETRY:
-                yield Input(stream, self.resolve_topic_name("odom"), "nav_msgs/msg/Odometry")
-                continue
-            inputs = settings.inputs[wheel]
-            if kind == "wheel_speed":
-                detail = f", joint {inputs.joint}"
-                yield Input(stream, joints, "sensor_msgs/msg/JointState", detail)
-            elif kind == "load":
-                topic = self.resolve_topic_name(inputs.load_topic)
-                yield Input(stream, topic, "geometry_msgs/msg/WrenchStamped")
-            else:
-                topic = self.resolve_topic_name(inputs.sinkage_topic)
-                yield Input(stream, topic, "smallwheel_ros/msg/WheelSinkage")
-
     def _listen(self, settings: NodeSettings) -> None:
         assert self._onboard is not None
         self._last_arrival = time.monotonic()
         for name, inputs in settings.inputs.items():
-            stream = f"{name}/load"
-            self._input(WrenchStamped, inputs.load_topic, stream, partial(self._on_load, name))
+            self._input(WrenchStamped, inputs.load_topic, partial(self._on_load, name))
             if inputs.sinkage_topic:
-                callback = partial(self._on_sinkage, name)
-                self._input(WheelSinkage, inputs.sinkage_topic, f"{name}/sinkage", callback)
+                self._input(WheelSinkage, inputs.sinkage_topic, partial(self._on_sinkage, name))
         if ODOMETRY in self._onboard.streams:
-            self._input(Odometry, "odom", ODOMETRY, self._on_odometry)
+            self._input(Odometry, "odom", self._on_odometry)
             self._wheels_of = {
                 inputs.joint: name
                 for name, inputs in settings.inputs.items()
                 if f"{name}/wheel_speed" in self._onboard.streams
             }
-            self._input(JointState, "joint_states", "joint_states", self._on_joint_states)
+            self._input(JointState, "joint_states", self._on_joint_states)
 
     def _stop_listening(self) -> None:
         for subscription in self._listening:
@@ -205,25 +183,21 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.destroy_timer(timer)
         self._listening, self._ticking = [], []
 
-    def _input(self, kind: Any, topic: str, stream: str, callback: Callable[[Any], None]) -> None:
-        def lost(event: Any) -> None:
-            text = f"{event.total_count_change} messages were lost before they came here"
-            self._report(stream, "lost", text)
-
-        def incompatible(event: Any) -> None:
-            self._report(stream, "incompatible_qos", _incompatible("publisher", event))
-
-        events = SubscriptionEventCallbacks(message_lost=lost, incompatible_qos=incompatible)
+    def _input(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> None:
+        # Each event handler costs time at every wait: what they would tell of inputs, the reporter
+        # finds out where a topic stays silent.
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
         self._listening.append(
             self.create_subscription(kind, topic, callback, qos.INPUT, event_callbacks=events)
         )
 
     def _output(self, kind: Any, topic: str, profile: Any) -> LifecyclePublisher:
         def incompatible(event: Any) -> None:
-            name = self.resolve_topic_name(topic)
-            self._report(name, "incompatible_qos", _incompatible("subscriber", event))
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            text = f"a subscriber asks for QoS that is not offered ({policy}): it gets nothing"
+            self._report(self.resolve_topic_name(topic), "incompatible_qos", text)
 
-        events = PublisherEventCallbacks(incompatible_qos=incompatible)
+        events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
         return self.create_lifecycle_publisher(kind, topic, profile, event_callbacks=events)
 
     # --- Messages: convert, call, publish
@@ -305,29 +279,16 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
-        entries = []
+        listening = self._onboard if self._listening else None
+        entries = self._reporter.entries(name, listening, self._newest.values())
         if self.problem:
-            entries.append(status(f"{name}: parameters", DiagnosticStatus.ERROR, self.problem))
+            entries = [status(f"{name}: parameters", DiagnosticStatus.ERROR, self.problem)]
         elif self._table.unknown:
             text = "; ".join(self._table.unknown)
             entries.append(status(f"{name}: parameters", DiagnosticStatus.WARN, text))
-        if self._listening and self._onboard is not None:
-            entries.append(self._reporter.inputs_status(f"{name}: inputs", self._onboard))
-            soil, rejected = self._onboard.soil, self._onboard.rejected
-            entries.append(soil_status(f"{name}: soil", soil, rejected))
-            for wheel, estimate in self._newest.items():
-                entries.append(wheel_status(f"{name}: wheel {wheel}", estimate))
-        elif not self.problem:
-            text = "not active: it waits for a lifecycle manager"
-            entries.append(status(f"{name}: inputs", DiagnosticStatus.OK, text))
         array = DiagnosticArray(status=entries)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
-
-
-def _incompatible(who: str, event: Any) -> str:
-    policy = qos_policy_name_from_kind(event.last_policy_kind)
-    return f"a {who} has incompatible QoS ({policy}): it is not connected"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

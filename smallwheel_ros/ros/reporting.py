@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.intake import ODOMETRY
 from smallwheel_ros.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard import Onboard
+from smallwheel_ros.parameters import NodeSettings
 from smallwheel_ros.problems import Problem
+from smallwheel_ros.ros.qos import INPUT
 
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
 _SILENT_AFTER = 2.0  # s without a message of a topic that had some
@@ -26,6 +30,25 @@ class Input:
     topic: str
     type: str
     detail: str = ""  # which part of the message, in words
+
+
+def inputs_of(node: Node, settings: NodeSettings, streams: Iterable[str]) -> Iterator[Input]:
+    """Say by which topic each stream of the estimate comes."""
+    for stream in streams:
+        wheel, _, kind = stream.partition("/")
+        if stream == ODOMETRY:
+            yield Input(stream, node.resolve_topic_name("odom"), "nav_msgs/msg/Odometry")
+            continue
+        inputs = settings.inputs[wheel]
+        if kind == "wheel_speed":
+            topic = node.resolve_topic_name("joint_states")
+            yield Input(stream, topic, "sensor_msgs/msg/JointState", f", joint {inputs.joint}")
+        elif kind == "load":
+            topic = node.resolve_topic_name(inputs.load_topic)
+            yield Input(stream, topic, "geometry_msgs/msg/WrenchStamped")
+        else:
+            topic = node.resolve_topic_name(inputs.sinkage_topic)
+            yield Input(stream, topic, "smallwheel_ros/msg/WheelSinkage")
 
 
 class Throttle:
@@ -83,6 +106,10 @@ class Reporter:
         types = sorted({info.topic_type for info in publishers})
         if item.type not in types:
             return f"its publisher has another type, {', '.join(types)}"
+        for info in publishers:
+            compatibility, reason = qos_check_compatible(info.qos_profile, INPUT)
+            if compatibility == QoSCompatibility.ERROR:
+                return f"its publisher has incompatible QoS: {reason}"
         count = len(publishers)
         return f"{count} publisher{'s' if count > 1 else ''}, nothing received yet"
 
@@ -104,6 +131,19 @@ class Reporter:
             f"{self.inputs[stream].topic}: no message for {now - last:.0f} s"
             for stream, (last, count) in self._seen.items()
             if count and now - last > _SILENT_AFTER
+        ]
+
+    def entries(
+        self, name: str, onboard: Onboard | None, newest: Iterable[MobilityEstimate]
+    ) -> list[DiagnosticStatus]:
+        """Return the diagnostics of a node of that name; onboard is None while it is not active."""
+        if onboard is None:
+            text = "not active: it waits for a lifecycle manager"
+            return [status(f"{name}: inputs", DiagnosticStatus.OK, text)]
+        return [
+            self.inputs_status(f"{name}: inputs", onboard),
+            soil_status(f"{name}: soil", onboard.soil, onboard.rejected),
+            *(wheel_status(f"{name}: wheel {estimate.wheel}", estimate) for estimate in newest),
         ]
 
     def inputs_status(self, name: str, onboard: Onboard) -> DiagnosticStatus:

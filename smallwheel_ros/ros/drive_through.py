@@ -1,0 +1,206 @@
+"""Play a bag into the node over DDS and record what it answers, without losing a message.
+
+The node listens best effort, so nothing in DDS slows a fast player down. Here the player looks at
+the answers: it holds back while too many sinkages are without one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+
+from smallwheel_ros.bags import RawMessage
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
+from smallwheel_ros.parameters import NODE_NAME
+from smallwheel_ros.ros import qos
+from smallwheel_ros.ros.conversions import nanoseconds_of
+from smallwheel_ros.ros.play import Player, PlaySettings
+
+_MOST_UNANSWERED = 20
+_PATIENCE = 20.0  # s
+_SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+_EVERYTHING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class DriveThroughError(SmallwheelError):
+    """The node did not answer."""
+
+
+@dataclass
+class Recording:
+    """What the node published.
+
+    Attributes
+    ----------
+    mobility, soil
+        One row per message: its fields, with `stamp` (ns) and `frame_id` of the header.
+    diagnostics
+        Message of the newest entry of each name.
+    published, sinkages
+        Messages that were played, and how many of them were sinkages.
+    duration
+        Of the playing, s.
+    held
+        s that the player waited for answers.
+    latencies
+        s from each sinkage's publication to its answer, waiting for other topics included.
+    """
+
+    mobility: list[dict[str, Any]] = field(default_factory=list)
+    soil: list[dict[str, Any]] = field(default_factory=list)
+    diagnostics: dict[str, str] = field(default_factory=dict)
+    published: int = 0
+    sinkages: int = 0
+    duration: float = 0.0
+    held: float = 0.0
+    latencies: list[float] = field(default_factory=list)
+
+    @property
+    def unanswered(self) -> int:
+        """Sinkages that no mobility estimate has come for."""
+        return self.sinkages - len(self.mobility)
+
+
+def row(message: Any) -> dict[str, Any]:
+    """Turn a message with a header into a flat row."""
+    fields = {"stamp": nanoseconds_of(message.header.stamp), "frame_id": message.header.frame_id}
+    for name in message.get_fields_and_field_types():
+        if name != "header":
+            fields[name] = getattr(message, name)
+    return fields
+
+
+def drive_through(
+    bag: Path | str,
+    *,
+    rate: float = 1.0,
+    alive: Callable[[], str | None] = lambda: None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Recording:
+    """Play a bag into the running node at most at this rate, and record its answers.
+
+    Parameters
+    ----------
+    alive
+        Says why the node is dead, None while it lives.
+    progress
+        Called with the number of messages published so far.
+
+    Raises
+    ------
+    DriveThroughError
+        If the node does not listen, dies, or does not answer.
+    BagError
+        If the bag cannot be read.
+    """
+    if rclpy.ok():
+        raise DriveThroughError("rclpy is running in this process already: shut it down first")
+    rclpy.init(args=[])
+    try:
+        return _Session(Path(bag), rate, alive, progress).run()
+    finally:
+        rclpy.try_shutdown()
+
+
+class _Session:
+    def __init__(
+        self,
+        bag: Path,
+        rate: float,
+        alive: Callable[[], str | None],
+        progress: Callable[[int], None],
+    ) -> None:
+        self._alive, self._progress = alive, progress
+        self.recording = Recording()
+        self._sent: dict[int, float] = {}
+        node = Node("smallwheel_drive_through")
+        own = f"/{NODE_NAME}"
+        node.create_subscription(
+            MobilityEstimate, f"{own}/mobility", self._on_mobility, _EVERYTHING
+        )
+        node.create_subscription(SoilEstimate, f"{own}/soil", self._on_soil, qos.LATCHED)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self._node = node
+        self.player = Player(node, bag, PlaySettings(rate=rate))
+
+    def run(self) -> Recording:
+        with self.player:
+            self._wait(lambda: not self._unheard(), self._nobody)
+            # Topics that the node does not need may stay unheard.
+            self._wait(lambda: not self.player.unheard(), None)
+            # The node has found us as well when its first soil has come.
+            self._wait(lambda: bool(self.recording.soil), lambda: "it published no soil")
+            start = time.monotonic()
+            self.recording.published = self.player.play(self._before)
+            self._wait(lambda: self.recording.unanswered <= 0, None)
+            self.recording.duration = time.monotonic() - start
+            self._let_settle()
+        return self.recording
+
+    def _unheard(self) -> list[str]:
+        return [name for name in self.player.unheard() if self.player.topics[name] == _SINKAGE]
+
+    def _nobody(self) -> str:
+        return f"nobody listens to {', '.join(self._unheard())}"
+
+    def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None) -> None:
+        """Spin until it is done; too long is an error where there are words for one."""
+        deadline = time.monotonic() + (_PATIENCE if failure is not None else 3.0)
+        while not done():
+            dead = self._alive()
+            if dead is not None:
+                raise DriveThroughError(f"the node {NODE_NAME} has died: {dead}")
+            if time.monotonic() > deadline:
+                if failure is None:
+                    return
+                raise DriveThroughError(
+                    f"the node {NODE_NAME} does not answer within {_PATIENCE:.0f} s: {failure()}"
+                )
+            self.player.spin(0.02)
+
+    def _before(self, raw: RawMessage) -> None:
+        if self.recording.unanswered >= _MOST_UNANSWERED:
+            start, answers = time.monotonic(), len(self.recording.mobility)
+            # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
+            self._wait(
+                lambda: self.recording.unanswered < _MOST_UNANSWERED,
+                lambda: f"{len(self.recording.mobility) - answers} answers in that time",
+            )
+            self.recording.held += time.monotonic() - start
+        if raw.type == _SINKAGE:
+            message = deserialize_message(bytes(raw.data), WheelSinkage)
+            self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
+            self.recording.sinkages += 1
+        self.recording.published += 1
+        self._progress(self.recording.published)
+        if self.recording.published % 10 == 0:
+            self.player.spin(0.0)
+
+    def _let_settle(self) -> None:
+        """Wait for the last soil, and for diagnostics that know of the last message."""
+        deadline = time.monotonic() + 1.5
+        while time.monotonic() < deadline:
+            self.player.spin(0.05)
+
+    def _on_mobility(self, message: Any) -> None:
+        sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)
+        if sent is not None:
+            self.recording.latencies.append(time.monotonic() - sent)
+        self.recording.mobility.append(row(message))
+
+    def _on_soil(self, message: Any) -> None:
+        self.recording.soil.append(row(message))
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            self.recording.diagnostics[status.name] = status.message

@@ -1,0 +1,168 @@
+"""Publish a bag over DDS, for people without rosbag2, and for the demo."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from smallwheel_ros.bags import BagReader, RawMessage
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.ros.conversions import time_message
+from smallwheel_ros.streams import SECOND
+
+_CLOCK_PERIOD = SECOND // 100
+_RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class PlayError(SmallwheelError):
+    """A bag that cannot be published."""
+
+
+@dataclass(frozen=True)
+class PlaySettings:
+    """How to play a bag.
+
+    rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again.
+    clock: publish /clock from the times of recording, for nodes with use_sim_time.
+    """
+
+    rate: float = 1.0
+    start: float = 0.0
+    loop: bool = False
+    clock: bool = True
+
+
+def message_class(kind: str) -> Any | None:
+    """Return the ROS class of a type like nav_msgs/msg/Odometry; None: it is not installed."""
+    try:
+        package, _, name = kind.split("/")
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ValueError, ImportError, AttributeError):
+        return None
+
+
+class Player:
+    """Publishes the messages of one bag in their order; use it in a `with` statement.
+
+    Attributes
+    ----------
+    topics
+        Type of each topic that is published.
+    skipped
+        The same of the topics whose type is not installed here.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or it cannot be read.
+    PlayError
+        If it is a ROS 1 bag, or there is nothing in it to publish.
+    """
+
+    def __init__(self, node: Node, bag: Path | str, settings: PlaySettings | None = None) -> None:
+        self.node, self.bag = node, Path(bag)
+        self.settings = settings or PlaySettings()
+        if self.bag.suffix == ".bag":
+            raise PlayError(f"bag {self.bag} is of ROS 1: convert it with rosbags-convert first")
+        if not self.settings.rate > 0:
+            raise PlayError(f"rate is {self.settings.rate:g}, expected more than 0")
+        with BagReader(self.bag) as reader:
+            types = {topic.name: topic.type for topic in reader.topics}
+            self.message_count = reader.message_count
+            self._begin = reader.start_time
+        classes = {name: message_class(kind) for name, kind in types.items()}
+        self.topics = {name: types[name] for name, found in classes.items() if found is not None}
+        self.skipped = {name: types[name] for name, found in classes.items() if found is None}
+        if not self.topics:
+            raise PlayError(f"bag {self.bag} has no message of a type that is installed here")
+        self.publishers = {
+            name: node.create_publisher(classes[name], name, _RELIABLE) for name in self.topics
+        }
+        self._clock = None
+        if self.settings.clock and "/clock" not in self.topics:
+            self._clock = node.create_publisher(Clock, "/clock", _RELIABLE)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Let the node's callbacks run for at most so long."""
+        self._executor.spin_once(timeout_sec=max(seconds, 0.0))
+
+    def unheard(self) -> list[str]:
+        """Topics that nobody listens to (yet)."""
+        return [name for name, p in self.publishers.items() if p.get_subscription_count() == 0]
+
+    def messages(self) -> Iterator[RawMessage]:
+        """Give the bag's messages that can be published, over and over when it loops."""
+        assert self._begin is not None
+        start = self._begin + round(self.settings.start * SECOND)
+        while True:
+            with BagReader(self.bag) as reader:
+                yield from reader.raw_messages(list(self.topics), start=start)
+            if not self.settings.loop:
+                return
+
+    def play(self, before: Callable[[RawMessage], None] | None = None) -> int:
+        """Publish everything at its time; return how many messages that were.
+
+        before: called before each message; it may take its time, the rest is then later.
+        """
+        count, clock = 0, 0
+        origin: tuple[float, int] | None = None  # wall time and log time that belong together
+        for raw in self.messages():
+            now = time.monotonic()
+            if origin is None or raw.log_time < clock - _CLOCK_PERIOD:
+                origin, clock = (now, raw.log_time), 0
+            due = origin[0] + (raw.log_time - origin[1]) / SECOND / self.settings.rate
+            while (now := time.monotonic()) < due:
+                self.spin(min(due - now, 0.05))
+            if before is not None:
+                before(raw)
+            # Whoever held it up is not made to catch up.
+            late = time.monotonic() - due
+            if late > 0.05:
+                origin = (origin[0] + late, origin[1])
+            if self._clock is not None and raw.log_time >= clock + _CLOCK_PERIOD:
+                clock = raw.log_time
+                self._clock.publish(Clock(clock=time_message(clock)))
+            self.publishers[raw.topic].publish(bytes(raw.data))
+            count += 1
+        return count
+
+
+def play(
+    bag: Path | str, settings: PlaySettings, progress: Callable[[Player], Callable[[], None]]
+) -> int:
+    """Publish a bag from a node of its own; return the number of messages.
+
+    progress: gets the player, and gives back what to call at each message.
+    """
+    rclpy.init(args=[])
+    try:
+        with Player(Node("smallwheel_play"), bag, settings) as player:
+            # Publishers and listeners need a moment to find each other.
+            deadline = time.monotonic() + 2.0
+            while player.unheard() and time.monotonic() < deadline:
+                player.spin(0.1)
+            step = progress(player)
+            return player.play(lambda _: step())
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+    finally:
+        rclpy.try_shutdown()
