@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from pathlib import Path
 
@@ -33,7 +34,10 @@ class Sticky(Effect):
 
 
 def smallwheel(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, ["compare", *map(str, arguments)])
+    # click before 8.2 mixes standard error into standard output unless told not to
+    old = "mix_stderr" in inspect.signature(CliRunner).parameters
+    runner = CliRunner(mix_stderr=False) if old else CliRunner()  # type: ignore[call-arg]
+    return runner.invoke(main, ["compare", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
