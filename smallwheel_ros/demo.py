@@ -14,18 +14,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from smallwheel_ros.bags import BagReader
 from smallwheel_ros.drive_picture import draw_drive
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess, check_ros, config_file, own_ros
-from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+if TYPE_CHECKING:
+    from smallwheel_ros.ros.drive_through import Recording
 
 DEFAULT_FOLDER = Path("out") / "demo"
 _BAG, _ANSWER, _LOG = "drive", "drive.answer.json", "node.log"
@@ -92,7 +96,7 @@ def run_demo(
     answer = drive.answer()
     (folder / _ANSWER).write_text(json.dumps(answer), encoding="utf-8")
     say(f"2/3 playing {drive.message_count} messages over DDS into the node mobility_estimator")
-    recording = _recorded(folder, drive, rate)
+    recording = recorded(bag, config_file("two_wheel_sizes.yaml"), folder, rate=rate)
     say("3/3 writing table and picture")
     epoch = int(answer["epoch_ns"])
     mobility = _table(recording.mobility, epoch)
@@ -144,21 +148,36 @@ def _advance(bar: tqdm[Any]) -> None:
     bar.update()
 
 
-def _recorded(folder: Path, drive: Drive, rate: float) -> Any:
+def recorded(bag: Path, parameters: Path, folder: Path, *, rate: float) -> Recording:
+    """Run the node in a process of its own, play a bag into it, and record its answers.
+
+    Parameters
+    ----------
+    parameters
+        The node's parameter file.
+    folder
+        For the node's log.
+    rate
+        Times as fast as recorded, at most.
+
+    Raises
+    ------
+    NodeProcessError
+        If there is no ROS.
+    DriveThroughError
+        If the node dies or does not answer.
+    """
+    check_ros()
     from smallwheel_ros.ros.drive_through import drive_through  # needs ROS
 
-    parameters = [config_file("two_wheel_sizes.yaml")]
+    with BagReader(bag) as reader:
+        total = reader.message_count
     with (
         _environment(own_ros(folder / "ros_log")),
-        NodeProcess(parameters, folder / _LOG, {"use_sim_time": "true"}) as node,
-        tqdm(total=drive.message_count, unit=" messages", disable=None, leave=False) as bar,
+        NodeProcess([parameters], folder / _LOG, {"use_sim_time": "true"}) as node,
+        tqdm(total=total, unit=" messages", disable=None, leave=False) as bar,
     ):
-        return drive_through(
-            folder / _BAG,
-            rate=rate,
-            alive=node.death,
-            progress=lambda _: _advance(bar),
-        )
+        return drive_through(bag, rate=rate, alive=node.death, progress=lambda _: _advance(bar))
 
 
 def _table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:

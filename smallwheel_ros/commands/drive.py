@@ -1,0 +1,213 @@
+"""The commands `demo`, `play` and `convert-trial`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from tqdm import tqdm
+
+from smallwheel_ros.node_process import check_ros
+
+if TYPE_CHECKING:
+    from smallwheel_ros.ros.play import Player
+
+_FILE = click.Path(path_type=Path)
+_JSON = click.option(
+    "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
+)
+
+
+@click.command()
+@click.option(
+    "-o", "--output", type=_FILE, metavar="FOLDER", help="For what is made.  [default: out/demo]"
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the drive.")
+@click.option(
+    "--distance", type=click.FloatRange(5, 500), default=30.0, show_default=True, help="Way, m."
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(0.1, 100),
+    default=4.0,
+    show_default=True,
+    help="Times as fast as real time, at most: the player waits for the node.",
+)
+@_JSON
+def demo(
+    output: Path | None, seed: int, distance: float, rate: float, json_file: str | None
+) -> None:
+    """Play a simulated drive into the node over DDS, draw what it finds.
+
+    A rover with two wheel sizes drives over three soils. Its bag is played into the node
+    mobility_estimator, which runs in a process of its own and sees only what sensors measure.
+    """
+    from smallwheel_ros.demo import DEFAULT_FOLDER, run_demo, summary
+
+    result = run_demo(
+        output or DEFAULT_FOLDER,
+        seed=seed,
+        distance=distance,
+        rate=rate,
+        say=lambda line: click.echo(line, err=True),
+    )
+    content = {
+        "picture": str(result.picture),
+        "mobility": str(result.mobility_file),
+        "soil": str(result.soil_file),
+        "messages": result.published,
+        "estimates": len(result.mobility),
+        "unanswered": result.unanswered,
+        "seconds": round(result.seconds, 1),
+    }
+    _report(json_file, content, summary(result))
+    if result.unanswered > 0:
+        click.echo(f"{result.unanswered} sinkages got no answer from the node", err=True)
+        raise SystemExit(1)
+
+
+@click.command()
+@click.argument("bag", type=_FILE)
+@click.option(
+    "--rate",
+    type=click.FloatRange(0.001, 1000),
+    default=1.0,
+    show_default=True,
+    help="Times as fast as recorded.",
+)
+@click.option(
+    "--start", type=click.FloatRange(0), default=0.0, show_default=True, help="Skip so many s."
+)
+@click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
+@click.option(
+    "--clock/--no-clock",
+    default=True,
+    show_default=True,
+    help="Publish /clock, for nodes with use_sim_time.",
+)
+def play(bag: Path, rate: float, start: float, loop: bool, clock: bool) -> None:
+    """Publish the messages of BAG over DDS.
+
+    Nodes that listen must have use_sim_time set: stamps are those of the recording.
+    """
+    check_ros()
+    from smallwheel_ros.ros.play import PlaySettings
+    from smallwheel_ros.ros.play import play as play_bag
+
+    bars: list[tqdm[Any]] = []
+
+    def progress(player: Player) -> Callable[[], None]:
+        for name, kind in player.skipped.items():
+            click.echo(f"{name} is left out: its type {kind} is not installed here", err=True)
+        total = None if loop else player.message_count
+        bars.append(tqdm(total=total, unit=" messages", disable=None, leave=False))
+
+        def step() -> None:
+            bars[0].update()
+
+        return step
+
+    settings = PlaySettings(rate=rate, start=start, loop=loop, clock=clock)
+    try:
+        count = play_bag(bag, settings, progress)
+    finally:
+        for bar in bars:
+            bar.close()
+    click.echo(f"{bag}: {count} messages published")
+
+
+@click.command("convert-trial")
+@click.argument("bag", type=_FILE)
+@click.option(
+    "--zero", type=_FILE, required=True, metavar="BAG", help="Bag of the unloaded force sensor."
+)
+@click.option(
+    "--log",
+    type=_FILE,
+    required=True,
+    help="Log of the axis: X, Vx, rim speed, slip angle, Z [mm, up], controller clock, unix time.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    required=True,
+    metavar="BAG",
+    help="Folder for the new bag; it must not exist.",
+)
+@click.option("--wheel", default="wheel", show_default=True, help="Name of the wheel.")
+@click.option(
+    "--log-behind",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Seconds by which the log's clock is behind the bag's.",
+)
+@click.option(
+    "--start", type=float, default=0.0, show_default=True, help="s after the bag's begin."
+)
+@click.option("--end", type=float, default=float("inf"), help="s after the bag's begin.")
+@click.option(
+    "--compliance",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="m/N by which the rig gives way; taken off the sinkage.",
+)
+@click.option(
+    "--sinkage-std",
+    type=click.FloatRange(0),
+    default=0.0,
+    show_default=True,
+    help="Standard deviation of the sinkage, m; 0: left to the node's parameter.",
+)
+@_JSON
+def convert_trial(
+    bag: Path,
+    zero: Path,
+    log: Path,
+    output: Path,
+    wheel: str,
+    log_behind: float,
+    start: float,
+    end: float,
+    compliance: float,
+    sinkage_std: float,
+    json_file: str | None,
+) -> None:
+    """Turn a recorded indentation trial into a bag that the node understands.
+
+    BAG holds the force sensor's messages while a wheel is pressed straight into the soil.
+    """
+    from smallwheel_ros.bag_files import check_new_bag
+    from smallwheel_ros.trial import TrialSettings, read_trial, write_trial
+
+    check_new_bag(output)
+    settings = TrialSettings(wheel, log_behind, start, end, compliance, sinkage_std)
+    trial = read_trial(bag, zero, log, settings)
+    count = write_trial(trial, output, settings)
+    content = {
+        "bag": str(output),
+        "messages": count,
+        "loads": len(trial.load),
+        "sinkages": len(trial.sinkage),
+        "largest_load": float(trial.load.max()),
+        "largest_sinkage": float(trial.sinkage.max()),
+        "zero": trial.zero,
+    }
+    text = (
+        f"{output}: {len(trial.load)} loads to {trial.load.max():.1f} N,"
+        f" {len(trial.sinkage)} sinkages to {trial.sinkage.max() * 1e3:.1f} mm"
+    )
+    _report(json_file, content, text)
+
+
+def _report(json_file: str | None, content: dict[str, Any], text: str) -> None:
+    from smallwheel_ros.tables import write_json
+
+    if json_file is not None:
+        write_json(json_file, content)
+    if json_file != "-":
+        click.echo(text)

@@ -1,0 +1,217 @@
+"""Turn a recorded indentation trial into a bag that the node understands.
+
+A trial is what a rig records while it presses a wheel straight into the soil: a bag with the force
+sensor's messages, a bag with those of the unloaded sensor, and the log of the axis, a text table
+with one line per instant and no header:
+
+    X mm, Vx mm/s, rim speed mm/s, slip angle deg, Z mm (up), controller clock ms, unix time s
+
+as that of the rig of Carnegie Mellon University (github.com/robomechanics/3d-terramechanics).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.bag_files import Storage
+from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.streams import SECOND, nanoseconds
+
+Array = NDArray[np.float64]
+
+_COLUMNS = 7
+_Z, _UNIX_TIME = 4, 6
+_LOAD = "geometry_msgs/msg/WrenchStamped"
+_SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+
+
+class TrialError(SmallwheelError):
+    """A trial that cannot be read, or nothing in it to convert."""
+
+
+@dataclass(frozen=True)
+class TrialSettings:
+    """How the recordings of a trial belong together.
+
+    Attributes
+    ----------
+    wheel
+        Name of the wheel; its topics are `/<wheel>/load` and `/<wheel>/sinkage`.
+    log_behind
+        s by which the clock of the axis's log is behind that of the bag.
+    start, end
+        s after the bag's first message: what is converted. The unloading must not be in it.
+    compliance
+        m/N by which rig and sensor give way; it is taken off the sinkage.
+    sinkage_std
+        m, of the measured sinkage; 0: left to the node's parameter noise.sinkage.
+    """
+
+    wheel: str = "wheel"
+    log_behind: float = 0.0
+    start: float = 0.0
+    end: float = float("inf")
+    compliance: float = 0.0
+    sinkage_std: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Load (N, positive when the wheel presses on the soil) and sinkage (m), each at its times.
+
+    Times are ns since the epoch, of the bag's clock. zero: what the unloaded sensor shows, N.
+    """
+
+    load_time: NDArray[np.int64]
+    load: Array
+    sinkage_time: NDArray[np.int64]
+    sinkage: Array
+    zero: float
+
+
+def read_trial(
+    bag: Path | str, zero_bag: Path | str, log: Path | str, settings: TrialSettings
+) -> Trial:
+    """Read what was recorded of a trial.
+
+    Load is minus the force's z component less the mean of the zero bag, sinkage is minus Z.
+
+    Raises
+    ------
+    BagError
+        If a bag cannot be read.
+    TrialError
+        If there is no force in a bag, the log is not such a table, or nothing is in the window.
+    """
+    begin, time, force = _forces(Path(bag))
+    _, _, unloaded = _forces(Path(zero_bag))
+    zero = float(np.mean(unloaded))
+    log_time, z = _axis(Path(log))
+    log_time = log_time + nanoseconds(settings.log_behind)
+    load, sinkage = zero - force, -1e-3 * z
+    # Far from the trial the load is held: nothing is converted there.
+    sinkage = sinkage - settings.compliance * np.interp(log_time, time, load)
+    first = begin + nanoseconds(settings.start)
+    last = begin + nanoseconds(settings.end) if np.isfinite(settings.end) else 2**62
+    loads, sinkages = (t[(t >= first) & (t <= last)] for t in (time, log_time))
+    if not (loads.size and sinkages.size):
+        raise TrialError(
+            f"bag {bag} has {loads.size} forces and log {log} has {sinkages.size} lines in the"
+            f" window from {settings.start:g} to {settings.end:g} s after the bag's beginning: the"
+            f" log begins {(log_time[0] - begin) / SECOND:.3f} s after it with"
+            f" {settings.log_behind:g} s for its clock's lag"
+        )
+    return Trial(
+        loads,
+        load[np.isin(time, loads)],
+        sinkages,
+        sinkage[np.isin(log_time, sinkages)],
+        zero,
+    )
+
+
+def write_trial(
+    trial: Trial, path: Path | str, settings: TrialSettings, *, storage: Storage = "mcap"
+) -> int:
+    """Write a trial as a rosbag2 bag; return the number of messages.
+
+    Sinkages below zero are left out: the wheel is in the air.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be written.
+    """
+    messages = sorted(_messages(trial, settings), key=lambda entry: entry[0])
+    with BagWriter(path, storage=storage) as writer:
+        for time, topic, kind, message in messages:
+            writer.write(topic, kind, time, message)
+    return len(messages)
+
+
+def _forces(path: Path) -> tuple[int, NDArray[np.int64], Array]:
+    """Time of the bag's first message (ns), then stamps (ns) and z components (N) of forces."""
+    times, forces = [], []
+    with BagReader(path) as reader:
+        begin = reader.start_time
+        for entry in reader.messages():
+            stamped = _wrench(entry.message)
+            if stamped is not None:
+                stamp = stamped.header.stamp
+                times.append(int(stamp.sec) * SECOND + int(stamp.nanosec))
+                forces.append(float(stamped.wrench.force.z))
+    if begin is None or not forces:
+        raise TrialError(f"bag {path} has no geometry_msgs/WrenchStamped in any message")
+    if not np.all(np.isfinite(forces)):
+        bad = int(np.flatnonzero(~np.isfinite(forces))[0])
+        raise TrialError(f"bag {path}: force {bad + 1} of {len(forces)} is {forces[bad]} N")
+    # A stamp that comes twice would be refused by the node.
+    time, kept = np.unique(np.array(times, dtype=np.int64), return_index=True)
+    return begin, time, np.array(forces)[kept]
+
+
+def _wrench(message: Any) -> Any | None:
+    """Return a message, or the field of a vendor's message, that is a WrenchStamped."""
+    for candidate in (message, *vars(message).values()):
+        if getattr(candidate, "__msgtype__", None) == _LOAD:
+            return candidate
+    return None
+
+
+def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
+    """Times (ns) and Z (mm) of the axis's log."""
+    times, z = [], []
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TrialError(f"log {path} cannot be read: {error}") from error
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            values = [float(text) for text in line.split(",")]
+        except ValueError:
+            raise TrialError(f"log {path}, line {number}: not numbers: {line[:60]!r}") from None
+        if len(values) != _COLUMNS or not np.all(np.isfinite(values)):
+            raise TrialError(
+                f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS} finite"
+                " numbers (X, Vx, rim speed, slip angle, Z, controller clock, unix time)"
+            )
+        times.append(round(values[_UNIX_TIME] * SECOND))
+        z.append(values[_Z])
+    if not times:
+        raise TrialError(f"log {path} has no lines")
+    time, kept = np.unique(np.array(times, dtype=np.int64), return_index=True)
+    return time, np.array(z)[kept]
+
+
+def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Any]]:
+    vector = message_type("geometry_msgs/msg/Vector3")
+    wrench, stamped = message_type("geometry_msgs/msg/Wrench"), message_type(_LOAD)
+    header, stamp_type = (
+        message_type("std_msgs/msg/Header"),
+        message_type("builtin_interfaces/msg/Time"),
+    )
+    measured = message_type(_SINKAGE)
+    wheel = settings.wheel
+
+    def head(time: int) -> Any:
+        stamp = stamp_type(sec=time // SECOND, nanosec=time % SECOND)
+        return header(stamp=stamp, frame_id=wheel)
+
+    nothing = vector(x=0.0, y=0.0, z=0.0)
+    for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
+        force = wrench(force=vector(x=0.0, y=0.0, z=load), torque=nothing)
+        yield time, f"/{wheel}/load", _LOAD, stamped(header=head(time), wrench=force)
+    variance = settings.sinkage_std**2
+    for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
+        if sinkage >= 0:
+            message = measured(header=head(time), sinkage=sinkage, variance=variance)
+            yield time, f"/{wheel}/sinkage", _SINKAGE, message
