@@ -19,7 +19,6 @@ Mask = NDArray[np.bool_]
 
 OUTLIER = 4.5  # standard deviations
 _MOST_OUTLIERS = 0.10  # share above which it is the model that is wrong, not the rows
-_LOAD_VARIES = 1.5  # within a run: it is then a curve, and n can differ from run to run
 
 
 @dataclass(frozen=True)
@@ -45,18 +44,16 @@ class Calibration:
 def run_effects(
     observations: Observations, layout: Layout, noise: Noise, predicted: Array, slopes: Array
 ) -> tuple[RunEffects, Array]:
-    """The random effects of a run that this data can have, and for each the tau that equals the noise."""
+    """Random effects of a run that this data can have, and of each the tau that equals the noise."""
     share = np.clip(noise.level / np.maximum(np.abs(predicted), 1e-12), 0.2, 5.0)
-    pull = observations.channels[observations.channel[0]] if len(observations) else ""
-    columns: dict[str, Array] = {}
-    for name in ("log_reference_pressure", "n"):
-        slots = [j for j, s in enumerate(layout.slots) if not s.of_effect and s.field == name]
-        column = slopes[:, slots].sum(axis=1)
-        if "drawbar_pull" in observations.channels:
-            share = np.where(observations.of_channel("drawbar_pull"), 1.0, share)
-        columns["ln k" if name != "n" else "n"] = column * share
-    if not _curves(observations):
-        del columns["n"]
+    if "drawbar_pull" in observations.channels:
+        share = np.where(observations.of_channel("drawbar_pull"), 1.0, share)
+    firmness = [
+        j
+        for j, slot in enumerate(layout.slots)
+        if not slot.of_effect and slot.field == "log_reference_pressure"
+    ]
+    columns = {"ln k": slopes[:, firmness].sum(axis=1) * share}
     repeated = np.bincount(observations.run * 8 + observations.channel).max() > 1
     if len(observations.channels) > 1 and repeated:
         for c, name in enumerate(observations.channels):
@@ -64,23 +61,14 @@ def run_effects(
             if name == "drawbar_pull":
                 size = observations.conditions.load[observations.row]
             columns[name] = np.where(observations.channel == c, size, 0.0)
-    del pull
     loadings = np.column_stack(list(columns.values()))
+    # In a long curve a run's effect would only bend the model to what it misses.
+    loadings[observations.curves] = 0.0
     padding = Padding.of(observations.run)
     runs = padding.index.shape[0]
     weight = np.sum(loadings**2 / noise.variance[:, None], axis=0)
-    typical = np.sqrt(runs / np.maximum(weight, 1e-12))
+    typical = np.sqrt(runs / np.maximum(weight, 1e2))
     return RunEffects(noise.variance, loadings, tuple(columns), padding), typical
-
-
-def _curves(observations: Observations) -> bool:
-    load = observations.conditions.load[observations.row]
-    runs = len(observations.runs)
-    low, high = np.full(runs, np.inf), np.zeros(runs)
-    np.minimum.at(low, observations.run, load)
-    np.maximum.at(high, observations.run, load)
-    met = high > 0
-    return bool(np.median(high[met] / low[met]) > _LOAD_VARIES) and int(met.sum()) > 2
 
 
 def _kept_part(noise: Noise, kept: Mask) -> Noise:
@@ -93,6 +81,8 @@ def robust_noise(
     """Noise of each channel, estimated without what deviates grossly from its own run."""
     level = reference_level(observations, predicted)
     residual = observations.value - predicted
+    if observations.swept.any():
+        residual = _less_its_run(observations, residual, level)
     used = np.ones(len(observations), dtype=bool) if kept is None else kept.copy()
     noise = estimate_noise(observations, residual, level, used, parameters)
     key = observations.run * len(observations.channels) + observations.channel
@@ -111,6 +101,17 @@ def robust_noise(
             break
         noise = better
     return noise
+
+
+def _less_its_run(observations: Observations, residual: Array, level: Array) -> Array:
+    """Residuals of swept runs less their run's own share: a firmer soil moves a whole curve."""
+    left = residual.copy()
+    for run in np.unique(observations.run[observations.swept]):
+        for channel in range(len(observations.channels)):
+            rows = (observations.run == run) & (observations.channel == channel)
+            if rows.any():
+                left[rows] -= level[rows] * np.median(residual[rows] / level[rows])
+    return left
 
 
 def conditional_residuals(effects: RunEffects, tau: Array, residual: Array) -> Array:
@@ -150,7 +151,8 @@ def calibrate(
     given = noise
     for turn in range(6):
         predicted, slopes = everything.with_slopes(theta)
-        if given is None and turn < 3:
+        # A curve's misfit is no noise: once, from the first fit, must do.
+        if given is None and turn < (1 if observations.curves.any() else 3):
             noise = robust_noise(observations, predicted, layout.low.size, kept)
         assert noise is not None
         part = observations.take(kept)

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.observations import Observations
+from smallwheel_ros.fitting.observations import ROWS_OF_A_CURVE, Observations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -112,12 +112,13 @@ def estimate_noise(
     for name in observations.channels:
         mask = observations.of_channel(name)
         good = mask & used
-        square, freedom, group = _within(observations, residual, good)
+        square, freedom, group = _within(observations, residual, good & ~observations.swept)
         there = freedom > 0
         declared = observations.declared[good]
         stated = np.isfinite(declared)
         if int(freedom.sum()) >= _FEWEST_REPEATS:
-            mean = np.bincount(group, level[good]) / np.maximum(np.bincount(group), 1)
+            repeats = good & ~observations.swept
+            mean = np.bincount(group, level[repeats]) / np.maximum(np.bincount(group), 1)
             absolute, relative = _two_terms(square[there], freedom[there], mean[there])
             found = ChannelNoise(absolute, relative, "repeats", int(freedom.sum()))
         elif stated.all() and stated.size:
@@ -132,4 +133,7 @@ def estimate_noise(
         if found.source == "declared":
             own = observations.declared[mask]
             variance[mask] = np.where(np.isfinite(own), own**2, variance[mask])
+    # Neighbouring rows of a curve say nearly the same: a curve counts as so many rows at most.
+    rows = np.bincount(observations.run, minlength=len(observations.runs))[observations.run]
+    variance *= np.where(observations.curves, np.maximum(rows / ROWS_OF_A_CURVE, 1.0), 1.0)
     return Noise(channels, level, variance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from smallwheel_ros.model import Prediction
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+ROWS_OF_A_CURVE = 20  # as many as a curve counts for
+_SWEPT = 1.5  # largest over smallest load of a run
 
 
 class FittingError(SmallwheelError):
@@ -37,6 +41,21 @@ class Observations:
     run: Index
     declared: Array
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def swept(self) -> NDArray[np.bool_]:
+        """Observations of a run in which the load was swept: its rows are no repeats."""
+        load = self.conditions.load[self.row]
+        low, high = np.full(len(self.runs), np.inf), np.zeros(len(self.runs))
+        np.minimum.at(low, self.run, load)
+        np.maximum.at(high, self.run, load)
+        return np.asarray((high > _SWEPT * low)[self.run])
+
+    @cached_property
+    def curves(self) -> NDArray[np.bool_]:
+        """Observations of a swept run of many rows: neighbours say nearly the same."""
+        rows = np.bincount(self.run, minlength=len(self.runs))
+        return np.asarray(self.swept & (rows[self.run] > ROWS_OF_A_CURVE))
 
     def __len__(self) -> int:
         return int(self.value.size)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.fitting.calibrate import Calibration
 from smallwheel_ros.fitting.noise import ChannelNoise
+from smallwheel_ros.fitting.solve import Weights
 from smallwheel_ros.model import Model, Prediction, predict
 
 Array = NDArray[np.float64]
@@ -109,8 +110,31 @@ def covariance_of(calibration: Calibration) -> Array:
     full = np.zeros((free.size, free.size))
     block = solution.information[np.ix_(free, free)]
     inverse = np.linalg.pinv(block, hermitian=True)
-    full[np.ix_(free, free)] = calibration.fit.scatter.scale**2 * inverse
+    found = calibration.fit.scatter.scale**2 * inverse
+    part = calibration.kept_observations
+    runs = np.unique(part.run).size
+    if part.curves.any() and runs > 2 * int(free.sum()):
+        wider = np.sqrt(
+            np.maximum(_clustered(calibration, inverse, runs) / np.diag(found), 1.0)
+        )
+        found = found * np.outer(wider, wider)
+    full[np.ix_(free, free)] = found
     return full
+
+
+def _clustered(calibration: Calibration, inverse: Array, runs: int) -> Array:
+    """Variances from what whole runs differ by: a curve's errors are not independent.
+
+    Liang and Zeger 1986, the sandwich with runs as clusters.
+    """
+    solution = calibration.fit.solution
+    part = calibration.kept_observations
+    design = solution.slopes[:, ~solution.frozen]
+    weights = Weights(calibration.effects, calibration.fit.scatter.tau)
+    residual = (part.value - solution.predicted)[:, None]
+    pulls = weights.by_run(design, residual)[1][:, :, 0]
+    middle = pulls.T @ pulls * runs / (runs - 1.0)
+    return np.asarray(np.diag(inverse @ middle @ inverse))
 
 
 def _statuses(calibration: Calibration, covariance: Array) -> list[FittedParameter]:
