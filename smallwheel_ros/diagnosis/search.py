@@ -22,6 +22,7 @@ from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 Array = NDArray[np.float64]
 
 ALARM = 0.02  # p-value under which something is missing
+_PAIR_ALARM = 0.01  # the same, of two effects together where neither shows alone
 _MOST_EFFECTS = 3
 _BEAM = 3
 RIVAL_GAP = 10.0  # of -2 log likelihood
@@ -109,9 +110,11 @@ def nuisance(workbench: Workbench, explanation: Explanation) -> Array:
 def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Search:
     """Find the best explanation and test its members."""
     base = workbench.fit(())
-    first = look(workbench, base, families, draws=_DRAWS, seed=seed, generic=True)
+    first = look(workbench, base, families, draws=_DRAWS, seed=seed, generic=True, pairs=True)
     found = Search(workbench, families, seed, base, first, base, first)
     beam, table = [base], first
+    if table.p_any >= ALARM and table.p_pair < _PAIR_ALARM:
+        beam, table = _start_with_two(found)
     while table.p_any < ALARM and len(found.best.forms) < _MOST_EFFECTS:
         pool = _extend(found, beam, first.critical)
         if not pool:
@@ -140,6 +143,32 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
         found.last = table
     _judge(found)
     return found
+
+
+def _start_with_two(found: Search) -> tuple[list[Explanation], Table]:
+    """The best pair of effects, where neither alone shows."""
+    workbench, first = found.workbench, found.first
+    pool = []
+    for a, b in first.pairs:
+        one, other = first.lead(a), first.lead(b)
+        assert one is not None
+        assert other is not None
+        pool.append(_with(workbench, _with(workbench, found.base, one), other))
+    pool = [polish(found, e) for e in sorted(pool, key=cost)[:2]]
+    best = min(pool, key=cost)
+    if not _all_plausible(best) or cost(found.base) - cost(best) < 1.5 * first.critical:
+        return [found.base], first
+    found.best = best
+    found.last = look(
+        workbench,
+        best,
+        found.families,
+        draws=_LATER_DRAWS,
+        seed=found.seed,
+        nuisance=nuisance(workbench, best),
+        generic=True,
+    )
+    return [best, found.base], found.last
 
 
 def _extend(found: Search, beam: Sequence[Explanation], critical: float) -> list[Explanation]:

@@ -141,9 +141,18 @@ class Workbench:
         start[: self._common] = source[: self._common]
         tau = (self.calibration.fit if near is None else near.fit).scatter.tau
         predictor = Predictor(self.observations, layout)
-        fit = solve_mixed(
-            predictor, self.observations.value, self.effects, self.typical, start, tau
-        )
+        value = self.observations.value
+        fit = solve_mixed(predictor, value, self.effects, self.typical, start, tau)
+        # Where the pressure law itself changes, a linear guess may lead into the wrong valley.
+        bent = [f for f in forms if f.family in strengths and f.effect.stage == "pressure_factor"]
+        if bent:
+            usual = start.copy()
+            for j, slot in enumerate(layout.slots):
+                if slot.of_effect and layout.owner_name(slot) == bent[0].family:
+                    usual[j] = getattr(bent[0].effect, slot.field)
+            other = solve_mixed(predictor, value, self.effects, self.typical, usual, tau)
+            if other.minus_two_log_likelihood < fit.minus_two_log_likelihood:
+                fit = other
         explanation = Explanation(tuple(forms), layout, predictor, fit)
         self._known[key] = explanation
         return explanation
