@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass
 
 from smallwheel_ros.onboard_settings import Timing
@@ -29,7 +29,7 @@ class ProblemLog:
     def __init__(self) -> None:
         self.refused_sinkages = 0
         self.counts: Counter[tuple[str, str]] = Counter()  # by stream and reason
-        self._new: list[Problem] = []
+        self._new: deque[Problem] = deque(maxlen=_KEPT)
 
     def add(self, stream: str, reason: str, text: str, *, unused: bool = True) -> None:
         """Note a problem; the words of all but the newest 1000 are forgotten.
@@ -38,12 +38,12 @@ class ProblemLog:
         """
         self.counts[stream, reason] += 1
         self.refused_sinkages += unused and stream.endswith("/sinkage")
-        del self._new[: len(self._new) + 1 - _KEPT]
         self._new.append(Problem(stream, reason, text))
 
     def take(self) -> list[Problem]:
         """Give what is new since the last call."""
-        taken, self._new = self._new, []
+        taken = list(self._new)
+        self._new.clear()
         return taken
 
 

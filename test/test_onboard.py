@@ -1,0 +1,416 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.mobility import Status
+from smallwheel_ros.onboard import Onboard, Result
+from smallwheel_ros.onboard_settings import OnboardError, OnboardSettings
+from smallwheel_ros.parameters import settings_from
+from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.streams import SECOND, nanoseconds
+
+T = 1_700_000_000 * SECOND
+
+
+@dataclass(frozen=True)
+class Message:
+    """One call of `Onboard`, with the time at which the message arrives."""
+
+    arrival: int
+    method: str
+    stamp: int
+    wheel: str | None
+    values: tuple[float, ...]
+
+    def give(self, onboard: Onboard, now: bool = False) -> list[Result]:
+        wheel = () if self.wheel is None else (self.wheel,)
+        clock = self.arrival if now else None
+        return getattr(onboard, self.method)(*wheel, self.stamp, *self.values, now=clock)
+
+
+def messages_of(drive: Drive) -> list[Message]:
+    found: list[Message] = []
+
+    def add(method: str, readings: Any, wheel: str | None, *columns: np.ndarray) -> None:
+        for stamp, arrival, *values in zip(
+            readings.stamp.tolist(), readings.log_time.tolist(), *columns, strict=True
+        ):
+            found.append(Message(arrival, method, stamp, wheel, tuple(map(float, values))))
+
+    for name, loads in drive.load.items():
+        add("on_load", loads, name, loads.normal)
+    for name, sinkages in drive.sinkage.items():
+        add("on_sinkage", sinkages, name, sinkages.sinkage, sinkages.variance)
+    o = drive.odometry
+    add("on_odometry", o, None, o.x, o.y, o.forward_speed, o.yaw_rate)
+    for j, wheel in enumerate(drive.rover.wheels):
+        add("on_wheel_speed", drive.joints, wheel.name, drive.joints.velocity[:, j])
+    return sorted(found, key=lambda m: (m.arrival, m.method, m.wheel or ""))
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return simulate_drive(DriveSettings(seed=7, distance=8.0, wheels="two_sizes", terrain="single"))
+
+
+@pytest.fixture(scope="module")
+def messages(drive: Drive) -> list[Message]:
+    return messages_of(drive)
+
+
+def settings_of(drive: Drive, **changes: object) -> OnboardSettings:
+    values: dict[str, object] = {"wheels": [wheel.name for wheel in drive.rover.wheels]}
+    for wheel in drive.rover.wheels:
+        values[f"{wheel.name}.diameter"] = wheel.diameter
+        values[f"{wheel.name}.width"] = wheel.width
+        values[f"{wheel.name}.lateral_position"] = wheel.y
+    return settings_from({**values, **changes}).onboard
+
+
+def run(onboard: Onboard, messages: list[Message], now: bool = False) -> list[Result]:
+    found = [result for message in messages for result in message.give(onboard, now)]
+    return found + onboard.flush()
+
+
+def numbers(value: object) -> Iterator[float]:
+    """All numbers in a dataclass, and in those in it."""
+    if isinstance(value, bool) or value is None or isinstance(value, str):
+        return
+    if isinstance(value, (int, float)):
+        yield float(value)
+    elif isinstance(value, np.ndarray):
+        yield from value.ravel().tolist()
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield from numbers(getattr(value, field.name))
+
+
+@pytest.fixture(scope="module")
+def results(drive: Drive, messages: list[Message]) -> list[Result]:
+    return run(Onboard(settings_of(drive)), messages)
+
+
+class TestDrive:
+    def test_each_sinkage_is_answered_once_in_order(
+        self, drive: Drive, results: list[Result]
+    ) -> None:
+        for name, readings in drive.sinkage.items():
+            stamps = [r.mobility.stamp for r in results if r.mobility.wheel == name]
+            assert stamps == sorted(readings.stamp.tolist())
+
+    def test_all_stamps_rise_over_all_wheels(self, results: list[Result]) -> None:
+        stamps = [r.mobility.stamp for r in results]
+        assert stamps == sorted(stamps)
+
+    def test_every_number_is_finite(self, results: list[Result]) -> None:
+        for result in results:
+            values = list(numbers(result))
+            assert len(values) > 20
+            assert np.all(np.isfinite(values))
+
+    def test_finds_what_is_true(self, drive: Drive, results: list[Result]) -> None:
+        soil, true = results[-1].soil, drive.stretches[0].soil
+        log_pressure = math.log(true.k * 0.01**true.n * 0.2**true.m)
+        deviation = math.sqrt(soil.log_covariance[0, 0])
+        assert abs(soil.log_reference_pressure - log_pressure) < 3 * deviation
+        assert deviation < 0.15
+        assert abs(soil.n - true.n) < 3 * math.sqrt(soil.covariance[1, 1])
+        assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])
+        late = results[len(results) // 2 :]
+        error = [
+            r.mobility.sinkage_measured.value - r.mobility.sinkage_predicted.value
+            for r in late
+            if r.mobility.status is not Status.REJECTED
+        ]
+        assert np.sqrt(np.mean(np.square(error))) < 0.0012
+
+    def test_slip_is_the_true_one(self, drive: Drive, results: list[Result]) -> None:
+        trip = drive.truth.travel
+        checked = 0
+        for result in results:
+            estimate = result.mobility
+            time = (estimate.stamp - drive.sinkage["front_left"].stamp[0]) / SECOND
+            time += (drive.sinkage["front_left"].stamp[0] - 1_749_720_600 * SECOND) / SECOND
+            if np.interp(time, trip.time, trip.speed) < 0.2:
+                continue
+            assert estimate.slip is not None
+            true = np.interp(time, trip.time, drive.truth.slip)
+            # 8 mm/s of noise at 0.2 m/s and more, and slip that changes between messages
+            assert abs(estimate.slip.value - true) < 0.2
+            checked += 1
+        assert checked > 100
+
+    def test_travel_is_the_true_one(self, results: list[Result]) -> None:
+        assert results[-1].soil.distance == pytest.approx(8.0, rel=0.02)
+
+    def test_standing_wheel_has_no_slip_and_says_so(self, results: list[Result]) -> None:
+        first = results[0].mobility
+        assert first.slip is None
+        assert first.status is Status.SLIP_UNKNOWN
+        assert "the wheel stands" in first.status_text
+        assert first.forces is not None
+        assert first.forces.drawbar_pull is None
+
+    def test_order_of_arrival_does_not_matter(
+        self, drive: Drive, messages: list[Message], results: list[Result]
+    ) -> None:
+        rng = np.random.default_rng(3)
+        delays = {
+            key: rng.uniform(0.0, 0.1)
+            for key in sorted({(m.method, m.wheel or "") for m in messages})
+        }
+        moved = sorted(
+            messages, key=lambda m: m.arrival + nanoseconds(delays[m.method, m.wheel or ""])
+        )
+        assert [m.stamp for m in moved] != [m.stamp for m in messages]
+        again = run(Onboard(settings_of(drive)), moved)
+        assert len(again) == len(results)
+        for one, other in zip(results, again, strict=True):
+            assert one.mobility == other.mobility
+            assert list(numbers(one.soil)) == list(numbers(other.soil))
+
+    def test_a_busy_node_far_behind_with_loads_loses_nothing(
+        self, drive: Drive, messages: list[Message], results: list[Result]
+    ) -> None:
+        # Loads come in bursts, 0.8 s late, as from a queue that is served too seldom.
+        def arrival(m: Message) -> int:
+            return m.arrival + nanoseconds(0.8 if m.method == "on_load" else 0.0)
+
+        again = run(Onboard(settings_of(drive)), sorted(messages, key=arrival))
+        assert len(again) == len(results)
+        for one, other in zip(results, again, strict=True):
+            assert one.mobility == other.mobility
+
+    def test_without_waiting_every_sinkage_is_answered_at_once(
+        self, drive: Drive, messages: list[Message]
+    ) -> None:
+        onboard = Onboard(settings_of(drive, **{"timing.reorder_time": 0.0}))
+        for message in messages:
+            answers = message.give(onboard)
+            expected = [message.stamp] if message.method == "on_sinkage" else []
+            assert [r.mobility.stamp for r in answers] == expected
+
+    def test_a_looping_bag_starts_over(self, drive: Drive, messages: list[Message]) -> None:
+        onboard = Onboard(settings_of(drive))
+        first = [r for m in messages for r in m.give(onboard)]
+        second = [r for m in messages for r in m.give(onboard)]
+        assert sum(n for (_, reason), n in onboard.counts.items() if reason == "time_jump") == 1
+        assert len(first) == len(second)
+        for one, other in zip(first, second, strict=True):
+            assert one.mobility == other.mobility
+            assert list(numbers(one.soil)) == list(numbers(other.soil))
+        texts = [p.text for p in onboard.take_problems() if p.reason == "time_jump"]
+        assert "time went back by" in texts[0]
+        # What waited for its turn when time went back is counted, not just gone.
+        dropped = sum(n for (_, why), n in onboard.counts.items() if why == "dropped_by_reset")
+        total = sum(len(s.stamp) for s in drive.sinkage.values())
+        assert len(first) + dropped == total
+
+    def test_a_clock_that_stands_by_makes_it_late_instead(
+        self, drive: Drive, messages: list[Message]
+    ) -> None:
+        onboard = Onboard(settings_of(drive))
+        half = len(messages) // 2
+        for message in messages[:half]:
+            message.give(onboard, now=True)
+        before = onboard.soil.accepted
+        now = messages[half].arrival
+        old = now - nanoseconds(3.0)
+        onboard.on_load("front_left", old, 60.0, now=now)
+        assert onboard.counts["front_left/load", "late"] == 1
+        assert onboard.soil.accepted == before > 0
+
+    def test_drops_out_of_load_are_named_and_survived(
+        self, drive: Drive, messages: list[Message]
+    ) -> None:
+        start = messages[0].arrival + nanoseconds(4.0)
+        end = start + nanoseconds(3.0)
+
+        def kept(m: Message) -> bool:
+            return not (m.method == "on_load" and m.wheel == "front_left" and start < m.stamp < end)
+
+        onboard = Onboard(settings_of(drive))
+        results = run(onboard, [m for m in messages if kept(m)])
+        assert len(results) == sum(len(s.stamp) for s in drive.sinkage.values())
+        missing = [r for r in results if r.mobility.status is Status.LOAD_MISSING]
+        assert {r.mobility.wheel for r in missing} == {"front_left"}
+        assert 20 < len(missing) == onboard.counts["front_left/sinkage", "load_missing"]
+        for result in missing:
+            assert result.mobility.forces is result.mobility.sinkage_predicted is None
+            assert result.mobility.load is None
+
+    def test_a_wheel_without_sinkage_sensor_is_predicted(
+        self, drive: Drive, messages: list[Message]
+    ) -> None:
+        onboard = Onboard(settings_of(drive, **{"rear_left.sinkage_topic": ""}))
+        assert "rear_left/sinkage" not in onboard.streams
+        kept = [m for m in messages if (m.method, m.wheel) != ("on_sinkage", "rear_left")]
+        results = [r.mobility for r in run(onboard, kept) if r.mobility.wheel == "rear_left"]
+        duration = (messages[-1].stamp - messages[0].stamp) / SECOND
+        assert len(results) == pytest.approx(10 * duration, rel=0.2)
+        assert all(r.sinkage_measured is None for r in results)
+        assert all(r.sinkage_predicted is not None for r in results[5:])
+        true = drive.truth
+        half = results[len(results) // 2 :]
+        time = np.array([r.stamp - 1_749_720_600 * SECOND for r in half]) / SECOND
+        expected = np.interp(time, true.travel.time, true.sinkage[:, 2])
+        predicted = np.array([r.sinkage_predicted.value for r in half])
+        # 6 % scatter of k along the track, on 6 mm
+        assert np.sqrt(np.mean((predicted - expected) ** 2)) < 0.1 * np.mean(expected)
+
+
+class TestBadInput:
+    @pytest.fixture
+    def onboard(self, drive: Drive) -> Onboard:
+        return Onboard(settings_of(drive))
+
+    def text(self, onboard: Onboard, stream: str, reason: str) -> str:
+        assert onboard.counts[stream, reason] == 1
+        (problem,) = onboard.take_problems()
+        assert (problem.stream, problem.reason) == (stream, reason)
+        return problem.text
+
+    @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+    def test_not_finite(self, onboard: Onboard, value: float) -> None:
+        assert onboard.on_load("front_left", T, value) == []
+        assert "load is" in self.text(onboard, "front_left/load", "not_finite")
+        assert onboard.on_sinkage("front_left", T, value, 0.0) == []
+        assert "sinkage is" in self.text(onboard, "front_left/sinkage", "not_finite")
+        assert onboard.on_wheel_speed("front_left", T, value) == []
+        assert "wheel speed is" in self.text(onboard, "front_left/wheel_speed", "not_finite")
+        assert onboard.on_odometry(T, 0.0, 0.0, value) == []
+        assert "speed is" in self.text(onboard, "odom", "not_finite")
+        assert onboard.on_odometry(T, value, 0.0, 0.0) == []
+        assert onboard.counts["odom", "not_finite"] == 2
+
+    def test_not_plausible(self, onboard: Onboard) -> None:
+        onboard.on_load("front_left", T, 1e300)
+        assert "1e+300 N" in self.text(onboard, "front_left/load", "not_plausible")
+
+    @pytest.mark.parametrize("value", [0.0, -60.0])
+    def test_load_not_positive(self, onboard: Onboard, value: float) -> None:
+        onboard.on_load("front_left", T, value)
+        text = self.text(onboard, "front_left/load", "load_not_positive")
+        assert f"{value:g} N" in text
+        assert "load_sign" in text
+
+    def test_negative_sinkage(self, onboard: Onboard) -> None:
+        onboard.on_sinkage("front_left", T, -0.001, 0.0)
+        assert "-0.001 m" in self.text(onboard, "front_left/sinkage", "sinkage_negative")
+        assert onboard.rejected == 1
+
+    def test_stamps(self, onboard: Onboard) -> None:
+        onboard.on_load("front_left", 0, 60.0)
+        assert "header.stamp is zero" in self.text(onboard, "front_left/load", "stamp_zero")
+        onboard.on_load("front_left", T + SECOND, 60.0, now=T)
+        assert "1.000 s ahead" in self.text(onboard, "front_left/load", "stamp_in_future")
+        onboard.on_load("front_left", T - 9 * SECOND, 60.0, now=T)
+        text = self.text(onboard, "front_left/load", "stamp_too_old")
+        assert "9.000 s behind the clock" in text
+        assert "use_sim_time" in text
+        onboard.on_load("front_left", T, 60.0, now=T)
+        onboard.on_load("front_left", T, 61.0, now=T)
+        assert "came twice" in self.text(onboard, "front_left/load", "duplicate")
+
+    def test_sinkage_twice_or_behind_an_answered_one(self, drive: Drive) -> None:
+        onboard = Onboard(settings_of(drive, **{"timing.reorder_time": 0.0}))
+        onboard.on_load("front_left", T, 60.0)
+        assert len(onboard.on_sinkage("front_left", T, 0.01, 0.0)) == 1
+        assert onboard.on_sinkage("front_left", T, 0.01, 0.0) == []
+        assert onboard.counts["front_left/sinkage", "duplicate"] == 1
+        assert onboard.on_sinkage("front_left", T - nanoseconds(0.1), 0.01, 0.0) == []
+        assert onboard.counts["front_left/sinkage", "late"] == 1
+
+    def test_unknown_wheel(self, onboard: Onboard) -> None:
+        with pytest.raises(OnboardError, match="no wheel 'middle': the vehicle has front_left"):
+            onboard.on_load("middle", T, 60.0)
+
+    @pytest.mark.parametrize("variance", [0.0, -1.0, math.nan, math.inf])
+    def test_unknown_variance_is_the_parameter(self, drive: Drive, variance: float) -> None:
+        settings = settings_of(drive, **{"timing.reorder_time": 0.0, "noise.sinkage": 0.0023})
+        onboard = Onboard(settings)
+        onboard.on_load("front_left", T, 60.0)
+        (result,) = onboard.on_sinkage("front_left", T, 0.01, variance)
+        assert result.mobility.sinkage_measured.standard_deviation == 0.0023
+
+    def test_too_heavy_a_load_is_sunk_to_the_axle(self, drive: Drive) -> None:
+        onboard = Onboard(settings_of(drive, **{"timing.reorder_time": 0.0}))
+        onboard.on_load("front_left", T, 1e8)
+        (result,) = onboard.on_sinkage("front_left", T, 0.05, 0.0)
+        assert result.mobility.status is Status.SUNK_TO_AXLE
+        assert result.mobility.forces is result.mobility.sinkage_predicted is None
+        assert np.all(np.isfinite(list(numbers(result))))
+
+    def test_it_goes_on_after_all_that(self, drive: Drive, messages: list[Message]) -> None:
+        onboard = Onboard(settings_of(drive))
+        clean = run(Onboard(settings_of(drive)), messages)
+        results: list[Result] = []
+        for i, message in enumerate(messages):
+            if i % 7 == 0:
+                for value in (math.nan, -1.0, math.inf):
+                    results += replace(message, values=(value,) * len(message.values)).give(onboard)
+                results += replace(message, stamp=0).give(onboard)
+            results += message.give(onboard)
+        results += onboard.flush()
+        # An odometry of -1 m/s is a number like any other; all else was refused without a trace.
+        assert len(results) >= len(clean)
+        assert np.all(np.isfinite([n for r in results for n in numbers(r)]))
+
+    def test_many_problems_do_not_fill_the_memory(self, onboard: Onboard) -> None:
+        for i in range(3000):
+            onboard.on_load("front_left", T + i, -1.0)
+        assert onboard.counts["front_left/load", "load_not_positive"] == 3000
+        assert len(onboard.take_problems()) == 1000
+        assert onboard.take_problems() == []
+
+
+class TestPressed:
+    def test_needs_neither_odometry_nor_wheel_speed(self) -> None:
+        values = {"wheels": ["w"], "w.diameter": 0.116, "w.width": 0.05, "w.contact": "pressed"}
+        onboard = Onboard(settings_from(values).onboard)
+        assert onboard.streams == ("w/load", "w/sinkage")
+        results = []
+        for i in range(1, 100):
+            stamp = T + i * nanoseconds(0.05)
+            depth = 0.0003 * i
+            onboard.on_load("w", stamp, 3000.0 * depth / 0.01)
+            results += onboard.on_sinkage("w", stamp, depth, 1e-8)
+        assert len(results) == 99
+        last = results[-1]
+        assert last.soil.accepted > 10
+        # new soil is met by going deeper: that is the travel
+        assert last.soil.distance == pytest.approx(0.0003 * 99)
+        assert last.mobility.slip is None
+        assert last.mobility.status is not Status.SLIP_UNKNOWN
+        assert last.mobility.forces.compaction_resistance.value == 0.0
+
+
+class TestSettings:
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            ({"wheels": ()}, "there are no wheels"),
+            ({"standstill_speed": -1.0}, "standstill_speed is -1.0 m/s"),
+        ],
+    )
+    def test_refusals(self, drive: Drive, change: dict[str, Any], words: str) -> None:
+        with pytest.raises(OnboardError, match=words):
+            replace(settings_of(drive), **change)
+
+    def test_wheels_are_checked(self, drive: Drive) -> None:
+        settings = settings_of(drive)
+        wheel = settings.wheels[0]
+        for changed, words in (
+            (replace(wheel, diameter=0.0), r"front_left: diameter is 0\.0 m"),
+            (replace(wheel, width=math.nan), "front_left: width is nan m"),
+            (replace(wheel, contact="plate"), "front_left: contact is 'plate'"),
+            (settings.wheels[1], "front_right is there twice"),
+        ):
+            with pytest.raises(OnboardError, match=words):
+                replace(settings, wheels=(changed, *settings.wheels[1:]))

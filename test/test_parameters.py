@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import yaml
+
+from smallwheel_ros.estimator_settings import EstimatorSettings
+from smallwheel_ros.onboard_settings import SensorNoise, Timing
+from smallwheel_ros.parameter_files import read_parameters, reference, template
+from smallwheel_ros.parameter_table import GENERAL, PER_WHEEL
+from smallwheel_ros.parameters import (
+    ParametersError,
+    parameters_for,
+    problems,
+    settings_from,
+    unknown_parameters,
+)
+
+ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
+
+
+class TestTable:
+    def test_every_default_is_allowed(self) -> None:
+        for parameter in parameters_for(["front"]):
+            if parameter.default is not None:
+                assert parameter.problem(parameter.default) is None, parameter.name
+
+    def test_every_number_has_a_range_and_every_parameter_words(self) -> None:
+        for parameter in GENERAL + PER_WHEEL:
+            assert parameter.description.endswith("."), parameter.name
+            if parameter.kind == "double":
+                assert parameter.unit, parameter.name
+                assert parameter.low is not None, parameter.name
+                assert parameter.high is not None, parameter.name
+
+    def test_names_are_unique(self) -> None:
+        names = [p.name for p in parameters_for(["a", "b"])]
+        assert len(set(names)) == len(names)
+
+    @pytest.mark.parametrize(
+        ("group", "kind", "elsewhere"),
+        [
+            ("estimator", EstimatorSettings, {"sinkage_std"}),
+            ("noise", SensorNoise, set()),
+            ("timing", Timing, set()),
+        ],
+    )
+    def test_every_setting_has_its_parameter(
+        self, group: str, kind: type, elsewhere: set[str]
+    ) -> None:
+        names = {p.name for p in GENERAL}
+        for field in fields(kind):
+            if field.name not in elsewhere:
+                assert f"{group}.{field.name}" in names
+
+
+class TestSettings:
+    def test_defaults(self) -> None:
+        made = settings_from(ONE_WHEEL)
+        assert made.onboard.estimator == EstimatorSettings()
+        assert made.onboard.noise == SensorNoise()
+        assert made.onboard.timing == Timing()
+        wheel = made.onboard.wheels[0]
+        assert (wheel.name, wheel.diameter, wheel.width) == ("front", 0.25, 0.1)
+        assert made.inputs["front"].load_topic == "front/load"
+        assert made.inputs["front"].sinkage_topic == "front/sinkage"
+        assert made.inputs["front"].joint == "front_joint"
+        assert made.autostart
+        assert made.onboard.prior.soil.name == "dry_sand"
+
+    def test_values_arrive(self) -> None:
+        made = settings_from(
+            {
+                **ONE_WHEEL,
+                "soil.name": "moist_earth",
+                "soil.n": 1.1,
+                "soil.cohesion": 1234.0,
+                "soil.cohesion_std": 56.0,
+                "noise.sinkage": 0.002,
+                "noise.load": 3.0,
+                "timing.maximum_gap": 0.5,
+                "estimator.process_noise": 0.07,
+                "front.contact": "pressed",
+                "front.sinkage_topic": "",
+                "load_sign": -1,
+            }
+        )
+        onboard = made.onboard
+        assert onboard.prior.n == 1.1
+        assert onboard.prior.m == -0.49  # of that soil
+        assert onboard.strength.cohesion.value == 1234.0
+        assert onboard.strength.cohesion.standard_deviation == 56.0
+        assert onboard.estimator.sinkage_std == 0.002
+        assert onboard.estimator.process_noise == 0.07
+        assert onboard.noise.load == 3.0
+        assert onboard.timing.maximum_gap == 0.5
+        assert onboard.wheels[0].contact == "pressed"
+        assert onboard.without_sinkage == {"front"}
+        assert made.load_sign == -1
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"front.diameter": 0.0}, "front.diameter is 0.0, expected a double from 0.005 to 5 m"),
+            ({"front.diameter": 1}, "front.diameter is integer 1, .*: write 1.0"),
+            ({"front.diameter": "0.2"}, "front.diameter is string '0.2', .*without quotes"),
+            ({"front.diameter": float("nan")}, "front.diameter is nan"),
+            ({"front.diameter": None}, "front.diameter is missing, expected a double"),
+            ({"front.width": -0.1}, r"front.width is -0\.1"),
+            (
+                {"front.contact": "plate"},
+                "front.contact is 'plate', expected 'rolling' or 'pressed'",
+            ),
+            (
+                {"front.joint": 5},
+                "front.joint is integer 5, expected a string: write '5' in quotes",
+            ),
+            ({"load_sign": 0}, "load_sign is 0, expected 1 or -1"),
+            ({"load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
+            ({"autostart": 1}, "autostart is integer 1, expected a bool"),
+            ({"soil.name": "dry_snad"}, "soil.name is 'dry_snad', expected 'dry_sand' or "),
+            ({"soil.n": 3.5}, r"soil.n is 3\.5, expected a double from 0.04 to 2.9"),
+            ({"estimator.surprises_to_reopen": 0}, "surprises_to_reopen is 0, expected an integer"),
+            ({"wheels": []}, r"wheels is missing: name the wheels, for example wheels: \["),
+            ({"wheels": "front"}, r"wheels is string 'front', .*: write \[front\]"),
+            ({"wheels": ["front", "front"]}, "'front': it is there twice"),
+            ({"wheels": ["soil"]}, "'soil': there is a group of parameters of that name"),
+            ({"wheels": ["front left"]}, "'front left': expected letters, digits and _"),
+        ],
+    )
+    def test_refusals_name_parameter_and_mend(self, changes: dict[str, object], words: str) -> None:
+        with pytest.raises(ParametersError, match=words):
+            settings_from({**ONE_WHEEL, **changes})
+
+    def test_all_problems_are_said_at_once(self) -> None:
+        found = problems({"wheels": ["a", "b"], "a.diameter": 0.0, "a.width": 0.1, "b.width": 1})
+        assert len(found) == 3
+        assert "a.diameter" in found[0]
+        assert "b.diameter" in found[1]
+        assert "b.width" in found[2]
+
+    def test_unknown_parameters_are_named_with_the_nearest(self) -> None:
+        values = {
+            **ONE_WHEEL,
+            "front.widht": 0.1,
+            "timing.reorder": 1.0,
+            "bananas": True,
+            "use_sim_time": True,
+            "qos_overrides./odom.subscription.depth": 5,
+        }
+        found = unknown_parameters(values, ["front"])
+        assert len(found) == 3
+        assert "front.widht is unknown and not used: did you mean 'front.width'?" in found[0]
+        assert "did you mean 'timing.reorder_time'?" in found[1]
+        assert "bananas is unknown and not used" in found[2]
+
+
+class TestFiles:
+    @pytest.mark.parametrize(("name", "text"), [("config/template.yaml", template())])
+    def test_template_is_up_to_date(self, repository: Path, name: str, text: str) -> None:
+        assert (repository / name).read_text() == text, (
+            "run python -m smallwheel_ros.parameter_files"
+        )
+
+    def test_reference_is_up_to_date(self, repository: Path) -> None:
+        written = (repository / "docs" / "parameters.md").read_text()
+        assert written == reference(), "run python -m smallwheel_ros.parameter_files"
+
+    def test_template_gives_the_defaults(self, tmp_path: Path) -> None:
+        path = tmp_path / "template.yaml"
+        path.write_text(template())
+        assert settings_from(read_parameters(path)).onboard.timing == Timing()
+        # With every comment sign taken off, the defaults are all spelled out.
+        lines = []
+        for line in template().splitlines():
+            bare = line.strip().lstrip("# ")
+            default = line.strip().startswith("# ") and bare.split(":")[0] in {
+                p.name.split(".")[-1] for p in (*GENERAL, *PER_WHEEL)
+            } | {p.name.split(".")[0] for p in GENERAL}
+            empty_optional = bare.endswith(":") and not bare.startswith(
+                ("soil:", "noise:", "timing:", "estimator:")
+            )
+            if default and not empty_optional:
+                line = line.replace("# ", "", 1)
+            lines.append(line)
+        path.write_text("\n".join(lines))
+        values = read_parameters(path)
+        table = {p.name: p.default for p in parameters_for(["front_left"])}
+        given = {name: value for name, value in values.items() if table[name] is not None}
+        expected = {name: value for name, value in table.items() if value is not None}
+        assert given == expected
+
+    def test_shipped_files_are_good(self, repository: Path) -> None:
+        paths = sorted((repository / "config").glob("*.yaml"))
+        found = 0
+        for path in paths:
+            if "ros__parameters" not in path.read_text() or "wheels" not in path.read_text():
+                continue
+            found += 1
+            values = read_parameters(path)
+            assert settings_from(values).onboard.wheels
+            assert unknown_parameters(values, values["wheels"]) == [], path
+        assert found >= 4
+
+    def test_sections(self, tmp_path: Path) -> None:
+        path = tmp_path / "rover.yaml"
+        path.write_text(
+            "/**:\n  ros__parameters:\n    standstill_speed: 2e-2\n    noise: {load: 1.5}\n"
+            "other_node:\n  ros__parameters:\n    load_sign: -1\n"
+            "/ns/mobility_estimator:\n  ros__parameters:\n    noise:\n      load: 2.5\n"
+        )
+        assert read_parameters(path) == {"standstill_speed": 0.02, "noise.load": 2.5}
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("other:\n  ros__parameters: {a: 1}\n", "found other, expected a section /\\*\\*:"),
+            ("", "found nothing"),
+            ("/**:\n  wheels: [a]\n", "section /\\*\\* has no ros__parameters"),
+            ("/**: [", "line 1 is not YAML"),
+            ("a\x00b", "is not YAML"),
+        ],
+    )
+    def test_bad_files(self, tmp_path: Path, text: str, words: str) -> None:
+        path = tmp_path / "rover.yaml"
+        path.write_text(text)
+        with pytest.raises(ParametersError, match=words) as caught:
+            read_parameters(path)
+        assert str(path) in str(caught.value)
+
+    def test_missing_file(self, tmp_path: Path) -> None:
+        with pytest.raises(ParametersError, match=r"no\.yaml cannot be read: No such file"):
+            read_parameters(tmp_path / "no.yaml")
+
+    def test_template_is_plain_yaml_too(self) -> None:
+        assert yaml.safe_load(template())["/**"]["ros__parameters"]["wheels"] == ["front_left"]
