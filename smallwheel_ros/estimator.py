@@ -28,7 +28,7 @@ from smallwheel_ros.identifiability import (
     Variety,
     soil_estimate,
 )
-from smallwheel_ros.iterated_update import exponent_of, linearise, linearise_at_prediction
+from smallwheel_ros.iterated_update import exponent_of, line_at
 from smallwheel_ros.sinkage_measurement import (
     Outcome,
     SinkageMeasurement,
@@ -156,16 +156,8 @@ class SoilEstimator:
             noise = self.settings.sinkage_std**2
         noise = max(noise, _LEAST_VARIANCE)
         load_noise = given.load_variance / given.load**2
-        belief = self._soil.belief(observe.diameter_log, wheel.spot)
-        observed = observe(belief.s, exponent_of(belief.q))
-        predicted = linearise_at_prediction(observed, belief, given.sinkage, noise, load_noise)
-        line = linearise(observe, observed, predicted, belief, given.sinkage, noise, load_noise)
-        variance = belief.spread(predicted.by_s, predicted.by_q) + predicted.noise
-        if not math.isfinite(observed.sinkage + variance + line.chi_square):
-            raise ArithmeticError("its uncertainty has no bounds")
-        reason: str = self._soil.correct(
-            line, belief, given.sinkage, observe.diameter_log, wheel.spot, self._gate
-        )
+        taken = self._soil.take(observe, given.sinkage, noise, load_noise, wheel.spot, self._gate)
+        reason: str = taken.reason
         if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
             reason = self._reopen(observe, given.sinkage, wheel.spot, noise, load_noise)
         if reason in ("accepted", "soil_changed"):
@@ -179,8 +171,8 @@ class SoilEstimator:
             self.outliers += 1
             message = (
                 f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.2f} mm measured, "
-                f"{1e3 * observed.sinkage:.2f} mm expected, standard deviation of the difference "
-                f"{1e3 * math.sqrt(variance):.2f} mm"
+                f"{1e3 * taken.expected:.2f} mm expected, standard deviation of the difference "
+                f"{1e3 * math.sqrt(taken.variance):.2f} mm"
             )
             if reason == "out_of_range":
                 message += "; the soil that this would mean is outside of the model's range"
@@ -188,11 +180,11 @@ class SoilEstimator:
             outcome,
             reason,
             message,
-            observed.sinkage,
-            variance - noise,
-            given.sinkage - observed.sinkage,
-            variance,
-            line.chi_square,
+            taken.expected,
+            taken.variance - noise,
+            given.sinkage - taken.expected,
+            taken.variance,
+            taken.chi_square,
         )
 
     def _arrive(self, given: SinkageMeasurement) -> _Wheel:
@@ -232,11 +224,7 @@ class SoilEstimator:
         self._surprises, self._fitted = 0, False
         self._soil.reopen(4.0**self._widenings)
         self._variety = Variety()
-        belief = self._soil.belief(observe.diameter_log, spot)
-        observed = observe(belief.s, exponent_of(belief.q))
-        line = linearise_at_prediction(observed, belief, measured, noise, load_noise)
-        line = linearise(observe, observed, line, belief, measured, noise, load_noise)
-        reason = self._soil.correct(line, belief, measured, observe.diameter_log, spot, self._gate)
+        reason = self._soil.take(observe, measured, noise, load_noise, spot, self._gate).reason
         if reason != "accepted":
             return reason
         self.soil_changes += changed
@@ -292,7 +280,7 @@ class SoilEstimator:
             observe = observation(self.effects, load, diameter, width, contact, slip, speed)
             belief = self._soil.belief(observe.diameter_log, None if known is None else known.spot)
             observed = observe(belief.s, exponent_of(belief.q))
-            line = linearise_at_prediction(observed, belief, 0.0, 0.0, load_variance / load**2)
+            line = line_at(observed, belief.s, belief.q, belief, 0.0, 0.0, load_variance / load**2)
             variance = belief.spread(line.by_s, line.by_q) + line.noise
             prediction = SinkagePrediction(
                 observed.sinkage, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
