@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import sys
 from typing import Any
 
@@ -39,6 +40,12 @@ COMMANDS = {
 }
 
 
+def _module_exists(name: str) -> bool:
+    """Whether a command's module is there, without importing it."""
+    module = COMMANDS[name][0].split(":")[0]
+    return importlib.util.find_spec(f"smallwheel_ros.{module}") is not None
+
+
 class BadInput(click.ClickException):
     """What the user gave cannot be used: one message, exit code 2."""
 
@@ -50,11 +57,11 @@ class LazyGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the table: the order in which people come to need them."""
-        return list(COMMANDS)
+        return [name for name in COMMANDS if _module_exists(name)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name, imported now."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self.list_commands(ctx):
             return None
         module, attribute = COMMANDS[cmd_name][0].split(":")
         command = getattr(importlib.import_module(f"smallwheel_ros.{module}"), attribute)
@@ -65,16 +72,17 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """As click does, but an unknown name is answered with the nearest one."""
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+        known = self.list_commands(ctx)
+        if args and not args[0].startswith("-") and args[0] not in known:
             from smallwheel_ros.soil import nearest
 
-            ctx.fail(f"no command '{args[0]}': {nearest(args[0], list(COMMANDS))}")
+            ctx.fail(f"no command '{args[0]}': {nearest(args[0], known)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table, without importing any."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run, and turn what the library says of bad input into one message."""

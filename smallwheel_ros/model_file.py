@@ -7,7 +7,7 @@ one never runs code, so an effect that is not installed must be given beforehand
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -35,6 +35,15 @@ _TOP = (
     "effects",
     "covariance",
     "provenance",
+)
+# What a covariance names of a soil; see `uncertainty` for what each means.
+SOIL_PARAMETERS = (
+    "log_reference_pressure",
+    "n",
+    "m",
+    "cohesion",
+    "friction_angle",
+    "log_shear_displacement",
 )
 _SOIL_NUMBERS = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
 _HEAD = """\
@@ -115,6 +124,26 @@ def _effect_entry(effect: Effect, calibrated: CalibratedModel) -> dict[str, Any]
     if _constants(effect):
         entry["constants"] = {name: float(getattr(effect, name)) for name in _constants(effect)}
     return entry
+
+
+def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Name what a covariance can speak of: each parameter of each soil and effect."""
+    of_soils = (f"{soil.name}.{name}" for soil in soils for name in SOIL_PARAMETERS)
+    of_effects = (f"{effect.id}.{p.name}" for effect in effects for p in effect.parameters())
+    return (*of_soils, *of_effects)
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader, which runs nothing, and takes a key that is there twice for a mistake."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [key.value for key, _ in node.value]
+        for key_node, _ in node.value:
+            if keys.count(key_node.value) > 1:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key '{key_node.value}' is there twice", key_node.start_mark
+                )
+        return dict(super().construct_mapping(node, deep))
 
 
 class _Reader:
@@ -209,10 +238,16 @@ class _Reader:
         except EffectError as error:
             raise ModelFileError(f"{self.path}: {key}: {error}") from error
 
-    def covariance(self, value: object) -> tuple[tuple[str, ...], Array]:
+    def covariance(self, value: object, known: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
         entry = self.mapping("covariance", value)
         self.only("covariance", entry, ("names", "matrix"))
         names = tuple(str(n) for n in self.listing("covariance.names", entry.get("names")))
+        for name in names:
+            self.choice("covariance.names", name, known)
+            if names.count(name) > 1:
+                raise ModelFileError(
+                    f"{self.path}: covariance.names: found '{name}' twice, expected it once"
+                )
         rows = self.listing("covariance.matrix", entry.get("matrix"))
         shape = f"{len(names)} rows of {len(names)} numbers"
         if len(rows) != len(names):
@@ -225,8 +260,11 @@ class _Reader:
             matrix[i] = [self.number(key, v) for v in row]
         scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
         asymmetry = np.abs(matrix - matrix.T) > 1e-9 * np.outer(scale, scale)
-        if (np.diag(matrix) < 0).any() or asymmetry.any():
-            raise self.fail("covariance.matrix", "no covariance", "a symmetric one, variances >= 0")
+        unit = np.where(scale > 0, scale, 1.0)
+        correlation = matrix / np.outer(unit, unit)
+        if asymmetry.any() or np.linalg.eigvalsh(correlation).min(initial=0.0) < -1e-9:
+            expected = "symmetric, variances and eigenvalues at least 0"
+            raise self.fail("covariance.matrix", "no covariance", expected)
         return names, matrix
 
 
@@ -239,7 +277,7 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
     file = Path(path)
     reader = _Reader(file, user)
     try:
-        document = yaml.safe_load(file.read_text(encoding="utf-8"))
+        document = yaml.load(file.read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise ModelFileError(f"{file}: cannot be read: {error.strerror or error}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -260,6 +298,9 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
         reader.effect(f"effects[{i}]", entry)
         for i, entry in enumerate(reader.listing("effects", document.get("effects") or []))
     ]
+    for at, one in enumerate(effects):
+        if any(other.id == one.id for other in effects[:at]):
+            raise ModelFileError(f"{file}: effects[{at}]: effect '{one.id}' is there twice")
     geometry: Geometry = reader.choice(  # type: ignore[assignment]  # checked against its values
         "geometry", document.get("geometry", "contact_integral"), get_args(Geometry)
     )
@@ -269,7 +310,9 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
     names: tuple[str, ...] = ()
     covariance: Array = np.zeros((0, 0))
     if document.get("covariance") is not None:
-        names, covariance = reader.covariance(document["covariance"])
+        names, covariance = reader.covariance(
+            document["covariance"], parameter_names(soils, effects)
+        )
     provenance = reader.mapping("provenance", document.get("provenance") or {})
     model = Model(soils, geometry, effects, thrust_form)
     return CalibratedModel(model, names, covariance, provenance)

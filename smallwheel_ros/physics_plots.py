@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.contact import contact_sinkage
+from smallwheel_ros.effect_curves import CHANNELS, effect_curves
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.model import Model
-from smallwheel_ros.model import predict as predict_rows
 from smallwheel_ros.output import OutputError, check_target
-from smallwheel_ros.paper import BEKKER, DIAMETER, PROPOSED, WIDTH
+from smallwheel_ros.paper import (
+    BEKKER,
+    DIAMETER,
+    MEAN_LOAD,
+    PROPOSED,
+    TABLE_3,
+    WIDTH,
+    sinkage,
+)
 from smallwheel_ros.plots import COLOURS, new_figure, style
-from smallwheel_ros.prediction import PredictionTable
+from smallwheel_ros.prediction import UNITS, PredictionTable
 from smallwheel_ros.sinkage import closed_form_sinkage
 from smallwheel_ros.soil import SOILS, effective_modulus
 from smallwheel_ros.traction import compaction_resistance
@@ -29,17 +36,8 @@ _PANELS = (
     ("drawbar_pull", "drawbar pull [N]", 1.0),
 )
 _MOST_CURVES = 8
-_TYPICAL = {
-    "slip": np.linspace(0.0, 0.8, 60),
-    "speed": np.geomspace(0.01, 1.0, 60),
-    "pass_number": np.arange(1.0, 11.0),
-    "slip_angle": np.linspace(0.0, np.pi / 2, 60),
-    "slope": np.linspace(0.0, np.radians(20.0), 60),
-    "grouser_height": np.linspace(0.0, 0.02, 60),
-    "moisture": np.linspace(0.0, 0.3, 60),
-    "width": np.linspace(0.03, 0.3, 60),
-    "load": np.linspace(10.0, 150.0, 60),
-}
+_LEGEND: dict[str, Any] = {"fontsize": 7, "frameon": False}
+_STYLES = ("-", "--", "-.", ":")
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -74,47 +72,43 @@ def plot_prediction(table: PredictionTable, path: Path) -> None:
         for panel, (quantity, _, factor) in zip(axes, panels, strict=True):
             y = getattr(prediction, quantity)[rows] * factor
             mark = {"marker": "o"} if x.size == 1 else {}
-            panel.plot(x, y, color=colour, label=label, **mark)
+            look = _STYLES[number % len(_STYLES)]  # curves may lie on each other
+            panel.plot(x, y, color=colour, linestyle=look, label=label, **mark)
             std = table.result.standard_deviation.get(quantity)
             if std is not None:
                 band = std[rows] * factor
                 panel.fill_between(x, y - band, y + band, color=colour, alpha=0.2, linewidth=0)
+    unit = UNITS.get(along, "1")
+    axis = along.replace("_", " ") + (f" [{unit}]" if unit != "1" else "")
     for panel, (_, title, _) in zip(axes, panels, strict=True):
-        style(panel, along.replace("_", " "), title)
+        style(panel, axis, title)
     if others:
-        axes[0].legend(fontsize=7, frameon=False)
+        axes[0].legend(**_LEGEND)
     if len(curves) > _MOST_CURVES:
         figure.suptitle(f"the first {_MOST_CURVES} of {len(curves)} curves", fontsize=8)
     save(figure, path)
 
 
 def plot_effect(family: tuple[type[Effect], ...], path: Path) -> None:
-    """Sinkage and resistance over the driver of an effect: a curve for each form, at its start."""
-    driver = (family[0].needs or ("load",))[0]
-    if family[0].id == "width_dependent_modulus":
-        driver = "width"
-    span = _TYPICAL.get(driver, np.linspace(0.1, 2.0, 60))
-    if family[0].id == "skid_sinkage":
-        span = np.linspace(-0.8, 0.0, 60)
-    settings: dict[str, ArrayLike] = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
-    settings |= {n: 0.1 for form in family for n in form.needs} | {driver: span}
-    conditions = Conditions.of(**settings)
-    # The contact integral is an effect upon eq. 10; every other effect stands on the integral.
-    closed = family[0].id == "contact_geometry"
-    base = Model(SOILS["dry_sand"], "closed_form" if closed else "contact_integral")
-    figure = new_figure(6.8, 3.0)
-    axes = figure.subplots(1, 2)
-    curves = [("without", base), *((f.form, base + f()) for f in family)]
-    for number, (label, model) in enumerate(curves):
-        prediction = predict_rows(model, conditions)
-        look = {"color": "#444444", "linestyle": "--"}
-        if number:
-            look = {"color": COLOURS[(number - 1) % len(COLOURS)], "linestyle": "-"}
-        axes[0].plot(span, prediction.sinkage * 1e3, label=label, **look)
-        axes[1].plot(span, prediction.resistance, **look)
-    style(axes[0], driver.replace("_", " "), "sinkage [mm]", family[0].id)
-    style(axes[1], driver.replace("_", " "), "resistance [N]", "dry sand, W 60 N, D 0.2 m")
-    axes[0].legend(fontsize=7, frameon=False)
+    """Each channel that an effect touches over its driver: a curve for each form, at its start."""
+    drawn = effect_curves(family)
+    channels = [c for c in CHANNELS if any(c in form.channels for form in family)]
+    figure = new_figure(3.4 * max(len(channels), 1) + 1.2, 3.2)
+    panels = figure.subplots(1, len(channels), squeeze=False)[0]
+    for panel, channel in zip(panels, channels, strict=True):
+        unit, factor = CHANNELS[channel]
+        for number, (name, prediction) in enumerate(drawn.predictions.items()):
+            panel.plot(
+                drawn.x,
+                factor * getattr(prediction, channel),
+                color=COLOURS[(number - 1) % len(COLOURS)] if name else "#444444",
+                linestyle=_STYLES[(number - 1) // len(COLOURS)] if number else (0, (1, 1)),
+                linewidth=1.4 if name else 2.2,
+                label=name.replace("_", " ") or "without it",
+            )
+        style(panel, drawn.axis, f"{channel.replace('_', ' ')} [{unit}]")
+    style(panels[0], drawn.axis, panels[0].get_ylabel(), f"{family[0].id}: {drawn.setting}")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right", **_LEGEND)
     save(figure, path)
 
 
@@ -145,7 +139,7 @@ def _pressure_sinkage() -> Figure:
             pressure = effective_modulus(soil.k, soil.m, diameter) * depth**soil.n
             panel.plot(1e3 * depth, 1e-3 * pressure, color=colour, label=f"D {diameter:g} m")
         style(panel, "sinkage [mm]", "pressure [kPa]", f"{name.replace('_', ' ')}, m = {soil.m:g}")
-    panels[0].legend(fontsize=7, frameon=False)
+    panels[0].legend(**_LEGEND)
     return figure
 
 
@@ -161,14 +155,18 @@ def _over_load(quantity: str) -> Figure:
     modulus = float(effective_modulus(PROPOSED.k, PROPOSED.m, DIAMETER))
     exact = contact_sinkage(load, DIAMETER, WIDTH, modulus, PROPOSED.n).sinkage
     laws.append(("proposed, contact integral", exact, modulus, PROPOSED.n))
-    for colour, (label, z, k, n) in zip(COLOURS, laws, strict=False):
+    other_n = closed_form_sinkage(load, DIAMETER, WIDTH, modulus, BEKKER.n)
+    laws.append((f"proposed, eq. 10 with n = {BEKKER.n:g} (inferred)", other_n, modulus, BEKKER.n))
+    for colour, look, (label, z, k, n) in zip(COLOURS, ("-", "-", "-", "--"), laws, strict=False):
         y = 1e3 * z if quantity == "sinkage" else compaction_resistance(z, WIDTH, k, n)
-        panel.plot(load, y, color=colour, label=label)
+        panel.plot(load, y, color=colour, linestyle=look, label=label)
     if quantity == "sinkage":
-        panel.plot((46, 65, 84), (5.85, 8.8, 11.2), "ko", label="measured (Tables 3 and 7)")
+        implied = [1e3 * sinkage(BEKKER, w) / (1.0 - error) for w, error in TABLE_3.items()]
+        panel.plot(list(TABLE_3), implied, "ko", label="measured, as Table 3 implies")
+        panel.plot(MEAN_LOAD, 8.8, "k^", label="measured, Table 7 (load inferred)")
     else:
-        panel.plot((65,), (20.8,), "ko", label="measured (Table 7)")
+        panel.plot(MEAN_LOAD, 20.8, "k^", label="measured, Table 7 (load inferred)")
     unit = "sinkage [mm]" if quantity == "sinkage" else "compaction resistance [N]"
     style(panel, "load [N]", unit, "dry sand, D 0.17 m, b 0.085 m")
-    panel.legend(fontsize=7, frameon=False)
+    panel.legend(**_LEGEND)
     return figure

@@ -11,11 +11,25 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.soil import nearest
 from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_with_uncertainty
 
 Array = NDArray[np.float64]
 
+# SI units of the columns that have one; any other column is in SI whatever its unit.
+UNITS = {
+    "load": "N",
+    "diameter": "m",
+    "width": "m",
+    "slip": "1",
+    "speed": "m/s",
+    "slip_angle": "rad",
+    "slope": "rad",
+    "pass_number": "1",
+    "grouser_height": "m",
+}
 _MOST = 200_000
 SUNK = "immobilised: sunk to the axle"
 
@@ -50,6 +64,28 @@ class PredictionTable:
             row["status"] = SUNK if sunk else "ok"
             rows.append(row)
         return {"schema": 1, "rows": rows}
+
+
+def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
+    """Keep one soil of a model, by its name; None where the model has but one.
+
+    Raises PredictionError, naming `source`, where the soil is not there or must be chosen.
+    """
+    model = calibrated.model
+    names = [soil.name for soil in model.soils]
+    if name is None and len(names) > 1:
+        raise PredictionError(f"{source}: has several soils ({', '.join(names)}): say which")
+    if name is not None and name not in names:
+        raise PredictionError(f"{source}: has no soil '{name}': {nearest(name, names)}")
+    kept = model.soils[names.index(name)] if name is not None else model.soils[0]
+    others = tuple(f"{other}." for other in names if other != kept.name)
+    rows = [i for i, known in enumerate(calibrated.names) if not known.startswith(others)]
+    return CalibratedModel(
+        Model(kept, model.geometry, model.effects, model.thrust_form),
+        tuple(calibrated.names[i] for i in rows),
+        calibrated.covariance[np.ix_(rows, rows)],
+        calibrated.provenance,
+    )
 
 
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:

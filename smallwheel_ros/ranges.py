@@ -21,8 +21,8 @@ class RangeError(SmallwheelError):
     """A number or range that cannot be read."""
 
 
-def parse_range(name: str, text: str, unit: str) -> Array:
-    """Values in the SI unit named, shape (values,).
+def parse_range(name: str, text: str, unit: str | None) -> Array:
+    """Values in the SI unit named (None: in SI whatever the unit), shape (values,).
 
     `a`, `a,b,c` or `start:stop:step` (stop included), a unit behind it where it is not SI. Raises
     RangeError naming the option.
@@ -33,14 +33,13 @@ def parse_range(name: str, text: str, unit: str) -> Array:
         raise RangeError(f"{name}: found '{text}', expected {_EXPECTED}")
     given = text[match.end() :].strip()
     try:
-        factor = float(to_base(np.ones(1), given, unit)[0]) if given else 1.0
-    except UnitsError as error:
-        raise RangeError(f"{name}: {error}") from error
-    try:
         values = np.concatenate([_piece(name, p) for p in match.group().split(",")])
     except ValueError:
         raise RangeError(f"{name}: found '{match.group()}', expected {_EXPECTED}") from None
-    return np.asarray(values * factor)
+    try:
+        return to_base(values, given, unit) if given else values
+    except UnitsError as error:
+        raise RangeError(f"{name}: {error}") from error
 
 
 def _piece(name: str, piece: str) -> Array:

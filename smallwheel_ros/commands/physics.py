@@ -5,19 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 
+from smallwheel_ros.effect_curves import effect_curves
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families, forms, load_effects
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.model_file import CalibratedModel, read_model
 from smallwheel_ros.paper import paper_lines
 from smallwheel_ros.physics_plots import plot_effect, plot_paper, plot_prediction
-from smallwheel_ros.prediction import SUNK, PredictionError, predict_table
+from smallwheel_ros.prediction import SUNK, UNITS, on_one_soil, predict_table
 from smallwheel_ros.ranges import parse_range
 from smallwheel_ros.soil import SOILS, soil
-from smallwheel_ros.tables import text_table, write_json
+from smallwheel_ros.tables import sparkline, text_table, write_json
 
-_UNITS = {"load": "N", "diameter": "m", "width": "m", "slip": "1", "speed": "m/s"}
 _JSON = click.option(
     "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
 )
@@ -27,6 +28,7 @@ _EFFECTS = click.option(
     type=click.Path(path_type=Path),
     help="A Python file with effects of your own. It is run: name only files that you trust.",
 )
+_OPTIONS = ("load", "diameter", "width", "slip")
 _SHOWN = {
     "sinkage": ("sinkage [mm]", 1e3),
     "compaction_resistance": ("compaction resistance [N]", 1.0),
@@ -46,9 +48,14 @@ _SHOWN = {
     "others",
     multiple=True,
     metavar="NAME=VALUE",
-    help="A further column that an effect needs, in SI: --set speed=0.1. Repeatable.",
+    help="A further column that an effect needs, in SI or with a unit: --set speed=0.1, "
+    "--set 'slope=10 deg'. Repeatable.",
 )
-@click.option("--soil", "soil_name", help="A soil of the library: " + ", ".join(SOILS) + ".")
+@click.option(
+    "--soil",
+    "soil_name",
+    help="A soil of the library: " + ", ".join(SOILS) + "; with --model, one of the file's.",
+)
 @click.option("--model", "model_file", type=click.Path(path_type=Path), help="A model file.")
 @click.option(
     "--closed-form", is_flag=True, help="The paper's closed form (eq. 10) for the contact integral."
@@ -77,8 +84,10 @@ def predict(
 
     smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand
     """
-    if (soil_name is None) == (model_file is None):
-        raise click.UsageError("give either --soil or --model")
+    if soil_name is None and model_file is None:
+        raise click.UsageError("give --soil or --model")
+    if model_file is not None and closed_form:
+        raise click.UsageError("--closed-form goes with --soil: a model file says its geometry")
     texts = {"load": load, "diameter": diameter, "width": width}
     if slip is not None:
         texts["slip"] = slip
@@ -88,14 +97,14 @@ def predict(
             raise click.UsageError(f"--set {other}: expected NAME=VALUE with a new NAME")
         texts[name] = value
     settings = {
-        name: parse_range(f"--{name}", text, _UNITS.get(name, "1")) for name, text in texts.items()
+        name: parse_range(
+            f"--{name}" if name in _OPTIONS else f"--set {name}", text, UNITS.get(name)
+        )
+        for name, text in texts.items()
     }
     if model_file is not None:
         user = load_effects(effects_file) if effects_file else None
-        calibrated = read_model(model_file, user)
-        if len(calibrated.model.soils) > 1:
-            names = ", ".join(s.name for s in calibrated.model.soils)
-            raise PredictionError(f"{model_file}: has several soils ({names}); predict takes one")
+        calibrated = on_one_soil(read_model(model_file, user), soil_name, str(model_file))
     else:
         geometry: Geometry = "closed_form" if closed_form else "contact_integral"
         calibrated = CalibratedModel(Model(soil(str(soil_name)), geometry))
@@ -113,7 +122,9 @@ def predict(
 
 def _prediction_text(rows: list[dict[str, float | str | None]], settings: list[str]) -> str:
     shown = [q for q in _SHOWN if q in rows[0]]
-    header = [*settings, *(_SHOWN[q][0] for q in shown), "status"]
+    units = {name: UNITS.get(name, "") for name in settings}
+    named = [f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in units.items()]
+    header = [*named, *(_SHOWN[q][0] for q in shown), "status"]
     body = []
     for row in rows:
         cells = [f"{row[name]:g}" for name in settings]
@@ -179,10 +190,15 @@ def _described(form: type[Effect]) -> dict[str, object]:
                 "start": p.start,
                 "bounds": list(p.bounds),
                 "published_range": list(p.published) if p.published else None,
+                "neutral": p.neutral,
                 "unit": p.unit,
                 "description": p.description,
             }
             for p in form.parameters()
+        ],
+        "constants": [
+            {"name": c.name, "value": c.start, "unit": c.unit, "description": c.description}
+            for c in form.constants()
         ],
     }
 
@@ -207,6 +223,18 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
             )
             bounds = f"bounds {p.bounds[0]:g} to {p.bounds[1]:g}"
             lines.append(f"    {p.name} [{p.unit}]: {p.description}; {published}; {bounds}")
+        for c in form.constants():
+            lines.append(
+                f"    {c.name} = {c.start:g} [{c.unit}]: {c.description}; given, not fitted"
+            )
+    drawn = effect_curves(family)
+    lines += ["", f"  {drawn.channel.replace('_', ' ')} over {drawn.axis}, {drawn.setting}"]
+    curves = {"without it": drawn.without, **drawn.forms}
+    width = max(map(len, curves))
+    top = max(float(np.max(y)) for y in curves.values())
+    for name, y in curves.items():
+        ends = f"{y[0]:.3g} to {y[-1]:.3g} {drawn.unit}"
+        lines.append(f"    {name.ljust(width)}  {sparkline(y, top)}  {ends}")
     return "\n".join(lines)
 
 
