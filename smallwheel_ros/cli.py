@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
+from pathlib import Path
 from typing import Any
 
 import click
 
+import smallwheel_ros
 from smallwheel_ros import __version__
 from smallwheel_ros.errors import SmallwheelError
 
@@ -41,9 +42,9 @@ COMMANDS = {
 
 
 def _module_exists(name: str) -> bool:
-    """Whether a command's module is there, without importing it."""
-    module = COMMANDS[name][0].split(":")[0]
-    return importlib.util.find_spec(f"smallwheel_ros.{module}") is not None
+    """Whether a command's module is there, without importing it or the package that it is in."""
+    file = COMMANDS[name][0].split(":")[0].replace(".", "/") + ".py"
+    return any(Path(folder, file).is_file() for folder in smallwheel_ros.__path__)
 
 
 class BadInput(click.ClickException):

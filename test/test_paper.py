@@ -1,0 +1,67 @@
+"""The paper's printed numbers: what reproduces, and that the verdicts are earned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.paper import BEKKER, LOADS, PROPOSED, TABLE_3, paper_lines, resistance, sinkage
+from smallwheel_ros.physics_plots import plot_paper
+
+# Worked out by hand from the printed tables: (quantity, printed, computed to the digits given)
+BY_HAND = [
+    ("Table 7: compaction resistance, Bekker", 50.6, 50.59, "inferred"),
+    ("Table 7: compaction resistance, proposed", 17.9, 17.92, "inferred"),
+    ("Table 7: compaction resistance, proposed", 17.9, 13.02, "not"),
+    ("Table 7: sinkage, Bekker", 5.2, 5.17, "inferred"),
+    ("Table 7: sinkage, proposed", 9.8, 11.89, "not"),
+    ("Table 7: sinkage, proposed", 9.8, 9.78, "inferred"),
+    ("improvement of sinkage", 3.6, 1.17, "not"),
+    ("improvement of resistance", 10.0, 10.28, "reproduced"),
+    ("Table 7: measured sinkage", 8.8, 8.50, "not"),
+]
+
+
+def test_the_table() -> None:
+    lines = paper_lines()
+    assert len(lines) == len(BY_HAND)
+    for line, (quantity, printed, computed, verdict) in zip(lines, BY_HAND, strict=True):
+        assert line.quantity == quantity
+        assert line.printed == printed
+        assert line.computed == pytest.approx(computed, abs=0.006)
+        assert line.reading
+        assert {
+            "inferred": "reproduced under an inferred reading",
+            "not": "not reproduced",
+            "reproduced": "reproduced",
+        }[verdict] == line.status
+
+
+def test_equations_by_hand() -> None:
+    # eq. 7: [3 W / (b (3 - n) k sqrt(D))]^(2/(2n+1)) with Table 2, at 46 and 84 N
+    for load, expected in ((46.0, 3.92e-3), (84.0, 6.35e-3)):
+        z = (3 * load / (0.085 * 2.25 * 1783e3 * 0.17**0.5)) ** (1 / 1.25)
+        assert sinkage(BEKKER, load) == pytest.approx(z, rel=1e-12)
+        assert z == pytest.approx(expected, abs=5e-6)
+    # eq. 14 with Table 6 at 14.2 mm
+    work = 0.085 * 1604e3 * 0.17**0.39 * 14.2e-3**1.8 / 1.8
+    assert resistance(PROPOSED, 14.2e-3) == pytest.approx(work, rel=1e-12)
+
+
+def test_measured_points_rise_more_steeply_than_any_of_the_laws() -> None:
+    """What Table 3 implies grows as W^1.08; eq. 7 and 10 with the printed n as W^0.77 to 0.8."""
+    implied = [sinkage(BEKKER, load) / (1 - error) for load, error in TABLE_3.items()]
+    growth = np.log(implied[1] / implied[0]) / np.log(LOADS[1] / LOADS[0])
+    assert growth == pytest.approx(1.08, abs=0.01)
+
+
+def test_pictures(tmp_path: Path) -> None:
+    drawn = plot_paper(tmp_path / "figures")
+    assert [path.name for path in drawn] == [
+        "figure_9_pressure_sinkage.png", "figure_13_sinkage.png", "figure_14_resistance.png",
+    ]  # fmt: skip
+    for path in drawn:
+        assert path.read_bytes().startswith(b"\x89PNG")
+        assert path.stat().st_size > 10_000

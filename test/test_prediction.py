@@ -1,0 +1,120 @@
+"""Ranges, tables of predictions, and the soil that is chosen from a model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.conditions import Conditions
+from smallwheel_ros.effects.registry import effect
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.prediction import PredictionError, on_one_soil, predict_table
+from smallwheel_ros.ranges import RangeError, parse_range
+from smallwheel_ros.soil import soil
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "values"),
+    [
+        ("60", "N", [60]),
+        ("20:140:40", "N", [20, 60, 100, 140]),
+        ("0.1:0.35:0.1", "1", [0.1, 0.2, 0.3]),
+        ("0.1,0.2", "1", [0.1, 0.2]),
+        ("1:3:1, 10".replace(" ", ""), "N", [1, 2, 3, 10]),
+        ("17 cm", "m", [0.17]),
+        ("85mm", "m", [0.085]),
+        ("1e-1", "m", [0.1]),
+        ("0.06 kN", "N", [60]),
+        ("10,20 deg", "rad", [np.pi / 18, np.pi / 9]),
+        ("-0.3:0.3:0.3", "1", [-0.3, 0, 0.3]),
+        ("20 degC", None, [293.15]),
+    ],
+)
+def test_ranges(text: str, unit: str | None, values: list[float]) -> None:
+    assert parse_range("--load", text, unit) == pytest.approx(values)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "--load: found '', expected a number"),
+        ("many", "--load: found 'many'"),
+        ("1:2", "a range is start:stop:step"),
+        ("1:2:0", "the range '1:2:0' is empty"),
+        ("5:2:1", "the range '5:2:1' is empty"),
+        ("1:1e9:1", "1000000000 values, at most 100000"),
+        ("1,,2", "--load: found '1,,2'"),
+        ("1e999", "expected finite numbers"),
+        ("20 kg", "--load: unit 'kg' is a mass, expected a force"),
+        ("20 newtonn", "--load: unknown unit 'newtonn'"),
+    ],
+)
+def test_texts_that_are_no_range(text: str, message: str) -> None:
+    with pytest.raises(RangeError, match=message):
+        parse_range("--load", text, "N")
+
+
+def test_table_is_the_models_prediction() -> None:
+    model = Model(soil("dry_sand")) + effect("slip_sinkage", a=1.0)
+    settings = {
+        "load": np.array([20.0, 60.0]),
+        "diameter": np.array([0.2]),
+        "width": np.array([0.1]),
+        "slip": np.array([0.1, 0.3, 0.5]),
+    }
+    table = predict_table(CalibratedModel(model), settings)
+    assert table.varied == ("load", "slip")
+    rows = table.document()["rows"]
+    assert [(r["load"], r["slip"]) for r in rows] == [
+        (20, 0.1), (20, 0.3), (20, 0.5), (60, 0.1), (60, 0.3), (60, 0.5),
+    ]  # fmt: skip
+    alone = predict(model, Conditions.of(60, 0.2, 0.1, slip=0.3))
+    assert rows[4]["sinkage"] == alone.sinkage[0]
+    assert rows[4]["drawbar_pull"] == alone.drawbar_pull[0]  # type: ignore[index]
+    assert rows[4]["status"] == "ok"
+    assert "sinkage_std" not in rows[4]
+
+
+def test_a_sunk_wheel_has_no_numbers() -> None:
+    settings = {
+        "load": np.array([5.0, 500.0]),
+        "diameter": np.array([0.2]),
+        "width": np.array([0.1]),
+    }
+    calibrated = CalibratedModel(
+        Model(soil("calcium_silicate")), ("calcium_silicate.n",), np.array([[1e-4]])
+    )
+    rows = predict_table(calibrated, settings).document()["rows"]
+    assert rows[0]["sinkage"] > 0
+    assert rows[0]["sinkage_std"] > 0
+    assert rows[1]["status"] == "immobilised: sunk to the axle"
+    assert rows[1]["sinkage"] is None
+    assert rows[1]["sinkage_std"] is None
+
+
+def test_one_of_several_soils() -> None:
+    names = ("dry_sand.n", "moist_earth.n", "slip_sinkage.a")
+    model = Model([soil("dry_sand"), soil("moist_earth")]) + effect("slip_sinkage", a=1.0)
+    covariance = np.diag([1.0, 2.0, 3.0])
+    both = CalibratedModel(model, names, covariance)
+    one = on_one_soil(both, "moist_earth", "m.yaml")
+    assert one.model == Model(soil("moist_earth")) + effect("slip_sinkage", a=1.0)
+    assert one.names == ("moist_earth.n", "slip_sinkage.a")
+    assert one.covariance.tolist() == [[2.0, 0.0], [0.0, 3.0]]
+    with pytest.raises(PredictionError, match=r"m.yaml: has several soils \(dry_sand, moist_earth"):
+        on_one_soil(both, None, "m.yaml")
+    with pytest.raises(PredictionError, match=r"m.yaml: has no soil 'drysand': did you mean"):
+        on_one_soil(both, "drysand", "m.yaml")
+
+
+def test_refusals() -> None:
+    one = np.array([1.0])
+    calibrated = CalibratedModel(Model(soil("dry_sand")))
+    with pytest.raises(PredictionError, match=r"slip is 1\.5, expected -1 to 1"):
+        predict_table(
+            calibrated, {"load": one, "diameter": one, "width": one, "slip": np.array([0.1, 1.5])}
+        )
+    many = np.linspace(1, 2, 700)
+    with pytest.raises(PredictionError, match="490000 combinations, at most 200000"):
+        predict_table(calibrated, {"load": many, "diameter": many, "width": one})
