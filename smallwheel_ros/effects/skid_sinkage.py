@@ -39,7 +39,7 @@ class Quadratic(_SkidSinkage):
     s: float = parameter(
         2.0, (0.0, 20.0), "growth of sinkage from skid 0 to 1", published=(0.3, 12.0)
     )
-    q: float = parameter(0.8, (-1.0, 1.5), "curvature of the growth", neutral=None)
+    q: float = parameter(0.8, (-2.0, 1.5), "curvature of the growth", neutral=None)
 
     def growth(self, slip: Array) -> Array:
         return 1.0 + self.s * slip * (1.0 - self.q + self.q * slip)

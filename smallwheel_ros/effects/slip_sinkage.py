@@ -64,7 +64,7 @@ class Quadratic(_SlipSinkage):
     s: float = parameter(
         2.0, (0.0, 20.0), "growth of sinkage from slip 0 to 1", published=(0.3, 12.0)
     )
-    q: float = parameter(0.5, (-1.0, 1.5), "curvature of the growth", neutral=None)
+    q: float = parameter(0.5, (-2.0, 1.5), "curvature of the growth", neutral=None)
 
     def growth(self, slip: Array) -> Array:
         return 1.0 + self.s * slip * (1.0 - self.q + self.q * slip)
