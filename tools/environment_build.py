@@ -202,7 +202,14 @@ def make_venv() -> None:
     )
     packages = sum("==" in line for line in LOCK.read_text().splitlines())
     say(f"[2/3] ROS 2 Jazzy and {packages} packages in all; about a minute, once")
-    pip = [VENV_PYTHON, "-m", "pip", "install", "--disable-pip-version-check", "--no-input"]
+    pip: list[str | Path] = [
+        VENV_PYTHON,
+        "-m",
+        "pip",
+        "install",
+        "--disable-pip-version-check",
+        "--no-input",
+    ]
     run(
         "Installing the packages",
         # The lock file is complete, so nothing has to be resolved; .pyc files come with use.
