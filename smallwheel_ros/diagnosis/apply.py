@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.candidates import Family, list_families
+from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_forces
 from smallwheel_ros.diagnosis.held_out import Errors, better, refitted
 from smallwheel_ros.diagnosis.search import best_form, plausible
-from smallwheel_ros.diagnosis.workbench import Base, Workbench
+from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.fitting.calibrate import calibrate
+from smallwheel_ros.fitting.calibrate import Calibration, calibrate
 from smallwheel_ros.fitting.files import soil_priors, starting_soils
 from smallwheel_ros.fitting.layout import make_layout
-from smallwheel_ros.fitting.observations import observe
+from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements import Measurements
 from smallwheel_ros.model_file import CalibratedModel
@@ -70,6 +70,13 @@ def base_physics(base: Base, measurements: Measurements, registry: Registry | No
     return Base((*added, *base.effects), base.geometry, base.thrust_form, base.soils, base.priors)
 
 
+def without_corrections(observations: Observations, explanation: Explanation) -> Calibration:
+    """The explanation's model fitted for a model file, which has no place for corrections of thrust."""
+    free = [s.owner >= 0 for s in explanation.layout.slots]
+    layout = explanation.layout.only(np.array(free))
+    return calibrate(observations, layout, start=explanation.theta[free])
+
+
 def _family(families: list[Family], effect: str, registry: Registry | None) -> Family:
     for family in families:
         if family.name == effect:
@@ -95,7 +102,13 @@ def add_effect(
     """
     observations = observe(measurements)
     present = [e.id for e in base.effects]
-    families = list_families(observations, present, base.geometry, registry)
+    families = list_families(
+        observations,
+        present,
+        base.geometry,
+        registry,
+        measured_forces(measurements.units),
+    )
     family = _family(families, effect, registry)
     layout = make_layout(
         observations,
@@ -104,6 +117,7 @@ def add_effect(
         soils=base.soils or None,
         priors=base.priors,
         thrust_form=base.thrust_form,
+        corrections=True,
     )
     workbench = Workbench(calibrate(observations, layout), base)
     before = workbench.fit(())
@@ -112,7 +126,7 @@ def add_effect(
     errors = refitted(workbench, before), refitted(workbench, after)
     fall, sigmas = better(*errors)
     sensible = plausible(after, effect)
-    final = calibrate(observations, after.layout, start=after.theta)
+    final = without_corrections(observations, after)
     reason = ""
     if fall <= 0.0:
         reason = "the error did not fall; not recommended"

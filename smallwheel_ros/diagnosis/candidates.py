@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -141,6 +141,14 @@ def _why_not(name: str, needs: Sequence[str], observations: Observations) -> str
     return ""
 
 
+def measured_forces(units: Mapping[str, str]) -> tuple[str, ...]:
+    """Columns in units of force or torque beside the load: what a run gave, not what was set."""
+    known = ("load", "resistance", "drawbar_pull")
+    return tuple(
+        name for name, unit in units.items() if unit in ("N", "N*m", "N m") and name not in known
+    )
+
+
 def _generic(name: str, observations: Observations) -> str:
     """Why a column that nobody has a law for cannot be tested, or an empty string."""
     means = run_means(observations, settings_of(observations)[name])
@@ -160,10 +168,12 @@ def list_families(
     present: Sequence[str] = (),
     geometry: str = "contact_integral",
     registry: Registry | None = None,
+    responses: Sequence[str] = (),
 ) -> list[Family]:
     """Every family, the extra columns' too, with the reason where one cannot be tested.
 
     present: ids of effects that the model has already. geometry: the model's rule of contact.
+    responses: columns that are results rather than settings (`measured_forces`).
     """
     found: list[Family] = []
     conditions = observations.conditions
@@ -184,6 +194,8 @@ def list_families(
         if not blocked and name.startswith("covariate:"):
             if needs[0] in derived:
                 blocked = f"'{needs[0]}' only says again what slip and speed say"
+            elif needs[0] in responses:
+                blocked = f"'{needs[0]}' is a measured force: a result of the run, not a setting"
             blocked = blocked or _generic(needs[0], observations)
         usable: list[Form] = []
         objection = ""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.score import simulate
 from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.mixed import Padding, RunEffects
@@ -75,24 +74,17 @@ def _folds(run: NDArray[np.intp], count: int) -> NDArray[np.intp]:
 
 def one_step(workbench: Workbench, explanation: Explanation) -> Errors:
     """Leave one run out, by one Gauss-Newton step from the fit of all runs."""
-    error = _one_step(workbench, explanation, explanation.residual[:, None])[:, 0]
-    return _errors(workbench, error)
-
-
-def _one_step(workbench: Workbench, explanation: Explanation, residuals: Array) -> Array:
-    """For residuals of shape (observations, draws)."""
-    effects, tau = workbench.effects, explanation.fit.scatter.tau
-    design = explanation.design
-    weights = Weights(effects, tau)
-    a, b = weights.by_run(design, residuals)
+    design, residual = explanation.design, explanation.residual
+    weights = Weights(workbench.effects, explanation.fit.scatter.tau)
+    a, b = weights.by_run(design, residual[:, None])
     total = a.sum(axis=0) + explanation.precision
-    left = np.array(residuals)
-    pad = effects.padding
+    left = np.array(residual)
+    pad = workbench.effects.padding
     for g in range(pad.index.shape[0]):
         rows = pad.index[g][pad.real[g]]
-        away = np.linalg.solve(total - a[g] + 1e-12 * np.diag(np.diag(total)), b[g])
+        away = np.linalg.solve(total - a[g] + 1e-12 * np.diag(np.diag(total)), b[g][:, 0])
         left[rows] += design[rows] @ away
-    return left
+    return _errors(workbench, left)
 
 
 def _errors(workbench: Workbench, error: Array) -> Errors:
@@ -126,30 +118,19 @@ def refitted(workbench: Workbench, explanation: Explanation) -> Errors:
     return _errors(workbench, error)
 
 
-def noise_floor(
-    workbench: Workbench, explanation: Explanation, seed: int, draws: int = 60
-) -> dict[str, float]:
-    """Held-out error of data that the explanation itself would make, with its runs' scatter."""
-    generator = np.random.default_rng([seed, 11])
-    tau = explanation.fit.scatter.tau
-    simulated = simulate(workbench.effects, tau, draws, generator)
-    # Simulated residuals still have in them what a fit would take out: one_step does that first.
-    error = _one_step(workbench, explanation, _fitted(workbench, explanation, simulated))
-    error *= explanation.fit.scatter.scale
+def noise_floor(workbench: Workbench, explanation: Explanation) -> dict[str, float]:
+    """Error of the true model for a row of a new run: noise and the runs' scatter, by channel, m or N.
+
+    What repeats of one run differ by is less: a new run meets the soil a little firmer or softer.
+    """
+    effects, fit = workbench.effects, explanation.fit
+    scatter = np.sum((effects.loadings * fit.scatter.tau) ** 2, axis=1)
+    variance = fit.scatter.scale**2 * (effects.variance + scatter)
     observations = workbench.observations
     return {
-        name: float(np.sqrt(np.mean(error[observations.channel == c] ** 2)))
+        name: float(np.sqrt(np.mean(variance[observations.channel == c])))
         for c, name in enumerate(observations.channels)
     }
-
-
-def _fitted(workbench: Workbench, explanation: Explanation, draws: Array) -> Array:
-    """Residuals of the linear fit to each draw."""
-    design = explanation.design
-    weights = Weights(workbench.effects, explanation.fit.scatter.tau)
-    a, b = weights.by_run(design, draws)
-    solved = np.linalg.solve(a.sum(axis=0) + explanation.precision, b.sum(axis=0))
-    return np.asarray(draws - design @ solved)
 
 
 def better(before: Errors, after: Errors) -> tuple[float, float]:

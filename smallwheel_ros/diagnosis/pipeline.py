@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.candidates import Family, list_families
+from smallwheel_ros.diagnosis.apply import without_corrections
+from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_forces
 from smallwheel_ros.diagnosis.document import (
     SCHEMA,
     insufficient,
@@ -66,10 +67,7 @@ class Diagnosis:
         """The model of a step as a fit of its own, its noise and outliers estimated with it."""
         assert self.workbench is not None
         explanation = self.steps[step].explanation
-        calibration = calibrate(
-            self.calibration.observations, explanation.layout, start=explanation.theta
-        )
-        return result_of(calibration)
+        return result_of(without_corrections(self.calibration.observations, explanation))
 
 
 def diagnose(
@@ -103,7 +101,13 @@ def diagnose(
     base = base or Base()
     observations = observe(measurements)
     present = [effect.id for effect in base.effects]
-    families = list_families(observations, present, base.geometry, registry)
+    families = list_families(
+        observations,
+        present,
+        base.geometry,
+        registry,
+        measured_forces(measurements.units),
+    )
     progress("fitting the base model")
     layout = make_layout(
         observations,
@@ -112,6 +116,7 @@ def diagnose(
         soils=base.soils or None,
         priors=base.priors,
         thrust_form=base.thrust_form,
+        corrections=True,
     )
     calibration = calibrate(observations, layout)
     reason = _insufficient(observations)
@@ -128,7 +133,7 @@ def diagnose(
     rows = rank(found, families, finding)
     regions = where_it_fails(workbench.observations, steps[0].errors, seed)
     proposals = _proposals(workbench, found, finding)
-    floors = noise_floor(workbench, found.best, seed)
+    floors = noise_floor(workbench, found.best)
     document = {
         "schema": SCHEMA,
         "verdict": finding.verdict,

@@ -58,7 +58,7 @@ def sensitivities(
     """The columns of every testable family that the explanation does not have."""
     observations = explanation.predictor.observations
     model = explanation.model()
-    zero = explanation.fit.solution.predicted
+    zero = observations.pick(predict(model, observations.conditions))
     size = 1.0 / np.sqrt(effects.variance)
     found: list[tuple[Array, str, Form, dict[str, float]]] = []
     for family in families:
@@ -127,11 +127,12 @@ class Scores:
     cosine: Array
 
 
-def _tau_grid(tau: Array, typical: Array) -> Array:
+def _tau_grid(tau: Array, typical: Array, least: Array) -> Array:
     values = []
-    for at, unit in zip(tau, typical, strict=True):
+    for at, unit, lowest in zip(tau, typical, least, strict=True):
         middle = at if at > 0.4 * unit else 0.5 * unit
-        values.append((0.0, 0.6 * middle, 1.1 * middle))
+        points = (0.0, 0.6 * middle, 1.1 * middle)
+        values.append(tuple(dict.fromkeys(max(point, lowest) for point in points)))
     return np.array(list(itertools.product(*values))).reshape(-1, tau.size)
 
 
@@ -170,7 +171,7 @@ def scores(
     two = list(itertools.combinations(range(len(members)), 2))
     best_two = np.full((len(two), responses.shape[1]), np.inf)
     best_with = np.full((c.shape[1], responses.shape[1]), np.inf)
-    for point in _tau_grid(tau, typical):
+    for point in _tau_grid(tau, typical, effects.least):
         w, log_det = woodbury(uu, point, effects.log_noise)
         wx = w @ ux
         flat = wx.reshape(runs * q, -1)

@@ -135,6 +135,7 @@ class Workbench:
             soils=self.base.soils or None,
             priors=self.base.priors,
             thrust_form=self.base.thrust_form,
+            corrections=True,
         )
         start = layout.start
         source = self.calibration.fit.solution.theta if near is None else near.theta

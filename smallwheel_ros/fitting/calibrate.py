@@ -55,11 +55,11 @@ def run_effects(
     ]
     columns = {"ln k": slopes[:, firmness].sum(axis=1) * share}
     repeated = np.bincount(observations.run * 8 + observations.channel).max() > 1
-    if len(observations.channels) > 1 and repeated:
-        for c, name in enumerate(observations.channels):
-            size = noise.level
-            if name == "drawbar_pull":
-                size = observations.conditions.load[observations.row]
+    for c, name in enumerate(observations.channels):
+        size = noise.level
+        if name == "drawbar_pull":  # of the load: its law is crude whatever repeats say
+            size = observations.conditions.load[observations.row]
+        if name == "drawbar_pull" or (len(observations.channels) > 1 and repeated):
             columns[name] = np.where(observations.channel == c, size, 0.0)
     loadings = np.column_stack(list(columns.values()))
     # In a long curve a run's effect would only bend the model to what it misses.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.fitting.observations import Observations
-from smallwheel_ros.fitting.parameters import Layout, replace_model
+from smallwheel_ros.fitting.parameters import Layout, correction_columns, replace_model
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.soil import Soil
 
@@ -63,11 +63,18 @@ class Predictor:
         self.layout = layout
         self._tiling = Tiling.of(observations.conditions, layout.model)
         self._tiled: dict[int, Conditions] = {}
+        self._corrections = np.flatnonzero([slot.owner < 0 for slot in layout.slots])
+        self._columns = np.zeros((len(observations), self._corrections.size))
+        if self._corrections.size:
+            added = correction_columns(observations.conditions)[observations.row]
+            pull = observations.of_channel("drawbar_pull")[:, None]
+            self._columns = np.where(pull, added, 0.0)
 
     def __call__(self, theta: Array) -> Array:
         """Predictions, shape (observations,)."""
         model = self.layout.model_at(theta)
-        return self.observations.pick(predict(model, self.observations.conditions))
+        found = self.observations.pick(predict(model, self.observations.conditions))
+        return np.asarray(found + self._columns @ theta[self._corrections])
 
     def _stepped(self, theta: Array) -> tuple[Array, Array]:
         """Each parameter's step, inward where the bound is near, and the stepped value."""
@@ -84,7 +91,9 @@ class Predictor:
         """
         layout, obs = self.layout, self.observations
         steps, stepped = self._stepped(theta)
-        fields = list(dict.fromkeys(s.field for s in layout.slots if not s.of_effect))
+        fields = list(
+            dict.fromkeys(s.field for s in layout.slots if not s.of_effect and s.owner >= 0)
+        )
         vectors = [theta]
         for name in fields:
             moved = theta.copy()
@@ -102,10 +111,14 @@ class Predictor:
         rows = len(obs.conditions)
         columns = np.stack([getattr(predicted, name).reshape(count, rows) for name in obs.channels])
         values = columns[obs.channel, :, obs.row]  # (observations, copies)
-        base = values[:, 0]
+        base = values[:, 0] + self._columns @ theta[self._corrections]
+        values = values + (base - values[:, 0])[:, None]
         slopes = np.zeros((len(obs), len(layout.slots)))
+        slopes[:, self._corrections] = self._columns
         number = self._tiling.soil_number[obs.row]
         for j, slot in enumerate(layout.slots):
+            if slot.owner < 0:
+                continue
             if slot.of_effect:
                 moved = theta.copy()
                 moved[j] = stepped[j]

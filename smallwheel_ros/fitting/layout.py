@@ -9,6 +9,8 @@ import numpy as np
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.observations import FittingError, Observations
 from smallwheel_ros.fitting.parameters import (
+    CORRECTION_PRIOR,
+    CORRECTIONS,
     SOIL_FIELDS,
     THRUST_FIELDS,
     Array,
@@ -77,11 +79,13 @@ def make_layout(
     priors: Mapping[str, SoilPrior] | None = None,
     thrust_form: ThrustForm = "integrated",
     fixed_m: float | None = None,
+    corrections: bool = False,
 ) -> Layout:
     """The layout of a fit: m is held where a soil was met by wheels of one diameter only.
 
     soils: to start from (by name); a soil of the table that is not there starts from a middling one.
     priors: soils known from elsewhere; the others get weak priors. fixed_m: m of every soil, held.
+    corrections: let the law of thrust be somewhat wrong (`parameters.CORRECTIONS`).
     Raises FittingError where two effects have the same id.
     """
     ids = [effect.id for effect in effects]
@@ -114,6 +118,10 @@ def make_layout(
             slots += [_slot(i, f, values[f.name]) for f in THRUST_FIELDS]
             centres += [f.prior[0] for f in THRUST_FIELDS]
             blocks.append(np.diag([1.0 / f.prior[1] ** 2 for f in THRUST_FIELDS]))
+    if corrections and "drawbar_pull" in observations.channels:
+        slots += [Slot(-1, False, n, 0.0, (-2.0, 2.0), _STEP, "1") for n in CORRECTIONS]
+        centres += [0.0] * len(CORRECTIONS)
+        blocks.append(np.eye(len(CORRECTIONS)) / CORRECTION_PRIOR**2)
     added = effect_slots(effects)
     slots += added
     centres += [s.start for s in added]

@@ -24,9 +24,13 @@ Array = NDArray[np.float64]
 
 # tau over the noise: under this it is none. A grid of tau^2 that starts at 0.02 doubles false alarms.
 _LEAST = 1e-2
-# All random effects are relative (of ln k, of a channel's reading). Prepared soils scatter by 2 to
-# 20 %: a half-normal prior this wide hardly touches that, but a scatter of 100 % is a wrong model.
-USUAL = 0.3
+# All random effects are relative. Prepared soils scatter by 2 to 15 % in k from run to run, and a channel
+# by a few per cent of its own (the load was a little off, say). Half-normal priors this wide hardly
+# touch that; but a scatter of 50 % is a wrong model, not a soil.
+# The law of thrust is cruder than the rest: by tens of per cent of the load.
+USUAL = {"ln k": 0.15, "drawbar_pull": 0.4}
+USUAL_OWN = 0.06
+LEAST = {"drawbar_pull": 0.1}  # and never better than this
 _COARSE = (0.03, 0.5, 2.0, 8.0)
 
 
@@ -67,6 +71,16 @@ class RunEffects:
         return np.asarray(np.swapaxes(a, 1, 2) @ right[pad.index])
 
     @property
+    def usual(self) -> Array:
+        """Standard deviation of the half-normal prior of each effect's tau."""
+        return np.array([USUAL.get(name, USUAL_OWN) for name in self.names])
+
+    @property
+    def least(self) -> Array:
+        """Least tau of each effect."""
+        return np.array([LEAST.get(name, 0.0) for name in self.names])
+
+    @property
     def log_noise(self) -> float:
         """Ln det D."""
         return float(np.sum(np.log(self.variance)))
@@ -95,6 +109,8 @@ class Moments:
     yy: float
     log_noise: float
     count: int
+    usual: Array  # (q,)
+    least: Array  # (q,)
 
     def at(self, tau: Array) -> tuple[Array, Array, Array, Array]:
         """X'V^-1X, X'V^-1y, y'V^-1y and ln det V; tau of shape (..., effects) leads each shape."""
@@ -121,6 +137,8 @@ def moments(effects: RunEffects, x: Array, y: Array) -> Moments:
         float(y @ (y * weight)),
         effects.log_noise,
         y.size,
+        effects.usual,
+        effects.least,
     )
 
 
@@ -150,7 +168,7 @@ def profile(
     rss = np.maximum(yy - np.sum(half**2, axis=-1), 1e-12)
     freedom = max(m.count - xy.shape[-1], 1) if restrict else m.count
     square = rss / freedom if scale is None else np.full_like(rss, scale**2)
-    value = freedom * np.log(square) + rss / square + logdet + np.sum((tau / USUAL) ** 2, axis=-1)
+    value = freedom * np.log(square) + rss / square + logdet + np.sum((tau / m.usual) ** 2, axis=-1)
     if restrict:
         value = value + 2.0 * np.sum(np.log(np.einsum("...ii->...i", factor)), axis=-1)
     return value, square
@@ -167,15 +185,16 @@ def fit_scatter(
 
     typical: a tau that equals the noise, of each effect. near: where to look first.
     """
+    smallest = np.maximum(_LEAST * typical, m.least)
     if near is None:
-        grid = _grid(_COARSE, typical.size) * typical
+        grid = np.maximum(_grid(_COARSE, typical.size) * typical, m.least)
         best = grid[int(np.argmin(profile(m, precision, grid, scale, True)[0]))]
     else:
-        best = np.maximum(near, _LEAST * typical)
+        best = np.maximum(near, smallest)
     for ratio in (4.0, 2.0, 1.4, 1.15):
-        grid = np.maximum(_grid((1.0 / ratio, 1.0, ratio), typical.size) * best, _LEAST * typical)
+        grid = np.maximum(_grid((1.0 / ratio, 1.0, ratio), typical.size) * best, smallest)
         best = grid[int(np.argmin(profile(m, precision, grid, scale, True)[0]))]
-    best = np.where(best <= _LEAST * typical * 1.01, 0.0, best)
+    best = np.where((best <= _LEAST * typical * 1.01) & (m.least == 0.0), 0.0, best)
     square = profile(m, precision, best, scale, True)[1]
     return Scatter(best, float(np.sqrt(square)))
 

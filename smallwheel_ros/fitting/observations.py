@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 ROWS_OF_A_CURVE = 20  # as many as a curve counts for
+_ACROSS = 0.18  # rad
 _SWEPT = 1.5  # largest over smallest load of a run
 
 
@@ -134,14 +135,29 @@ def observe(measurements: Measurements) -> Observations:
     rolling = conditions.contact == ROLLING
     notes: list[str] = []
     channels, rows = [], []
+    deep = measurements.sunk_to_axle
+    if deep.any():
+        notes.append(
+            f"{int(deep.sum())} rows are not used: the wheel was measured deeper than its axle, where "
+            "no model of a rolling wheel holds"
+        )
     for name in CHANNELS:
         there = measurements.channel_rows(name)
+        there = there[~deep[there]]
         usable = there if name == "sinkage" else there[rolling[there]]
         if usable.size < there.size:
             notes.append(f"{name} of rows that do not roll is not used: no model predicts it")
         if name == "drawbar_pull" and usable.size and "slip" not in conditions:
             notes.append("drawbar_pull is not used: the table has no slip, which thrust needs")
             continue
+        if name == "drawbar_pull" and "slip_angle" in conditions:
+            along = np.abs(conditions["slip_angle"][usable]) <= _ACROSS
+            if not along.all():
+                notes.append(
+                    f"drawbar_pull of {int((~along).sum())} rows is not used: the law of thrust holds "
+                    "for a wheel that runs along its plane (slip angle up to 10 deg)"
+                )
+            usable = usable[along]
         if usable.size:
             channels.append(name)
             rows.append(usable)

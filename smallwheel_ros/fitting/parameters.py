@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model import Model
 from smallwheel_ros.soil import Soil
@@ -42,10 +43,28 @@ THRUST_FIELDS = (
     Field("cohesion", "Pa", (0.0, 20e3), (700.0, 700.0)),
 )
 
+# What no simple law of thrust gets right, as shares of the load that are added to drawbar pull: a
+# constant, one that turns over at zero slip, one that goes on with slip. Only a diagnosis uses them,
+# so that an error of the thrust law does not pass for a missing effect of the soil.
+CORRECTIONS = ("constant", "turning", "rising")
+CORRECTION_PRIOR = 0.15
+CORRECTION = "thrust_correction"
+
+
+def correction_columns(conditions: Conditions) -> Array:
+    """What a correction of 1 adds to drawbar pull, N: shape (rows, corrections)."""
+    slip = conditions["slip"]
+    return (
+        np.column_stack([np.ones_like(slip), np.tanh(slip / 0.1), slip]) * conditions.load[:, None]
+    )
+
 
 @dataclass(frozen=True)
 class Slot:
-    """One free parameter: of which soil or effect, its bounds, and where the fit starts."""
+    """One free parameter: of which soil or effect, its bounds, and where the fit starts.
+
+    A slot of owner -1 is a correction of thrust.
+    """
 
     owner: int  # index into the model's soils, or effects
     of_effect: bool
@@ -111,6 +130,9 @@ class Layout:
         return tuple(f"{self.owner_name(s)}.{s.field}" for s in self.slots)
 
     def owner_name(self, slot: Slot) -> str:
+        """The soil or effect that a parameter belongs to."""
+        if slot.owner < 0:
+            return CORRECTION
         if slot.of_effect:
             return self.model.effects[slot.owner].id
         return self.model.soils[slot.owner].name
@@ -119,11 +141,25 @@ class Layout:
         """Mask of the parameters that are the soils'."""
         return np.array([not slot.of_effect for slot in self.slots], dtype=bool)
 
+    def only(self, keep: NDArray[np.bool_]) -> Layout:
+        """The layout with these of its parameters; the others stay where the model has them."""
+        slots = tuple(slot for slot, kept in zip(self.slots, keep, strict=True) if kept)
+        return Layout(
+            self.model,
+            slots,
+            self.low[keep],
+            self.high[keep],
+            self.centre[keep],
+            self.precision[np.ix_(keep, keep)],
+        )
+
     def model_at(self, theta: Array) -> Model:
         """The model with the parameters theta, shape (parameters,)."""
         soil_values: dict[int, dict[str, float]] = {}
         effect_values: dict[int, dict[str, float]] = {}
         for slot, value in zip(self.slots, theta, strict=True):
+            if slot.owner < 0:
+                continue
             store = effect_values if slot.of_effect else soil_values
             store.setdefault(slot.owner, {})[slot.field] = float(value)
         soils = [

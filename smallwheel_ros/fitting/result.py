@@ -114,9 +114,7 @@ def covariance_of(calibration: Calibration) -> Array:
     part = calibration.kept_observations
     runs = np.unique(part.run).size
     if part.curves.any() and runs > 2 * int(free.sum()):
-        wider = np.sqrt(
-            np.maximum(_clustered(calibration, inverse, runs) / np.diag(found), 1.0)
-        )
+        wider = np.sqrt(np.maximum(_clustered(calibration, inverse, runs) / np.diag(found), 1.0))
         found = found * np.outer(wider, wider)
     full[np.ix_(free, free)] = found
     return full
@@ -142,6 +140,8 @@ def _statuses(calibration: Calibration, covariance: Array) -> list[FittedParamet
     prior = np.sqrt(1.0 / np.maximum(np.diag(layout.precision), 1e-300))
     found = []
     for j, slot in enumerate(layout.slots):
+        if slot.owner < 0:
+            continue
         owner = layout.owner_name(slot)
         value, std = float(solution.theta[j]), float(np.sqrt(covariance[j, j]))
         width = slot.bounds[1] - slot.bounds[0]

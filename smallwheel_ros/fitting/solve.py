@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,7 +163,7 @@ def solve_mixed(
         m = moments(effects, design, residual)
         pull = layout.precision[np.ix_(free, np.ones(free.size, dtype=bool))] @ away
         prior = float(away @ layout.precision @ away)
-        shifted = Moments(m.uu, m.ux, m.uy, m.xx, m.xy - pull, m.yy + prior, m.log_noise, m.count)
+        shifted = replace(m, xy=m.xy - pull, yy=m.yy + prior)
         scatter = fit_scatter(shifted, precision, typical, scale, tau if turn else None)
         value = float(profile(shifted, precision, scatter.tau, scale, False)[0])
         if turn == rounds - 1:
