@@ -15,8 +15,9 @@ s = z0 - z makes it an Euler integral, so it has a closed form (s/D = sigma, eps
     sum over j of a_j sigma^j = (1 - 2 sigma) / sqrt(1 - sigma)
 
 The series converges for epsilon < 1, and a wheel is sunk to its axle at epsilon = 1/2, so a fixed
-number of terms gives it to rounding: no quadrature is needed. Bekker's and the paper's closed form
-(eq. 7, 10) replaces I by its expansion in n at epsilon = 0, (3 - n)/3.
+number of terms gives it to rounding: no quadrature is needed. A polynomial fitted to the last line
+takes fewer terms still. Bekker's and the paper's closed form (eq. 7, 10) replaces I by its
+expansion in n at epsilon = 0, (3 - n)/3.
 
 Every function broadcasts its arguments like NumPy does; units are SI.
 """
@@ -32,21 +33,29 @@ from scipy.special import beta, digamma
 Array = NDArray[np.float64]
 
 AXLE_RATIO = 0.5  # epsilon at which the wheel is sunk to its axle
-_BLOCK = 4096  # rows worked on at a time: the few temporaries then stay in the processor's cache
-_TERMS = 56  # 0.5**56 is below rounding
+_BLOCK = 2048  # rows worked on at a time: the few temporaries then stay in the processor's cache
 _NEWTON_STEPS = 40
+_LOG_AXLE = float(np.log(AXLE_RATIO))
 
 
-def _series_coefficients(terms: int) -> Array:
-    """a_j of (1 - 2 sigma)/sqrt(1 - sigma), j = 0 .. terms - 1."""
-    j = np.arange(1, terms)
-    central = np.concatenate(([1.0], np.cumprod((2 * j - 1) / (2 * j))))
-    coefficients = central.copy()
-    coefficients[1:] -= 2 * central[:-1]
-    return coefficients
+class _Outline(NamedTuple):
+    """(1 - 2 sigma)/sqrt(1 - sigma) as a polynomial in sigma, for sigma up to `limit`."""
+
+    limit: float
+    coefficients: Array
 
 
-_A = _series_coefficients(_TERMS)
+def _fit_outline(limit: float, degree: int) -> _Outline:
+    fitted = np.polynomial.Chebyshev.interpolate(
+        lambda sigma: (1.0 - 2.0 * sigma) / np.sqrt(1.0 - sigma), degree, domain=[0.0, limit]
+    )
+    power = fitted.convert(kind=np.polynomial.Polynomial).coef
+    return _Outline(limit, np.asarray(power, dtype=np.float64))
+
+
+# Fewer terms than the power series has, to the same rounding error: the nearest singularity, at
+# sigma = 1, is far off where the wheel is sunk little.
+_OUTLINES = (_fit_outline(0.05, 8), _fit_outline(0.15, 11), _fit_outline(AXLE_RATIO, 20))
 
 
 class ShapeIntegral(NamedTuple):
@@ -63,7 +72,8 @@ class ContactSinkage(NamedTuple):
     sinkage: m. Where `sunk_to_axle`, the load is more than the wheel can carry sunk to its axle;
     the sinkage there is a continuation by the power n + 1/2, of use to a fit that passes through
     such a point but not a prediction.
-    slope_load, slope_exponent: d ln z / d ln(W / K) and d ln z / d n at constant K and W.
+    slope_load, slope_exponent: d ln z / d ln(W / K) and d ln z / d n at constant K and W, to about
+    1e-8.
     """
 
     sinkage: Array
@@ -72,31 +82,42 @@ class ContactSinkage(NamedTuple):
     slope_exponent: Array
 
 
-def _terms_for(ratio: float) -> int:
-    """How many terms of the series reach rounding error at this sinkage over diameter."""
-    if ratio <= 1e-12:
-        return 3
-    return int(min(_TERMS, np.ceil(-37.0 / np.log(min(ratio, AXLE_RATIO))) + 3))
+def _outline_for(ratio: float) -> _Outline:
+    """The polynomial with fewest terms that holds up to this sinkage over diameter."""
+    return next((o for o in _OUTLINES if ratio <= o.limit), _OUTLINES[-1])
 
 
-def _series(exponent: Array, ratio: Array, start: Array) -> tuple[Array, Array, Array]:
-    """Sums of t_j, j t_j and t_j h_j, with t_j = a_j B(j + 1/2, n + 1) epsilon^j / 2.
+def _coefficients(exponent: Array, outline: _Outline) -> Array:
+    """c_j(n) = a_j B(j + 1/2, n + 1) / 2, shape (terms, rows): I = sum of c_j epsilon^j."""
+    terms = outline.coefficients.size
+    found = np.empty((terms, exponent.size))
+    product = 0.5 * beta(0.5, exponent + 1.0)
+    for j in range(terms):
+        if j:
+            product = product * ((j - 0.5) / (exponent + (j + 0.5)))
+        np.multiply(product, outline.coefficients[j], out=found[j])
+    return found
 
-    h_j = sum of 1/(n + i + 1/2), i = 1 .. j, is what the derivative by n of the beta function adds.
-    """
-    product = start
-    value, by_ratio = start.copy(), np.zeros_like(start)
-    by_exponent, harmonic = np.zeros_like(start), np.zeros_like(start)
-    terms = _terms_for(float(ratio.max(initial=0.0)))
-    for j in range(1, terms):
-        inverse = 1.0 / (exponent + (j + 0.5))
-        harmonic = harmonic + inverse
-        product = product * ratio * inverse * (j - 0.5)
-        term = product * _A[j]
-        value += term
-        by_ratio += j * term
-        by_exponent += term * harmonic
-    return value, by_ratio, by_exponent
+
+def _value_and_slope(coefficients: Array, ratio: Array) -> tuple[Array, Array]:
+    """I and dI/d epsilon, by Horner's rule."""
+    value, slope = coefficients[-1].copy(), np.zeros_like(ratio)
+    for coefficient in coefficients[-2::-1]:
+        slope *= ratio
+        slope += value
+        value *= ratio
+        value += coefficient
+    return value, slope
+
+
+def _slope_exponent(exponent: Array, coefficients: Array, ratio: Array, value: Array) -> Array:
+    """d ln I / dn: what d ln B / dn adds to each term, over I."""
+    harmonic, total, power = np.zeros_like(ratio), np.zeros_like(ratio), np.ones_like(ratio)
+    for j in range(1, coefficients.shape[0]):
+        harmonic += 1.0 / (exponent + (j + 0.5))
+        power *= ratio
+        total += coefficients[j] * power * harmonic
+    return np.asarray(digamma(exponent + 1.0) - digamma(exponent + 1.5) - total / value)
 
 
 def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
@@ -107,10 +128,14 @@ def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
     n, epsilon = np.broadcast_arrays(
         np.asarray(exponent, dtype=float), np.asarray(ratio, dtype=float)
     )
-    start = 0.5 * beta(0.5, n + 1.0)
-    value, by_ratio, by_exponent = _series(n, epsilon, np.array(start))
-    at_zero = digamma(n + 1.0) - digamma(n + 1.5)
-    return ShapeIntegral(value, by_ratio / value, at_zero - by_exponent / value)
+    shape = n.shape
+    n, epsilon = n.reshape(-1), epsilon.reshape(-1)
+    coefficients = _coefficients(n, _outline_for(float(epsilon.max(initial=0.0))))
+    value, slope = _value_and_slope(coefficients, epsilon)
+    by_exponent = _slope_exponent(n, coefficients, epsilon, value)
+    return ShapeIntegral(
+        value.reshape(shape), (epsilon * slope / value).reshape(shape), by_exponent.reshape(shape)
+    )
 
 
 def contact_load(
@@ -132,32 +157,51 @@ def contact_load(
 def _solve_block(
     target: Array, diameter: Array, exponent: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Ln z with (n + 1/2) ln z + ln I(n, z/D) = target, by Newton's method in ln z.
+    """ln z with (n + 1/2) ln z + ln I(n, z/D) = target, by Newton's method in ln z.
 
-    ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from the
-    left of the root (I at zero sinkage is its largest value), Newton's steps approach the root
+    ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from
+    the left of the root (I at zero sinkage is its largest value), Newton's steps approach the root
     from the left and never pass it, so no bracket is needed.
     """
-    start: Array = np.asarray(0.5 * beta(0.5, exponent + 1.0))
-    at_zero = digamma(exponent + 1.0) - digamma(exponent + 1.5)
     half = exponent + 0.5
-    log_axle = np.log(AXLE_RATIO * diameter)
-    # Load that the wheel carries sunk to its axle, in the same logarithm as the target.
-    full = _series(exponent, np.full_like(diameter, AXLE_RATIO), start)[0]
-    excess = target - (half * log_axle + np.log(full))
+    log_d = np.log(diameter)
+    # In ln(z/D): the load that the wheel carries at each ratio, in the target's logarithm.
+    level = target - half * log_d
+    first = 0.5 * beta(0.5, exponent + 1.0)
+    start = np.minimum((level - np.log(first)) / half, _LOG_AXLE)
+    excess = level - (half * _LOG_AXLE + _log_axle_shape(exponent))
     sunk = excess > 0.0
-    log_z = np.minimum((target - np.log(start)) / half, log_axle)
-    for _ in range(_NEWTON_STEPS):
-        value, by_ratio, by_exponent = _series(exponent, np.exp(log_z) / diameter, start)
-        slope = half + by_ratio / value
-        step = (target - half * log_z - np.log(value)) / slope
-        log_z = np.minimum(log_z + step, log_axle)
-        # Newton doubles the digits: a step of 1e-8 leaves an error of about 1e-16.
-        if np.all((np.abs(step) < 1e-8) | sunk):
+    # I falls with depth, at first by d ln I / d epsilon = -0.75/(n + 1.5): still left of the root.
+    fall = np.log1p(-0.75 / (exponent + 1.5) * np.exp(start))
+    start = np.minimum(start - fall / half, _LOG_AXLE)
+    highest = np.exp(float(start.max(initial=-np.inf)))
+    for outline in _OUTLINES:
+        if highest > outline.limit:
+            continue
+        coefficients = _coefficients(exponent, outline)
+        log_ratio = start.copy()
+        for _ in range(_NEWTON_STEPS):
+            ratio = np.exp(log_ratio)
+            value, slope = _value_and_slope(coefficients, ratio)
+            rise = half + ratio * slope / value
+            step = (level - half * log_ratio - np.log(value)) / rise
+            log_ratio = np.minimum(log_ratio + step, _LOG_AXLE)
+            # Newton doubles the digits: a step of 1e-8 leaves an error of about 1e-16.
+            if np.all((np.abs(step) < 1e-8) | sunk):
+                break
+        highest = float(np.exp(log_ratio.max(initial=-np.inf)))
+        if highest <= outline.limit:
             break
-    slope_exponent = -(log_z + at_zero - by_exponent / value) / slope
-    log_z = np.where(sunk, log_axle + excess / half, log_z)
-    return log_z, sunk, 1.0 / slope, slope_exponent
+    by_exponent = _slope_exponent(exponent, coefficients, ratio, value)
+    slope_exponent = -(log_ratio + log_d + by_exponent) / rise
+    log_z = np.where(sunk, _LOG_AXLE + excess / half, log_ratio) + log_d
+    return log_z, sunk, 1.0 / rise, slope_exponent
+
+
+def _log_axle_shape(exponent: Array) -> Array:
+    """ln I(n, 1/2), of the wheel sunk to its axle."""
+    coefficients = _coefficients(exponent, _OUTLINES[-1])
+    return np.asarray(np.log(_value_and_slope(coefficients, np.full_like(exponent, AXLE_RATIO))[0]))
 
 
 def contact_sinkage(
