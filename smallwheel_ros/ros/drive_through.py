@@ -155,7 +155,7 @@ class _Session:
 
     def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None) -> None:
         """Spin until it is done; too long is an error where there are words for one."""
-        deadline = time.monotonic() + (_PATIENCE if failure is not None else 3.0)
+        deadline = time.monotonic() + (_PATIENCE if failure is not None else 6.0)
         while not done():
             dead = self._alive()
             if dead is not None:

@@ -46,7 +46,7 @@ from smallwheel_ros.ros.reporting import Reporter, inputs_of, status
 from smallwheel_ros.streams import SECOND
 
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
-_FLUSH_AFTER = 1.0  # s without any message: what waits for others is worked on without them
+_FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
 EXIT_BAD_INPUT = 2
 
@@ -121,7 +121,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         result = super().on_activate(state)
         self._listen(self._settings)
         self._ticking = [
-            self.create_timer(_FLUSH_AFTER / 2, self._flush_when_idle, clock=self._wall),
+            self.create_timer(0.5, self._flush, clock=self._wall),
             self.create_timer(_WAITING_EVERY, self._say_what_is_missing, clock=self._wall),
         ]
         assert self._onboard is not None
@@ -264,13 +264,15 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Timers, all of the wall clock
 
-    def _flush_when_idle(self) -> None:
-        if self._onboard is None or time.monotonic() - self._last_arrival < _FLUSH_AFTER:
+    def _flush(self) -> None:
+        """Let nothing wait for messages that do not come."""
+        if self._onboard is None:
             return
-        self._publish(self._onboard.flush())
+        if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
+            self._publish(self._onboard.flush())
+            self._reporter.log_problems(self._onboard.take_problems())
         if self._soil_waits is not None:
             self._publish_soil(self._soil_waits)
-        self._reporter.log_problems(self._onboard.take_problems())
 
     def _say_what_is_missing(self) -> None:
         if self._onboard is not None:

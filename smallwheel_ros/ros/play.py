@@ -21,6 +21,7 @@ from smallwheel_ros.ros.conversions import time_message
 from smallwheel_ros.streams import SECOND
 
 _CLOCK_PERIOD = SECOND // 100
+_MUTUAL = 0.5  # s
 _RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -108,6 +109,17 @@ class Player:
         """Topics that nobody listens to (yet)."""
         return [name for name, p in self.publishers.items() if p.get_subscription_count() == 0]
 
+    def wait_for_listeners(self, seconds: float) -> None:
+        """Wait until every topic is heard, or so long."""
+        deadline = time.monotonic() + seconds
+        while self.unheard() and time.monotonic() < deadline:
+            self.spin(0.05)
+        # A listener that is known here may need a moment more to know of us; what is published
+        # before that, it misses.
+        deadline = time.monotonic() + _MUTUAL
+        while time.monotonic() < deadline:
+            self.spin(0.05)
+
     def messages(self) -> Iterator[RawMessage]:
         """Give the bag's messages that can be published, over and over when it loops."""
         assert self._begin is not None
@@ -156,10 +168,7 @@ def play(
     rclpy.init(args=[])
     try:
         with Player(Node("smallwheel_play"), bag, settings) as player:
-            # Publishers and listeners need a moment to find each other.
-            deadline = time.monotonic() + 2.0
-            while player.unheard() and time.monotonic() < deadline:
-                player.spin(0.1)
+            player.wait_for_listeners(2.0)
             step = progress(player)
             return player.play(lambda _: step())
     except ExternalShutdownException:

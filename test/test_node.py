@@ -1,0 +1,325 @@
+"""The node over real DDS: bad input, lifecycle, parameters. It runs in a process of its own."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from smallwheel_ros.node_process import NodeProcess
+
+pytestmark = pytest.mark.dds
+
+ONE_WHEEL = """/**:
+  ros__parameters:
+    wheels: [front]
+    front:
+      diameter: 0.25
+      width: 0.1
+    timing:
+      reorder_time: 0.05
+      silent_after: 0.1
+"""
+
+
+class Peer:
+    """The other side: publishes and listens in this process."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from geometry_msgs.msg import WrenchStamped
+        from rclpy.node import Node
+        from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
+
+        rclpy.init(args=[])
+        self.rclpy = rclpy
+        self.node = Node("peer")
+        self.mobility: list[Any] = []
+        self.diagnostics: dict[str, Any] = {}
+        self.node.create_subscription(
+            MobilityEstimate, "/mobility_estimator/mobility", self.mobility.append, 100
+        )
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
+        self.load = self.node.create_publisher(WrenchStamped, "/front/load", 100)
+        self.sinkage = self.node.create_publisher(WheelSinkage, "/front/sinkage", 100)
+
+    def _diagnose(self, message: Any) -> None:
+        for status in message.status:
+            self.diagnostics[status.name] = status
+
+    def spin_until(self, done: Callable[[], bool], what: str, seconds: float = 25.0) -> None:
+        deadline = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+            self.rclpy.spin_once(self.node, timeout_sec=0.02)
+
+    def spin(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.rclpy.spin_once(self.node, timeout_sec=0.02)
+
+    def now(self) -> int:
+        return int(self.node.get_clock().now().nanoseconds)
+
+    def send_load(self, force: float, stamp: int | None = None) -> int:
+        from geometry_msgs.msg import WrenchStamped
+
+        message = WrenchStamped()
+        stamp = self._stamp(message, stamp)
+        message.wrench.force.z = force
+        self.load.publish(message)
+        return stamp
+
+    def send_sinkage(self, sinkage: float, stamp: int | None = None, variance: float = 0.0) -> int:
+        from smallwheel_ros.msg import WheelSinkage
+
+        message = WheelSinkage(sinkage=sinkage, variance=variance)
+        stamp = self._stamp(message, stamp)
+        self.sinkage.publish(message)
+        return stamp
+
+    def _stamp(self, message: Any, stamp: int | None) -> int:
+        stamp = self.now() if stamp is None else stamp
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        return stamp
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, f"/mobility_estimator/{service}")
+        self.spin_until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request)
+        self.spin_until(future.done, f"answer of {service}")
+        return future.result()
+
+    def counts(self) -> dict[str, str]:
+        status = self.diagnostics.get("mobility_estimator: inputs")
+        return {} if status is None else {v.key: v.value for v in status.values}
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    made = Peer()
+    try:
+        yield made
+    finally:
+        made.node.destroy_node()
+        made.rclpy.try_shutdown()
+
+
+@pytest.fixture
+def one_wheel(tmp_path: Path) -> Path:
+    path = tmp_path / "one_wheel.yaml"
+    path.write_text(ONE_WHEEL)
+    return path
+
+
+def all_finite(message: Any) -> bool:
+    values = [getattr(message, name) for name in message.get_fields_and_field_types()]
+    return all(math.isfinite(v) for v in values if isinstance(v, float))
+
+
+def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from smallwheel_ros.msg import MobilityEstimate
+    from std_msgs.msg import String
+
+    log = tmp_path / "node.log"
+    # A topic with a publisher of another type, one without publisher, one with too high a demand.
+    wrong_type = peer.node.create_publisher(String, "/joint_states", 10)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    peer.node.create_subscription(
+        MobilityEstimate, "/mobility_estimator/mobility", lambda _: None, latched
+    )
+    # One parameter that nobody knows.
+    with NodeProcess([one_wheel], log, {"front.widht": "0.1"}) as node:
+        peer.spin_until(lambda: peer.sinkage.get_subscription_count() > 0, "the node listens")
+        peer.spin(0.5)
+        for _ in range(20):
+            peer.send_load(math.nan)
+        for force in (math.inf, -60.0, 0.0):
+            peer.send_load(force)
+        second = 10**9
+        peer.send_load(60.0, stamp=0)
+        peer.send_load(60.0, stamp=peer.now() + 60 * second)
+        peer.send_load(60.0, stamp=peer.now() - 60 * second)
+        peer.send_sinkage(math.nan)
+        peer.send_sinkage(-0.001)
+        twice = peer.send_load(60.0)
+        peer.send_load(60.0, stamp=twice)
+        wanted = {
+            "/front/load: not_finite": "21",
+            "/front/load: load_not_positive": "2",
+            "/front/load: stamp_zero": "1",
+            "/front/load: stamp_in_future": "1",
+            "/front/load: stamp_too_old": "1",
+            "/front/load: duplicate": "1",
+            "/front/sinkage: not_finite": "1",
+            "/front/sinkage: sinkage_negative": "1",
+            "/mobility_estimator/mobility: incompatible_qos": "1",
+        }
+        peer.spin_until(lambda: wanted.items() <= peer.counts().items(), f"counts {wanted}")
+        assert peer.mobility == []
+
+        # No load near this one: it is answered, and said.
+        peer.spin(0.5)
+        lonely = peer.send_sinkage(0.01)
+        # and then all is well
+        good = []
+        for _ in range(20):
+            peer.spin(0.05)
+            peer.send_load(60.0)
+            good.append(peer.send_sinkage(0.008, variance=1e-6))
+        stamps = [lonely, *good]
+        peer.spin_until(lambda: len(peer.mobility) >= len(stamps), "all sinkages answered")
+        heard = [m.header.stamp.sec * second + m.header.stamp.nanosec for m in peer.mobility]
+        assert heard == stamps
+        assert all(m.header.frame_id == "front" for m in peer.mobility)
+        assert all(all_finite(m) for m in peer.mobility)
+        first, last = peer.mobility[0], peer.mobility[-1]
+        assert first.status == MobilityEstimate.STATUS_LOAD_MISSING
+        assert not first.load_valid
+        assert not first.prediction_valid
+        assert last.load_valid
+        assert last.load == 60.0
+        assert last.prediction_valid
+        assert not last.slip_valid
+        assert last.status == MobilityEstimate.STATUS_SLIP_UNKNOWN
+        peer.spin_until(lambda: "load_missing" in str(peer.counts()), "load_missing counted")
+        peer.spin_until(lambda: "still waiting for /odom" in log.read_text(), "waiting for odom")
+        status = peer.diagnostics["mobility_estimator: inputs"]
+        assert status.level == b"\x01"
+        assert "still waiting for /odom (nav_msgs/msg/Odometry): no publisher" in status.message
+        text = peer.diagnostics["mobility_estimator: parameters"].message
+        assert "front.widht is unknown and not used: did you mean 'front.width'?" in text
+        assert node.death() is None
+    lines = log.read_text().splitlines()
+    # Twenty of a kind are one line, which names topic, value and what was expected.
+    named = [line for line in lines if "load is nan N" in line]
+    assert len(named) == 1
+    assert "/front/load: load is nan N, expected a number" in named[0]
+    for words in (
+        "/front/load: load is -60 N, expected more than 0",
+        "/front/load: header.stamp is zero",
+        "s ahead of the clock",
+        "s behind the clock",
+        "came twice",
+        "/front/sinkage: sinkage is nan m, expected a number",
+        "/front/sinkage: sinkage is -0.001 m, expected 0 or more",
+        "/front/sinkage: no usable load within 0.2 s",
+        "/mobility_estimator/mobility: a subscriber asks for QoS that is not offered (DURABILITY)",
+        "/joint_states (sensor_msgs/msg/JointState, joint front_joint): its publisher has another"
+        " type, std_msgs/msg/String",
+    ):
+        assert sum(words in line for line in lines) >= 1, words
+    assert "Traceback" not in log.read_text()
+    assert wrong_type is not None
+
+
+def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    from lifecycle_msgs.msg import State, Transition
+    from lifecycle_msgs.srv import ChangeState, GetState
+    from rcl_interfaces.srv import DescribeParameters, SetParameters
+    from rclpy.parameter import Parameter
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from smallwheel_ros.msg import SoilEstimate
+
+    def set_parameter(name: str, value: object) -> Any:
+        message = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[message])
+        return peer.call(SetParameters, "set_parameters", request).results[0]
+
+    def change(transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(peer.call(ChangeState, "change_state", request).success)
+
+    def state() -> int:
+        return int(peer.call(GetState, "get_state", GetState.Request()).current_state.id)
+
+    bad = {"autostart": "false", "front.width": "1"}
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log, bad) as node:
+        assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        # An integer for a double: it stays unconfigured, says why, and can be mended.
+        assert not change(Transition.TRANSITION_CONFIGURE)
+        assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        sentence = "front.width is integer 1, expected a double from 0.001 to 5 m: write 1.0"
+        name = "mobility_estimator: parameters"
+        peer.spin_until(lambda: name in peer.diagnostics, "diagnostics of the parameters")
+        assert peer.diagnostics[name].level == b"\x02"
+        assert sentence in peer.diagnostics[name].message
+        refused = set_parameter("front.width", -0.1)
+        assert not refused.successful
+        assert "front.width" in refused.reason
+        assert set_parameter("front.width", 0.12).successful
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert state() == State.PRIMARY_STATE_INACTIVE
+        refused = set_parameter("front.width", 0.13)
+        assert not refused.successful
+        assert "clean up the node first" in refused.reason
+
+        # The soil is latched: subscribed to before or after, the prior is there when active.
+        soils: list[Any] = []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        topic = "/mobility_estimator/soil"
+        assert change(Transition.TRANSITION_ACTIVATE)
+        peer.node.create_subscription(SoilEstimate, topic, soils.append, latched)
+        peer.spin_until(lambda: bool(soils), "the latched soil")
+        assert soils[0].status == SoilEstimate.STATUS_PRIOR_ONLY
+        assert soils[0].reference_pressure > 0
+        assert not soils[0].k_identifiable
+        peer.spin_until(lambda: peer.sinkage.get_subscription_count() > 0, "the node listens")
+        assert change(Transition.TRANSITION_DEACTIVATE)
+        peer.spin_until(lambda: peer.sinkage.get_subscription_count() == 0, "it listens no more")
+        assert change(Transition.TRANSITION_CLEANUP)
+        assert set_parameter("front.width", 0.14).successful
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert change(Transition.TRANSITION_ACTIVATE)
+        assert state() == State.PRIMARY_STATE_ACTIVE
+
+        request = DescribeParameters.Request(names=["front.width", "wheels"])
+        width, wheels = peer.call(DescribeParameters, "describe_parameters", request).descriptors
+        assert "Width of the wheel." in width.description
+        assert width.floating_point_range[0].to_value == 5.0
+        assert wheels.read_only
+        assert node.death() is None
+    effective = [line for line in log.read_text().splitlines() if "effective parameters" in line]
+    assert len(effective) == 2
+    assert "front.width=0.12" in effective[0]
+    assert "front.width=0.14" in effective[1]
+    assert sentence in log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            ONE_WHEEL.replace("0.25", "0.0").replace("width: 0.1", "width: 1"),
+            r"cannot be configured: parameter front\.diameter is 0\.0, expected a double from"
+            r" 0\.005 to 5 m; parameter front\.width is integer 1, .*: write 1\.0",
+        ),
+        ("/**:\n  ros__parameters:\n    standstill_speed: 0.1\n", "parameter wheels is missing"),
+        ("/**:\n  ros__parameters: [\n", "mobility_estimator: cannot start: .*rover.yaml"),
+    ],
+)
+def test_bad_parameters_end_it_with_one_message(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "rover.yaml"
+    path.write_text(text)
+    command = [sys.executable, "-m", "smallwheel_ros.ros.mobility_estimator"]
+    done = subprocess.run(
+        [*command, "--ros-args", "--params-file", str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert len(re.findall(words, done.stderr)) == 1, done.stderr
+    assert "Traceback" not in done.stderr

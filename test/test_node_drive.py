@@ -1,0 +1,272 @@
+"""The node over real DDS: a bag through it, against the library called directly."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.bags import BagReader
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.mobility import MobilityEstimate
+from smallwheel_ros.node_process import NodeProcess
+from smallwheel_ros.onboard import Onboard, Result
+from smallwheel_ros.parameter_files import read_parameters
+from smallwheel_ros.parameters import settings_from
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+pytestmark = pytest.mark.dds
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bags") / "drive"
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=4.0, wheels="two_sizes")), path)
+    return path
+
+
+@pytest.fixture
+def rover(repository: Path) -> Path:
+    return repository / "config" / "two_wheel_sizes.yaml"
+
+
+def directly(bag: Path, parameters: Path) -> list[Result]:
+    """Give the bag's messages to the library, in the order of recording."""
+    settings = settings_from(read_parameters(parameters))
+    onboard = Onboard(settings.onboard)
+    wheel_of = {inputs.joint: wheel for wheel, inputs in settings.inputs.items()}
+    found: list[Result] = []
+    with BagReader(bag) as reader:
+        for topic, _, _, message in reader.messages():
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            if topic.endswith("/load"):
+                found += onboard.on_load(topic.split("/")[1], stamp, message.wrench.force.z)
+            elif topic.endswith("/sinkage"):
+                wheel = topic.split("/")[1]
+                found += onboard.on_sinkage(wheel, stamp, message.sinkage, message.variance)
+            elif topic == "/odom":
+                place, twist = message.pose.pose.position, message.twist.twist
+                found += onboard.on_odometry(
+                    stamp, place.x, place.y, twist.linear.x, twist.angular.z
+                )
+            else:
+                for name, velocity in zip(message.name, message.velocity, strict=True):
+                    found += onboard.on_wheel_speed(wheel_of[name], stamp, float(velocity))
+    return found + onboard.flush()
+
+
+def expected_row(estimate: MobilityEstimate) -> dict[str, Any]:
+    """What the message of an estimate must say, written out here once more."""
+    forces = estimate.forces
+    quantities = {
+        "load": estimate.load,
+        "slip": estimate.slip,
+        "sinkage_measured": estimate.sinkage_measured,
+        "sinkage_predicted": estimate.sinkage_predicted,
+        "compaction_resistance": forces and forces.compaction_resistance,
+        "other_resistance": forces and forces.other_resistance,
+        "rolling_resistance_coefficient": forces and forces.rolling_resistance_coefficient,
+        "thrust": forces and forces.thrust,
+        "drawbar_pull": forces and forces.drawbar_pull,
+    }
+    row: dict[str, Any] = {
+        "stamp": estimate.stamp,
+        "frame_id": estimate.wheel,
+        "status": int(estimate.status),
+        "status_text": estimate.status_text,
+        "load_valid": estimate.load is not None,
+        "slip_valid": estimate.slip is not None,
+        "sinkage_measured_valid": estimate.sinkage_measured is not None,
+        "prediction_valid": forces is not None,
+        "traction_valid": forces is not None and forces.drawbar_pull is not None,
+        "probability_drawbar_pull_positive": (
+            (forces and forces.probability_drawbar_pull_positive) or 0.0
+        ),
+    }
+    for name, quantity in quantities.items():
+        row[name] = quantity.value if quantity else 0.0
+        row[f"{name}_standard_deviation"] = quantity.standard_deviation if quantity else 0.0
+    return row
+
+
+def assert_same_row(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        if isinstance(value, float):
+            assert np.isfinite(found[name]), name
+            assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
+        else:
+            assert found[name] == value, name
+
+
+def test_a_drive_over_dds_gives_what_the_library_gives(
+    bag: Path, rover: Path, tmp_path: Path
+) -> None:
+    from smallwheel_ros.msg import SoilEstimate
+
+    from smallwheel_ros.ros.drive_through import drive_through
+
+    expected = directly(bag, rover)
+    parameters = [rover]
+    log = tmp_path / "node.log"
+    with NodeProcess(parameters, log, {"use_sim_time": "true"}) as node:
+        first = drive_through(bag, rate=4.0, alive=node.death)
+        assert node.death() is None
+        assert first.sinkages == len(expected)
+        assert first.unanswered == 0
+        assert first.published == message_count(bag)
+        # Answers come in one order, that of the stamps, whatever DDS did to the topics.
+        assert len(first.mobility) == len(expected)
+        for row, result in zip(first.mobility, expected, strict=True):
+            assert_same_row(row, expected_row(result.mobility))
+
+        last, soil = first.soil[-1], expected[-1].soil
+        assert last["stamp"] == expected[-1].mobility.stamp
+        assert last["frame_id"] == "odom"
+        assert (last["k"], last["n"], last["m"]) == pytest.approx(
+            (soil.k, soil.n, soil.m), rel=1e-9
+        )
+        np.testing.assert_allclose(last["covariance"], soil.covariance.ravel(), rtol=1e-9)
+        modulus, deviation = soil.effective_modulus()
+        assert last["effective_modulus"] == pytest.approx(modulus, rel=1e-9)
+        assert last["effective_modulus_standard_deviation"] == pytest.approx(deviation, rel=1e-9)
+        assert last["reference_pressure"] == pytest.approx(soil.reference_pressure, rel=1e-9)
+        assert last["measurements_accepted"] == soil.accepted
+        assert last["measurements_rejected"] == expected[-1].rejected
+        assert last["m_identifiable"] == soil.identifiable.m
+        # Before the first measurement the soil is the configured one.
+        assert first.soil[0]["status"] == SoilEstimate.STATUS_PRIOR_ONLY
+        assert last["status"] == SoilEstimate.STATUS_OK
+        stamps = [row["stamp"] for row in first.soil[1:]]
+        assert stamps == sorted(set(stamps))
+        assert any("inputs" in name for name in first.diagnostics)
+        assert sum("wheel" in name for name in first.diagnostics) == 4
+
+        # Whoever comes late gets the newest soil: drive_through waits for one before it plays, and
+        # the same bag once more is a time that jumps back, after which all begins anew.
+        again = drive_through(bag, rate=4.0, alive=node.death)
+        for name in ("stamp", "k", "n", "m", "measurements_accepted", "status_text"):
+            assert again.soil[0][name] == last[name]
+        # A message or two may come before /clock has gone back, and are refused as too old.
+        assert len(expected) - 3 <= len(again.mobility) <= len(expected)
+        assert again.soil[-1]["n"] == pytest.approx(last["n"], abs=1e-3)
+        assert again.soil[-1]["measurements_accepted"] <= last["measurements_accepted"]
+    assert "time went back by" in log.read_text()
+    assert "Traceback" not in log.read_text()
+
+
+def message_count(bag: Path) -> int:
+    with BagReader(bag) as reader:
+        return reader.message_count
+
+
+def test_a_node_that_dies_is_one_clear_message(bag: Path, tmp_path: Path) -> None:
+    from smallwheel_ros.ros.drive_through import DriveThroughError, drive_through
+
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(
+        "/**:\n  ros__parameters:\n    wheels: [a]\n    a: {diameter: 0.0, width: 0.1}\n"
+    )
+    with (
+        NodeProcess([bad], tmp_path / "node.log") as node,
+        pytest.raises(DriveThroughError, match=r"has died: exit code 2; .*a\.diameter is 0\.0"),
+    ):
+        drive_through(bag, alive=node.death)
+
+
+def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
+    import rclpy
+    from geometry_msgs.msg import WrenchStamped
+    from nav_msgs.msg import Odometry
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+    from smallwheel_ros.msg import WheelSinkage
+
+    with BagReader(bag) as reader:
+        expected = {topic.name: topic.message_count for topic in reader.topics}
+        first, last = reader.start_time, reader.end_time
+    kinds = {"load": WrenchStamped, "sinkage": WheelSinkage, "odom": Odometry}
+    received: Counter[str] = Counter()
+    clocks: list[int] = []
+    rclpy.init(args=[])
+    try:
+        node = Node("listener")
+
+        def count(name: str) -> Callable[[Any], None]:
+            return lambda _: received.update([name])
+
+        for name in expected:
+            kind = kinds.get(name.rsplit("/", 1)[1], JointState)
+            node.create_subscription(kind, name, count(name), QoSProfile(depth=5000))
+        node.create_subscription(
+            Clock,
+            "/clock",
+            lambda m: clocks.append(m.clock.sec * 10**9 + m.clock.nanosec),
+            QoSProfile(depth=5000),
+        )
+        command = [sys.executable, "-m", "smallwheel_ros.cli", "play", str(bag), "--rate", "4"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        start = time.monotonic()
+        while process.poll() is None and time.monotonic() - start < 60:
+            rclpy.spin_once(node, timeout_sec=0.05)
+        for _ in range(2000):
+            rclpy.spin_once(node, timeout_sec=0.0)
+        out, err = process.communicate()
+    finally:
+        rclpy.try_shutdown()
+    assert process.returncode == 0, err
+    assert f"{sum(expected.values())} messages published" in out.decode()
+    assert dict(received) == expected
+    assert clocks == sorted(clocks)
+    assert first is not None
+    assert last is not None
+    assert first <= clocks[0]
+    assert clocks[-1] <= last
+    # at most 100 Hz of the bag's time, and no long holes
+    assert 50 < len(clocks) / ((last - first) / 1e9) <= 101
+
+
+def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
+    import pandas as pd
+
+    folder = tmp_path / "demo"
+    command = [sys.executable, "-m", "smallwheel_ros.cli", "demo", "-o", str(folder)]
+    done = subprocess.run(
+        [*command, "--distance", "5", "--seed", "3"], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    for name in ("drive.png", "mobility.csv", "soil.csv"):
+        assert str(folder / name) in done.stdout
+    assert (folder / "drive.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    table = pd.read_csv(folder / "mobility.csv")
+    assert sorted(table["wheel"].unique()) == [
+        "front_left",
+        "front_right",
+        "rear_left",
+        "rear_right",
+    ]
+    assert f"{len(table)} estimates, 0 sinkages without answer" in done.stdout
+    assert (table["status"] == 0).sum() > 100
+    soil = pd.read_csv(folder / "soil.csv")
+    assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
+
+
+def test_play_refusals_need_no_node(tmp_path: Path) -> None:
+    from smallwheel_ros.ros.play import PlayError, PlaySettings, play
+
+    with pytest.raises(SmallwheelError, match="does not exist"):
+        play(tmp_path / "nothing", PlaySettings(), lambda _: lambda: None)
+    old = tmp_path / "old.bag"
+    old.write_bytes(b"")
+    with pytest.raises(PlayError, match="is of ROS 1"):
+        play(old, PlaySettings(), lambda _: lambda: None)
