@@ -35,7 +35,7 @@ class _Bulldozing(Effect):
 @dataclass(frozen=True)
 class Rankine(_Bulldozing):
     formula = "R = s b (g z^2 Kp / 2 + 2 c z sqrt(Kp)), Kp = tan^2(45 deg + phi/2)"
-    source = "passive earth pressure of Rankine, as in Bekker 1956"
+    source = "passive earth pressure of Rankine; for wheels Bekker 1956 (unverified)"
 
     cohesion: float = constant(500.0, (0.0, 50e3), "cohesion of the soil", unit="Pa")
 
@@ -51,7 +51,7 @@ class Hegedus(_Bulldozing):
         "R = s b D1 (c z + D2 g z^2 / 2), D1 = cot X + tan(X + phi), "
         "D2 = cot X + cot^2 X / cot phi, X = 45 deg - phi/2"
     )
-    source = "Hegedus, resistance of a bulldozing blade (1960)"
+    source = "Hegedus 1960, bulldozing blade (unverified)"
 
     cohesion: float = constant(500.0, (0.0, 50e3), "cohesion of the soil", unit="Pa")
 

@@ -31,7 +31,7 @@ class _ElasticRebound(Effect):
 @dataclass(frozen=True)
 class Compliance(_ElasticRebound):
     formula = "rut = z - W / (b sqrt(D z) ku), parameter 1 / ku"
-    source = "linear unloading; ku 5 to 50 MPa/m (Wong 2008, unloading lines of plate tests)"
+    source = "linear unloading; ku 5 to 50 MPa/m (unverified)"
 
     compliance: float = parameter(
         5e-8, (0.0, 2e-6), "rise by pressure, 1 / ku", unit="m/Pa", published=(2e-8, 2e-7)

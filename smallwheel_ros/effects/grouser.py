@@ -34,7 +34,7 @@ class Digging(_Grouser):
 @dataclass(frozen=True)
 class LugDigging(_Grouser):
     formula = "z = z0 + a h i / (1 - i), i > 0 (i up to 0.95)"
-    source = "Reece 1965-66 with a = 1"
+    source = "Reece 1965-66 with a = 1 (unverified)"
     needs = ("slip", "grouser_height")
 
     a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.0, 3.0))
@@ -47,7 +47,7 @@ class LugDigging(_Grouser):
 @dataclass(frozen=True)
 class EffectiveRadius(_Grouser):
     formula = "r = r0 + lambda h"
-    source = "usual in rover models: the soil between lugs moves with the wheel"
+    source = "usual in rover models: the soil between lugs moves with the wheel (unverified)"
     needs = ("grouser_height",)
 
     share: float = parameter(
@@ -61,7 +61,7 @@ class EffectiveRadius(_Grouser):
 @dataclass(frozen=True)
 class Traction(_Grouser):
     formula = "H = H0 (1 + a h / b)"
-    source = "Bekker 1956: 2 h/b on the cohesive part of a track's thrust"
+    source = "Bekker 1956: 2 h/b on the cohesive part of a track's thrust (unverified)"
     needs = ("grouser_height",)
 
     a: float = parameter(1.0, (0.0, 10.0), "growth of thrust with h/b", published=(0.0, 2.0))

@@ -19,7 +19,7 @@ class _Hardpan(Effect):
 @dataclass(frozen=True)
 class PrestonThomas(_Hardpan):
     formula = "p = k z^n D^m (-ln(1 - c z) / (c z)), c = 1 / (depth of the layer)"
-    source = "after Preston-Thomas: p = -km zm ln(1 - z/zm), here as a factor on the power law"
+    source = "Preston-Thomas: p = -km zm ln(1 - z/zm) (unverified), as a factor on the power law"
 
     c: float = parameter(
         20.0, (0.0, 300.0), "inverse of the layer's depth", unit="1/m", published=(10.0, 200.0)

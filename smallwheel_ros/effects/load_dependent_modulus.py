@@ -23,7 +23,7 @@ class _LoadDependentModulus(Effect):
 @dataclass(frozen=True)
 class Power(_LoadDependentModulus):
     formula = "k = k0 (W / W0)^g"
-    source = "the trend of Meirion-Griffith and Spenko's figure 3 (data of Richter 2002)"
+    source = "empirical; Meirion-Griffith and Spenko 2011, fig. 3 (after Richter 2002) shows it"
 
     g: float = parameter(0.1, (-1.5, 1.5), "growth of ln k with ln load", published=(-0.3, 0.3))
     w0: float = constant(60.0, (1e-2, 1e5), "load at which k is k0", unit="N")

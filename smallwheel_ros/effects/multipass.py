@@ -30,7 +30,7 @@ class _Multipass(Effect):
 @dataclass(frozen=True)
 class Power(_Multipass):
     formula = "z = z1 N^p"
-    source = "Abebe et al. 1989, with p = 1/a: a 2 to 3 loose, 3 to 4 medium, 4 to 5 firm soil"
+    source = "Abebe 1989 (unverified), p = 1/a: a 2 to 3 loose, 3 to 4 medium, 4 to 5 firm soil"
 
     p: float = parameter(
         0.3, (0.0, 2.0), "growth of ln rut depth with ln pass", published=(0.1, 0.6)

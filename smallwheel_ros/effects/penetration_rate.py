@@ -29,7 +29,7 @@ class _PenetrationRate(Effect):
 @dataclass(frozen=True)
 class Power(_PenetrationRate):
     formula = "k = k0 (v / v0)^mu"
-    source = "after Pope 1969, 1971"
+    source = "after Pope 1969, 1971 (unverified)"
 
     mu: float = parameter(0.05, (0.0, 0.8), "growth of ln k with ln speed", published=(0.0, 0.15))
     v0: float = constant(0.1, (1e-3, 10.0), "speed at which k is k0", unit="m/s")
@@ -41,7 +41,7 @@ class Power(_PenetrationRate):
 @dataclass(frozen=True)
 class Logarithmic(_PenetrationRate):
     formula = "k = k0 (1 + a ln(v / v0))"
-    source = "after Grahn 1991"
+    source = "after Grahn 1991 (unverified)"
 
     a: float = parameter(0.05, (0.0, 0.8), "growth of k with ln speed", published=(0.0, 0.15))
     v0: float = constant(0.1, (1e-3, 10.0), "speed at which k is k0", unit="m/s")

@@ -37,7 +37,7 @@ class _SlipSinkage(Effect):
 @dataclass(frozen=True)
 class Exponential(_SlipSinkage):
     formula = "z = z0 exp(a i), i > 0"
-    source = "empirical; range from digitised rig series, 3 to 7 times static at slip 0.6 (Ding)"
+    source = "empirical; Ding et al. 2010: 3 to 7 times the static sinkage at slip 0.6"
 
     a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with slip", published=(0.3, 5.0))
 
@@ -73,7 +73,7 @@ class Quadratic(_SlipSinkage):
 @dataclass(frozen=True)
 class Lyasko(_SlipSinkage):
     formula = "z = z0 [(1 + i) / (1 - 0.5 i)]^a, i > 0"
-    source = "Lyasko 2010, J. Terramechanics 47, with a = 1; the strength a is fitted here"
+    source = "Lyasko 2010, J. Terramechanics 47, with a = 1 (formula unverified); a is fitted here"
 
     a: float = parameter(1.0, (0.0, 6.0), "strength; Lyasko's own law is 1", published=(0.3, 4.0))
 
@@ -84,7 +84,7 @@ class Lyasko(_SlipSinkage):
 @dataclass(frozen=True)
 class LugDigging(_SlipSinkage):
     formula = "z = z0 (1 + a i / (1 - i)), i > 0 (i up to 0.95)"
-    source = "after Reece 1965-66, soil carried away by lugs"
+    source = "after Reece 1965-66, soil carried away by lugs (unverified)"
 
     a: float = parameter(0.5, (0.0, 10.0), "digging strength", published=(0.1, 5.0))
 
@@ -98,7 +98,7 @@ class ExponentShift(Effect):
     id = "slip_sinkage"
     summary = _SlipSinkage.summary
     formula = "n = n0 + n1 i, i > 0"
-    source = "Ding et al. 2010, 2011; the range is that of the closed form without slip stress"
+    source = "Ding et al. 2010; range for a law without slip stress (n1 unverified)"
     needs = ("slip",)
 
     n1: float = parameter(0.6, (0.0, 3.0), "growth of n with slip", published=(0.2, 1.6))
