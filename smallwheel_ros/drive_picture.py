@@ -77,8 +77,8 @@ def draw_drive(
 def _band(
     axes: Axes, time: Array, centre: Array, low: Array, high: Array, label: str, colour: str
 ) -> None:
-    axes.fill_between(time, low, high, color=colour, alpha=0.25, linewidth=0, label="its 95 % band")
     axes.plot(time, centre, color=colour, linewidth=1.2, label=label)
+    axes.fill_between(time, low, high, color=colour, alpha=0.25, linewidth=0, label="its 95 % band")
 
 
 def _draw_sinkage(
@@ -122,7 +122,7 @@ def _draw_pull(axes: Axes, wheel: str, rows: pd.DataFrame, truth: Mapping[str, A
         low, high = np.percentile(known, [0.5, 99.5])
         axes.set_ylim(low - 0.35 * (high - low) - 1.0, high + 0.35 * (high - low) + 1.0)
     axes.set_ylabel("drawbar pull [N]")
-    axes.set_title(f"{wheel}: drawbar pull")
+    axes.set_title(f"{wheel}: drawbar pull (cohesion and friction are configured, not estimated)")
     axes.legend(loc="lower left", fontsize=8, ncols=3)
 
 

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.dds
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bags") / "drive"
-    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=4.0, wheels="two_sizes")), path)
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=3.0, wheels="two_sizes")), path)
     return path
 
 
@@ -242,7 +242,7 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     command = [sys.executable, "-m", "smallwheel_ros.cli", "demo", "-o", str(folder)]
     done = subprocess.run(
-        [*command, "--distance", "5", "--seed", "3"], capture_output=True, text=True, timeout=120
+        [*command, "--distance", "3", "--seed", "3", "--rate", "8"], capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stderr
     for name in ("drive.png", "mobility.csv", "soil.csv"):

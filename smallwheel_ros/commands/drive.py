@@ -26,7 +26,7 @@ _JSON = click.option(
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the drive.")
 @click.option(
-    "--distance", type=click.FloatRange(5, 500), default=30.0, show_default=True, help="Way, m."
+    "--distance", type=click.FloatRange(2, 500), default=30.0, show_default=True, help="Way, m."
 )
 @click.option(
     "--rate",
