@@ -26,7 +26,7 @@ def compaction_resistance(
 
 
 def contact_length(sinkage: ArrayLike, diameter: ArrayLike) -> Array:
-    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r; to the axle at most."""
+    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r, to the axle."""
     radius = 0.5 * np.asarray(diameter, dtype=float)
     return np.asarray(radius * np.arccos(1.0 - np.clip(np.asarray(sinkage) / radius, 0.0, 1.0)))
 
@@ -47,7 +47,7 @@ def thrust(
     H0 = b l c + W tan(phi)                                     (eq. 1; Bekker 1956)
     exponential: H = H0 (1 - exp(-i l / kappa))                 (eq. 2)
     integrated:  H = H0 [1 - kappa/(i l) (1 - exp(-i l/kappa))] (Janosi and Hanamoto 1961)
-    The second averages the first over the contact, along which the shear displacement grows from 0 to i l.
+    The second averages the first over the contact, along which shear displacement grows to i l.
     load: N. slip: -1 .. 1. friction_angle: rad. shear_displacement: kappa, m.
     """
     length = contact_length(sinkage, diameter)
