@@ -120,6 +120,11 @@ def predict(
             click.echo(f"\nDrawn: {plot}")
 
 
+def _digits(value: float) -> str:
+    """Four significant digits, whatever the size of the wheel."""
+    return f"{value:#.4g}".rstrip(".") if abs(value) < 1e5 else f"{value:.4g}"
+
+
 def _prediction_text(rows: list[dict[str, float | str | None]], settings: list[str]) -> str:
     shown = [q for q in _SHOWN if q in rows[0]]
     units = {name: UNITS.get(name, "") for name in settings}
@@ -134,9 +139,9 @@ def _prediction_text(rows: list[dict[str, float | str | None]], settings: list[s
             if not isinstance(value, float):
                 cells.append("-")
             elif isinstance(std, float):
-                cells.append(f"{value * factor:.2f} +- {std * factor:.2f}")
+                cells.append(f"{_digits(value * factor)} +- {std * factor:.2g}")
             else:
-                cells.append(f"{value * factor:.2f}")
+                cells.append(_digits(value * factor))
         cells.append("sunk to the axle" if row["status"] == SUNK else "ok")
         body.append(cells)
     return text_table(header, body)
