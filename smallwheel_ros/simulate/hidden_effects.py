@@ -72,15 +72,15 @@ class SlipSinkage(HiddenEffect):
 
     name = "slip_sinkage"
     formula: ClassVar = {
-        "own": "z = z0 (1 + A (0.3 i + i^2)), i > 0",
+        "own": "z = z0 (1 + A i^2 / (i + 0.25)), i > 0",
         "published": "z = z0 exp(A i), i > 0",
     }
-    typical: ClassVar = {"own": 2.8, "published": 1.5}
+    typical: ClassVar = {"own": 3.57, "published": 1.5}
 
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
         slip = np.maximum(at.slip, 0.0)
         if self.form == "own":
-            factor = 1.0 + self.amplitude * (0.3 * slip + slip**2)
+            factor = 1.0 + self.amplitude * slip**2 / (slip + 0.25)
         else:
             factor = np.exp(self.amplitude * slip)
         deeper: Array = sinkage * factor
