@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
 
 from smallwheel_ros.bags import RawMessage
 from smallwheel_ros.errors import SmallwheelError
@@ -105,7 +106,8 @@ def drive_through(
     """
     if rclpy.ok():
         raise DriveThroughError("rclpy is running in this process already: shut it down first")
-    rclpy.init(args=[])
+    # Ctrl-C is Python's, not ROS's: it then ends this like any other program.
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         return _Session(Path(bag), rate, alive, progress).run()
     finally:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from smallwheel_ros.bags import BagReader, RawMessage
@@ -165,13 +166,12 @@ def play(
 
     progress: gets the player, and gives back what to call at each message.
     """
-    rclpy.init(args=[])
+    # Ctrl-C is Python's, not ROS's: it then ends this like any other program.
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with Player(Node("smallwheel_play"), bag, settings) as player:
             player.wait_for_listeners(2.0)
             step = progress(player)
             return player.play(lambda _: step())
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
     finally:
         rclpy.try_shutdown()
