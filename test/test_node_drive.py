@@ -242,7 +242,10 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     command = [sys.executable, "-m", "smallwheel_ros.cli", "demo", "-o", str(folder)]
     done = subprocess.run(
-        [*command, "--distance", "3", "--seed", "3", "--rate", "8"], capture_output=True, text=True, timeout=120
+        [*command, "--distance", "3", "--seed", "3", "--rate", "8"],
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr
     for name in ("drive.png", "mobility.csv", "soil.csv"):
