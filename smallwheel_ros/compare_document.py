@@ -13,7 +13,7 @@
                  "parts": [{"by", "label", "channel", "in_sample", "held_out"}]}]}
 
 SCORE is {"rows", "runs", "rmse", "rmse_std", "bias"}; bias is the mean of measured minus predicted.
-"""  # noqa: E501
+"""
 
 from __future__ import annotations
 

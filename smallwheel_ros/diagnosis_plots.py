@@ -61,7 +61,7 @@ def staircase(document: Mapping[str, Any]) -> Figure | None:
 
 
 def ranking_bars(document: Mapping[str, Any]) -> Figure | None:
-    """How much of the error above the noise each effect would explain; None where none was tested."""  # noqa: E501
+    """How much of the error above the noise each effect would explain; None where none was tested."""
     rows = [
         row
         for row in document.get("ranking") or []
