@@ -24,11 +24,11 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.contact import contact_sinkage
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.sinkage import closed_form
-from smallwheel_ros.soil import soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.sinkage import closed_form
+from smallwheel_ros.physics.soil import soil
 
 ACCURACY = 1e-8
 

@@ -75,7 +75,7 @@ class LazyGroup(click.Group):
         """As click does, but an unknown name is answered with the nearest one."""
         known = self.list_commands(ctx)
         if args and not args[0].startswith("-") and args[0] not in known:
-            from smallwheel_ros.soil import nearest
+            from smallwheel_ros.physics.soil import nearest
 
             ctx.fail(f"no command '{args[0]}': {nearest(args[0], known)}")
         return super().resolve_command(ctx, args)

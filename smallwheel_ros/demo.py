@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.drive_picture import draw_drive
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess, check_ros, config_file, own_ros
+from smallwheel_ros.pictures.drive import draw_drive
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

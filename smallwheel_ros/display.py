@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
 
 
 class Display(NamedTuple):

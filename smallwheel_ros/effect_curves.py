@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model import Model, Prediction, predict
-from smallwheel_ros.soil import SOILS
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import SOILS
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 
 
 class EstimatorError(SmallwheelError):

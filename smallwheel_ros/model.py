@@ -13,12 +13,12 @@ from typing import Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.contact import contact_sinkage
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.slope import Gravity
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.sinkage import (
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.sinkage import (
     closed_form_sinkage,
     layered_load,
     layered_work,
@@ -26,9 +26,9 @@ from smallwheel_ros.sinkage import (
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.soil import Soil, effective_modulus, nearest
+from smallwheel_ros.physics.soil import Soil, effective_modulus, nearest
+from smallwheel_ros.physics.traction import ThrustForm, compaction_resistance, thrust
 from smallwheel_ros.stages import Stages, guarded
-from smallwheel_ros.traction import ThrustForm, compaction_resistance, thrust
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]

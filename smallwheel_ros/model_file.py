@@ -21,8 +21,8 @@ from smallwheel_ros.effects.registry import Families, effect_class
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.output import write_bytes
-from smallwheel_ros.soil import Soil, SoilError, nearest
-from smallwheel_ros.traction import ThrustForm
+from smallwheel_ros.physics.soil import Soil, SoilError, nearest
+from smallwheel_ros.physics.traction import ThrustForm
 
 Array = NDArray[np.float64]
 

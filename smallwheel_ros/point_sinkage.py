@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import digamma
 
-from smallwheel_ros.contact import AXLE_RATIO
+from smallwheel_ros.physics.contact import AXLE_RATIO
 
 _NEWTON_STEPS = 40
 _LOG_HALF_ROOT_PI = 0.5 * math.log(math.pi) - math.log(2.0)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
-from smallwheel_ros.soil import nearest
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import nearest
 from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_with_uncertainty
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from smallwheel_ros.conditions import PRESSED, ROLLING
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 
 NUMBERS = ("time", "sinkage", "load", "load_variance", "diameter", "width", "distance")
 

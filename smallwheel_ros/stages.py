@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.model import Model, ModelError, Prediction, predict
 from smallwheel_ros.model_file import CalibratedModel
-from smallwheel_ros.soil import Soil, SoilError
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil, SoilError
 
 Array = NDArray[np.float64]
 

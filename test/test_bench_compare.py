@@ -10,11 +10,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smallwheel_ros.cli import main
-from smallwheel_ros.measurements import read_measurements
+from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
+from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
-from smallwheel_ros.soil import Soil
 
 USER_EFFECT = """
 from dataclasses import dataclass

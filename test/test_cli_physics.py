@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smallwheel_ros import __version__, cli
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.registry import effect, families
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.model_file import CalibratedModel, write_model
-from smallwheel_ros.soil import soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import soil
 
 WHEEL = ("--diameter", "0.2", "--width", "0.1")
 

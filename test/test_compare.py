@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from smallwheel_ros.compare import CompareError, Comparison, compare
-from smallwheel_ros.compare_document import comparison_document
-from smallwheel_ros.compare_text import comparison_text
-from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.contenders import Contender
+from smallwheel_ros.compare.comparison import CompareError, Comparison, compare
+from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.compare.document import comparison_document
+from smallwheel_ros.compare.text import comparison_text
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.fitting import fit_model
-from smallwheel_ros.measurements import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
-from smallwheel_ros.soil import Soil
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.conditions import Conditions, ConditionsError
+from smallwheel_ros.physics.conditions import Conditions, ConditionsError
 
 
 def test_scalars_and_columns_become_rows() -> None:

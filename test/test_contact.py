@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.contact import contact_load, contact_sinkage, shape_integral
+from smallwheel_ros.physics.contact import contact_load, contact_sinkage, shape_integral
 
 EXPONENTS = (0.05, 0.13, 0.5, 0.8, 1.0, 1.6, 2.2, 2.9)
 RATIOS = (1e-6, 1e-3, 0.02, 0.1, 0.3, 0.49)  # sinkage over diameter

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import smallwheel_ros.effects
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import STAGES, Effect, EffectError, WheelState
 from smallwheel_ros.effects.registry import covariate, effect, families
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.soil import soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import soil
 
 CONTRACT = {
     "slip_sinkage", "skid_sinkage", "slip_angle_sinkage", "bulldozing", "penetration_rate",

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.force_gradients import force_gradients
 from smallwheel_ros.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.mobility import MobilityError, WheelForces, wheel_forces
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil, soil
-from smallwheel_ros.wheel import Quantity, Strength, Wheel, wheel_slip
+from smallwheel_ros.onboard.force_gradients import force_gradients
+from smallwheel_ros.onboard.mobility import MobilityError, WheelForces, wheel_forces
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil, soil
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel, wheel_slip
 
 WHEEL = Wheel("front_left", 0.25, 0.10)
 STRENGTH = Strength(Quantity(500.0, 100.0), Quantity(0.52, 0.03), Quantity(0.015, 0.001))

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.contact import contact_load, contact_sinkage
 from smallwheel_ros.effects.base import Array, Effect, EffectError
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.model import Model, ModelError, predict
-from smallwheel_ros.sinkage import closed_form_sinkage, plate_sinkage
-from smallwheel_ros.soil import SOILS, Soil, soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.contact import contact_load, contact_sinkage
+from smallwheel_ros.physics.sinkage import closed_form_sinkage, plate_sinkage
+from smallwheel_ros.physics.soil import SOILS, Soil, soil
 
 SAND = soil("dry_sand")
 

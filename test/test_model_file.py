@@ -15,7 +15,7 @@ from smallwheel_ros.effects.registry import covariate, effect, families, load_ef
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, ModelFileError, read_model, write_model
 from smallwheel_ros.output import OutputError
-from smallwheel_ros.soil import SOILS, Soil, soil
+from smallwheel_ros.physics.soil import SOILS, Soil, soil
 
 NAMES = (
     "dry_sand.log_reference_pressure",

@@ -15,11 +15,11 @@ import pytest
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.mobility import MobilityEstimate
 from smallwheel_ros.node_process import NodeProcess
-from smallwheel_ros.onboard import Onboard, Result
-from smallwheel_ros.parameter_files import read_parameters
-from smallwheel_ros.parameters import settings_from
+from smallwheel_ros.onboard.mobility import MobilityEstimate
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameter_files import read_parameters
+from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.measurements import Measurements, read_measurements
-from smallwheel_ros.noise_floor import noise_floor
+from smallwheel_ros.measurements.noise_floor import noise_floor
+from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.physics.conditions import Conditions
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from smallwheel_ros.mobility import Status
-from smallwheel_ros.onboard import Onboard, Result
-from smallwheel_ros.onboard_settings import OnboardError, OnboardSettings
-from smallwheel_ros.parameters import settings_from
+from smallwheel_ros.onboard.mobility import Status
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
+from smallwheel_ros.onboard.streams import SECOND, nanoseconds
 from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
-from smallwheel_ros.streams import SECOND, nanoseconds
 
 T = 1_700_000_000 * SECOND
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.paper import BEKKER, LOADS, PROPOSED, TABLE_3, paper_lines, resistance, sinkage
-from smallwheel_ros.physics_plots import plot_paper
+from smallwheel_ros.pictures.physics import plot_paper
 
 # Worked out by hand from the printed tables: (quantity, printed, computed to the digits given)
 BY_HAND = [

@@ -7,16 +7,16 @@ import pytest
 import yaml
 
 from smallwheel_ros.estimator_settings import EstimatorSettings
-from smallwheel_ros.onboard_settings import SensorNoise, Timing
-from smallwheel_ros.parameter_files import read_parameters, reference, template
-from smallwheel_ros.parameter_table import GENERAL, PER_WHEEL
-from smallwheel_ros.parameters import (
+from smallwheel_ros.onboard.parameter_files import read_parameters, reference, template
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
+from smallwheel_ros.onboard.parameters import (
     ParametersError,
     parameters_for,
     problems,
     settings_from,
     unknown_parameters,
 )
+from smallwheel_ros.onboard.settings import SensorNoise, Timing
 
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
 
@@ -161,12 +161,12 @@ class TestFiles:
     @pytest.mark.parametrize(("name", "text"), [("config/template.yaml", template())])
     def test_template_is_up_to_date(self, repository: Path, name: str, text: str) -> None:
         assert (repository / name).read_text() == text, (
-            "run python -m smallwheel_ros.parameter_files"
+            "run python -m smallwheel_ros.onboard.parameter_files"
         )
 
     def test_reference_is_up_to_date(self, repository: Path) -> None:
         written = (repository / "docs" / "parameters.md").read_text()
-        assert written == reference(), "run python -m smallwheel_ros.parameter_files"
+        assert written == reference(), "run python -m smallwheel_ros.onboard.parameter_files"
 
     def test_template_gives_the_defaults(self, tmp_path: Path) -> None:
         path = tmp_path / "template.yaml"

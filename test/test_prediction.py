@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.prediction import PredictionError, on_one_soil, predict_table
 from smallwheel_ros.ranges import RangeError, parse_range
-from smallwheel_ros.soil import soil
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects import registry
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import (
@@ -20,7 +19,8 @@ from smallwheel_ros.effects.registry import (
     load_effects,
 )
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.soil import soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import soil
 
 WARM = """
 from __future__ import annotations

@@ -15,13 +15,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from smallwheel_ros.compare import Comparison, compare
-from smallwheel_ros.contenders import Contender
-from smallwheel_ros.diagnosis_plots import ranking_bars, staircase
-from smallwheel_ros.measurements import read_measurements
+from smallwheel_ros.compare.comparison import Comparison, compare
+from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.output import OutputError
-from smallwheel_ros.plots import measured_against_predicted, residuals, resistance_ratio
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.pictures.comparison import (
+    measured_against_predicted,
+    residuals,
+    resistance_ratio,
+)
+from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase
 from smallwheel_ros.report import (
     Callout,
     Details,
@@ -36,7 +41,6 @@ from smallwheel_ros.report import (
     write_page,
 )
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
-from smallwheel_ros.soil import Soil
 
 DOCUMENT: dict[str, Any] = json.loads(
     (Path(__file__).parent / "data" / "diagnosis_document.json").read_text()
@@ -281,9 +285,9 @@ def test_residuals_have_a_panel_for_each_condition_that_varies(comparison: Compa
 
 
 def test_resistance_ratio_is_exact_for_compaction_alone() -> None:
-    from smallwheel_ros.conditions import Conditions
-    from smallwheel_ros.measurements import Measurements
+    from smallwheel_ros.measurements.table import Measurements
     from smallwheel_ros.model import predict
+    from smallwheel_ros.physics.conditions import Conditions
 
     conditions = Conditions.of(np.linspace(5, 200, 20), 0.3, 0.1)
     exact = predict(Model(Soil("s", 1e6, 1.0)), conditions)

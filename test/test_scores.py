@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.conditions import Conditions
-from smallwheel_ros.measurements import Measurements
-from smallwheel_ros.scores import difference_std, levels, parts, score, varied
+from smallwheel_ros.compare.scores import difference_std, levels, parts, score, varied
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import Conditions
 
 
 def test_rmse_and_bias_of_known_residuals() -> None:

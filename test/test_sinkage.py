@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smallwheel_ros.contact import contact_load, contact_sinkage
-from smallwheel_ros.sinkage import (
+from smallwheel_ros.physics.contact import contact_load, contact_sinkage
+from smallwheel_ros.physics.sinkage import (
     closed_form,
     closed_form_sinkage,
     layered_load,
@@ -18,7 +18,7 @@ from smallwheel_ros.sinkage import (
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.traction import compaction_resistance
+from smallwheel_ros.physics.traction import compaction_resistance
 
 # Sinkage by eq. 10 over the contact integral's, by n and z/D: the project's reference table.
 RATIO_TABLE = {

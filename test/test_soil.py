@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.soil import (
+from smallwheel_ros.physics.soil import (
     REFERENCE_DIAMETER,
     REFERENCE_SINKAGE,
     SOILS,

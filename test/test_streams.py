@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.streams import (
+from smallwheel_ros.onboard.streams import (
     SECOND,
     Odometer,
     Series,

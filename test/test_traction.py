@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smallwheel_ros.traction import contact_length, thrust
+from smallwheel_ros.physics.traction import contact_length, thrust
 
 
 def test_contact_length_is_an_arc() -> None:

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
-from smallwheel_ros.onboard import Onboard
-from smallwheel_ros.parameter_files import read_parameters
-from smallwheel_ros.parameters import settings_from
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameter_files import read_parameters
+from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.trial import Trial, TrialError, TrialSettings, read_trial, write_trial
 
 START = 1_700_000_000 * 10**9

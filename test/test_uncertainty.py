@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.model import Model, ModelError, predict
 from smallwheel_ros.model_file import CalibratedModel
-from smallwheel_ros.soil import soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.uncertainty import QUANTITIES, predict_with_uncertainty, with_parameter
 
 SAND = replace(soil("dry_sand"), cohesion=300.0)

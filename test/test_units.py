@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smallwheel_ros.units import Header, UnitsError, base_unit, parse_header, to_base
+from smallwheel_ros.measurements.units import Header, UnitsError, base_unit, parse_header, to_base
 
 
 @pytest.mark.parametrize(

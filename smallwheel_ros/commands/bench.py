@@ -9,6 +9,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.diagnosis.apply import Added, add_effect, base_of, base_physics
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
@@ -19,10 +20,9 @@ from smallwheel_ros.effects.registry import Registry, default_registry, load_eff
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, fit_model
 from smallwheel_ros.fitting.files import calibrated
-from smallwheel_ros.measurements import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model_file import read_model, write_model
 from smallwheel_ros.output import check_target
-from smallwheel_ros.scores import UNITS
 from smallwheel_ros.tables import write_json
 
 _DATA = click.argument("data", type=click.Path(path_type=Path))

@@ -10,16 +10,16 @@ import click
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from smallwheel_ros.compare import Comparison
-from smallwheel_ros.compare import compare as compare_models
-from smallwheel_ros.compare_document import comparison_document
-from smallwheel_ros.compare_text import comparison_text
-from smallwheel_ros.contenders import Contender
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.comparison import compare as compare_models
+from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.compare.document import comparison_document
+from smallwheel_ros.compare.text import comparison_text
 from smallwheel_ros.effects.registry import load_effects
-from smallwheel_ros.measurements import read_measurements
+from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model_file import read_model
 from smallwheel_ros.output import OutputError, check_target, write_bytes
-from smallwheel_ros.plots import (
+from smallwheel_ros.pictures.comparison import (
     error_bars,
     measured_against_predicted,
     residuals,

@@ -13,10 +13,10 @@ from smallwheel_ros.effects.registry import families, forms, load_effects
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.model_file import CalibratedModel, read_model
 from smallwheel_ros.paper import paper_lines
-from smallwheel_ros.physics_plots import plot_effect, plot_paper, plot_prediction
+from smallwheel_ros.physics.soil import SOILS, soil
+from smallwheel_ros.pictures.physics import plot_effect, plot_paper, plot_prediction
 from smallwheel_ros.prediction import SUNK, UNITS, on_one_soil, predict_table
 from smallwheel_ros.ranges import parse_range
-from smallwheel_ros.soil import SOILS, soil
 from smallwheel_ros.tables import sparkline, text_table, write_json
 
 _JSON = click.option(

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import ROLLING, Conditions
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import Registry, covariate, default_registry
 from smallwheel_ros.fitting.observations import Observations
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
 
 Array = NDArray[np.float64]
 

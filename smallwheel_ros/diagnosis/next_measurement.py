@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.diagnosis.search import RIVAL_GAP
 from smallwheel_ros.diagnosis.ties import drivers
 from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.observations import Observations
 from smallwheel_ros.model import predict
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from smallwheel_ros.compare.scores import UNITS
+from smallwheel_ros.compare.smoothing import smooth
 from smallwheel_ros.diagnosis.candidates import settings_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
-from smallwheel_ros.diagnosis_plots import ranking_bars, staircase
 from smallwheel_ros.display import column_display, display, words
 from smallwheel_ros.output import OutputError, write_bytes
-from smallwheel_ros.plots import COLOURS, GREY, new_figure, resistance_ratio, style
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, resistance_ratio, style
+from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase
 from smallwheel_ros.report.diagnosis_report import diagnosis_report
 from smallwheel_ros.report.page import Picture
-from smallwheel_ros.scores import UNITS
-from smallwheel_ros.smoothing import smooth
 
 _PANELS = 3
 

@@ -31,7 +31,7 @@ from smallwheel_ros.fitting.calibrate import Calibration, calibrate
 from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
 
 FEWEST_RUNS = 6
 _MOST_PROPOSALS = 3

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.display import brief, display, number, words
-from smallwheel_ros.scores import UNITS
 
 _SAID = {
     "missing_effect": "The model lacks {named}.",

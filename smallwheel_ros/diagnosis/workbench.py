@@ -20,8 +20,8 @@ from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.parameters import Layout, SoilPrior
 from smallwheel_ros.fitting.solve import MixedFit, solve_mixed
 from smallwheel_ros.model import Geometry, Model
-from smallwheel_ros.soil import Soil
-from smallwheel_ros.traction import ThrustForm
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.physics.traction import ThrustForm
 
 Array = NDArray[np.float64]
 

@@ -30,8 +30,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 

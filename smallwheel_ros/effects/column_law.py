@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, constant, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 _ANY = (-1e12, 1e12)
 _POSITIVE = (1e-12, 1e12)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 
 def mean_pressure(sinkage: Array, conditions: Conditions) -> Array:

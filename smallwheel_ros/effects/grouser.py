@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
 from smallwheel_ros.effects.slip_sinkage import driven_slip
+from smallwheel_ros.physics.conditions import Conditions
 
 _LARGEST_SLIP = 0.95
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 
 def passes(conditions: Conditions) -> Array:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, constant, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 _SLOWEST = 1e-3  # m/s: below, no law of rate has a meaning
 

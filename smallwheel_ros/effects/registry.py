@@ -21,7 +21,7 @@ from typing import Any
 from smallwheel_ros import effects as package
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.column_law import ExponentialLaw, PowerLaw
-from smallwheel_ros.soil import nearest
+from smallwheel_ros.physics.soil import nearest
 
 Forms = tuple[type[Effect], ...]
 Families = Mapping[str, Forms]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 
 def skid(conditions: Conditions) -> Array:

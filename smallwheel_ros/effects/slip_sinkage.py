@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 _LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Array, Effect, constant, parameter
+from smallwheel_ros.physics.conditions import Conditions
 
 
 def _relative_width(conditions: Conditions, b0: float) -> Array:

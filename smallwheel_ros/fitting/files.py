@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.parameters import SoilPrior
 from smallwheel_ros.fitting.result import FitResult
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
-from smallwheel_ros.soil import Soil
+from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.fitting.observations import Observations
 from smallwheel_ros.fitting.parameters import Layout, correction_columns, replace_model
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.soil import Soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
 

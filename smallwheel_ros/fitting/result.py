@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.fitting.calibrate import Calibration
 from smallwheel_ros.fitting.noise import ChannelNoise
 from smallwheel_ros.fitting.solve import Weights
 from smallwheel_ros.model import Model, Prediction, predict
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.compare import Comparison, ModelResult
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
+from smallwheel_ros.compare.scores import UNITS, Part, Score, difference_std
 from smallwheel_ros.display import brief, column_display, display, number, words
-from smallwheel_ros.plots import (
+from smallwheel_ros.pictures.comparison import (
     error_bars,
     measured_against_predicted,
     residuals,
@@ -14,7 +15,6 @@ from smallwheel_ros.plots import (
 )
 from smallwheel_ros.report.data_section import data_blocks
 from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section, Table, Text, page
-from smallwheel_ros.scores import UNITS, Part, Score, difference_std
 
 _WORST = 8  # parts shown before the rest is folded away
 _SCORE_HEADER = ("model", "rows", "held-out RMSE", "± s.e.", "held-out bias", "in-sample RMSE",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.compare import Comparison
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.scores import UNITS, drivers
 from smallwheel_ros.display import brief, column_display, display, number, sentence
 from smallwheel_ros.report.page import Block, Callout, Details, Table, Text
-from smallwheel_ros.scores import UNITS, drivers
 
 
 def data_blocks(comparison: Comparison) -> list[Block]:

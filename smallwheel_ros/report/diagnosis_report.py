@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.diagnosis_plots import ranking_bars, staircase
 from smallwheel_ros.display import brief, display, number, words
+from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase
 from smallwheel_ros.report.page import (
     Block,
     Callout,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.display import display, number, words
 from smallwheel_ros.report.page import Callout
-from smallwheel_ros.scores import UNITS
 
 _TINY = 1e-6  # a smaller p says more of the test's assumptions than of the data
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 
 from smallwheel_ros.identifiability import SoilEstimate
-from smallwheel_ros.mobility import MobilityEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
-from smallwheel_ros.streams import SECOND
-from smallwheel_ros.wheel import Quantity
+from smallwheel_ros.onboard.mobility import MobilityEstimate
+from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.physics.wheel import Quantity
 
 
 def nanoseconds_of(stamp: Time) -> int:

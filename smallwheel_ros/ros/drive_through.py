@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from smallwheel_ros.bags import RawMessage
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
-from smallwheel_ros.parameters import NODE_NAME
+from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import nanoseconds_of
 from smallwheel_ros.ros.play import Player, PlaySettings

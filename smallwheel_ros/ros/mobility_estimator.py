@@ -32,18 +32,18 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 
-from smallwheel_ros.intake import ODOMETRY
-from smallwheel_ros.mobility import MobilityEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
 from smallwheel_ros.msg import WheelSinkage
-from smallwheel_ros.onboard import Onboard, Result
-from smallwheel_ros.parameters import NODE_NAME, NodeSettings, ParametersError
+from smallwheel_ros.onboard.intake import ODOMETRY
+from smallwheel_ros.onboard.mobility import MobilityEstimate
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import mobility_message, nanoseconds_of, soil_message
 from smallwheel_ros.ros.node_parameters import NodeParameters
 from smallwheel_ros.ros.reporting import Reporter, inputs_of, status
-from smallwheel_ros.streams import SECOND
 
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them

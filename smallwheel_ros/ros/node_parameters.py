@@ -14,9 +14,9 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from smallwheel_ros.parameter import Parameter
-from smallwheel_ros.parameter_table import GENERAL
-from smallwheel_ros.parameters import (
+from smallwheel_ros.onboard.parameter import Parameter
+from smallwheel_ros.onboard.parameter_table import GENERAL
+from smallwheel_ros.onboard.parameters import (
     NodeSettings,
     ParametersError,
     parameters_for,

@@ -18,8 +18,8 @@ from rosgraph_msgs.msg import Clock
 
 from smallwheel_ros.bags import BagReader, RawMessage
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros.conversions import time_message
-from smallwheel_ros.streams import SECOND
 
 _CLOCK_PERIOD = SECOND // 100
 _MUTUAL = 0.5  # s

@@ -11,11 +11,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from smallwheel_ros.identifiability import SoilEstimate
-from smallwheel_ros.intake import ODOMETRY
-from smallwheel_ros.mobility import MobilityEstimate, Status
-from smallwheel_ros.onboard import Onboard
-from smallwheel_ros.parameters import NodeSettings
-from smallwheel_ros.problems import Problem
+from smallwheel_ros.onboard.intake import ODOMETRY
+from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameters import NodeSettings
+from smallwheel_ros.onboard.problems import Problem
 from smallwheel_ros.ros.qos import INPUT
 
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from smallwheel_ros.conditions import ROLLING
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator import Outcome, SinkageMeasurement, SoilEstimator, UpdateResult
 from smallwheel_ros.identifiability import SoilEstimate
-from smallwheel_ros.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
-from smallwheel_ros.onboard_settings import OnboardSettings
-from smallwheel_ros.streams import SECOND
-from smallwheel_ros.wheel import Quantity, Wheel
+from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import PLATE, Array
+from smallwheel_ros.physics.conditions import PLATE, Array
 
 if TYPE_CHECKING:
-    from smallwheel_ros.measurements import Measurements
+    from smallwheel_ros.measurements.table import Measurements
 
 # Nothing called a small wheel is outside these; a value out there is most likely in another unit.
 _LARGEST = {"diameter": 3.0, "width": 2.0, "load": 1e5, "speed": 15.0, "grouser_height": 0.2}

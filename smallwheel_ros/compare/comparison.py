@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import ROLLING, Array
-from smallwheel_ros.contenders import Contender, standard_contenders
+from smallwheel_ros.compare.contenders import Contender, standard_contenders
+from smallwheel_ros.compare.scores import Index, Mask, Part, Score, parts, score
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.observations import run_codes
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.noise_floor import NoiseFloor, noise_floor
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.noise_floor import NoiseFloor, noise_floor
-from smallwheel_ros.scores import Index, Mask, Part, Score, parts, score
+from smallwheel_ros.physics.conditions import ROLLING, Array
 
 _FOLDS, _FOLDS_OF_MANY, _MANY = 10, 5, 1000  # with over so many rows fewer, larger folds do
 

@@ -6,11 +6,11 @@ The defaults of estimator, noise and timing are those of their classes.
 
 from __future__ import annotations
 
-from smallwheel_ros.conditions import PRESSED, ROLLING
 from smallwheel_ros.estimator_settings import EstimatorSettings
-from smallwheel_ros.onboard_settings import SensorNoise, Timing
-from smallwheel_ros.parameter import Parameter
-from smallwheel_ros.soil import SOILS
+from smallwheel_ros.onboard.parameter import Parameter
+from smallwheel_ros.onboard.settings import SensorNoise, Timing
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
+from smallwheel_ros.physics.soil import SOILS
 
 
 def _double(

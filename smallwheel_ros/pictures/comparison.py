@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.compare import Comparison, ModelResult
-from smallwheel_ros.conditions import ROLLING, Array
-from smallwheel_ros.contact import shape_integral
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
+from smallwheel_ros.compare.scores import UNITS, drivers, levels
+from smallwheel_ros.compare.smoothing import smooth
 from smallwheel_ros.display import Display, column_display, display, words
-from smallwheel_ros.measurements import Measurements
-from smallwheel_ros.scores import UNITS, drivers, levels
-from smallwheel_ros.smoothing import smooth
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import ROLLING, Array
+from smallwheel_ros.physics.contact import shape_integral
 
 # Okabe and Ito's colours: told apart by colour-blind readers and in grey print.
 COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#444444")

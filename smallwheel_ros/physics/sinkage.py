@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.contact import AXLE_RATIO
+from smallwheel_ros.physics.contact import AXLE_RATIO
 
 Array = NDArray[np.float64]
 

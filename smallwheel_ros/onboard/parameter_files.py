@@ -1,6 +1,6 @@
 """Parameters in files: read the node's YAML without ROS, and write template and documentation.
 
-`python -m smallwheel_ros.parameter_files` writes config/template.yaml and docs/parameters.md anew.
+`python -m smallwheel_ros.onboard.parameter_files` writes config/template.yaml and docs/parameters.md anew.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 
 import yaml
 
-from smallwheel_ros.parameter import WHEEL, Parameter, Value
-from smallwheel_ros.parameter_table import GENERAL, PER_WHEEL
-from smallwheel_ros.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
+from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 
 _SECTION = "ros__parameters"
 _EXAMPLE_WHEEL = "front_left"
@@ -101,7 +101,7 @@ def _written(value: Value) -> str:
 def template() -> str:
     """Return a parameter file with every parameter, its meaning and its default."""
     lines = [
-        "# All parameters of mobility_estimator. Made by python -m smallwheel_ros.parameter_files;",
+        "# All parameters of mobility_estimator. Made by python -m smallwheel_ros.onboard.parameter_files;",
         "# copy it and keep what you change. A line that begins with # is a default or optional.",
         "/**:",
         f"  {_SECTION}:",
@@ -138,8 +138,8 @@ def reference() -> str:
     lines = [
         "# Parameters of `mobility_estimator`",
         "",
-        "Made by `python -m smallwheel_ros.parameter_files` from the one table in",
-        "`smallwheel_ros/parameter_table.py`; [config/template.yaml](../config/template.yaml)",
+        "Made by `python -m smallwheel_ros.onboard.parameter_files` from the one table in",
+        "`smallwheel_ros/onboard/parameter_table.py`; [config/template.yaml](../config/template.yaml)",
         "has the same as a file to start from. In ROS parameter files a number for a `double`",
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Array
+from smallwheel_ros.physics.conditions import Array
 
 _POINTS = 41
 _DRAWS = 200

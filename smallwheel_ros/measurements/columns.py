@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurement_files import Column, MeasurementsError, Table
-from smallwheel_ros.units import (
+from smallwheel_ros.measurements.files import Column, MeasurementsError, Table
+from smallwheel_ros.measurements.units import (
     DIMENSIONLESS,
     Header,
     UnitsError,

@@ -14,13 +14,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from smallwheel_ros.assessment import Assessor, Instant
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.identifiability import SoilEstimate
-from smallwheel_ros.intake import Intake
-from smallwheel_ros.mobility import MobilityEstimate, Status
-from smallwheel_ros.onboard_settings import OnboardSettings
-from smallwheel_ros.problems import Problem
+from smallwheel_ros.onboard.assessment import Assessor, Instant
+from smallwheel_ros.onboard.intake import Intake
+from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard.problems import Problem
+from smallwheel_ros.onboard.settings import OnboardSettings
 
 
 @dataclass(frozen=True)

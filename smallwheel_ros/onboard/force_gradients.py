@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.identifiability import SoilEstimate
 from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.physics.wheel import Strength, Wheel
 from smallwheel_ros.point_sinkage import point_sinkage
-from smallwheel_ros.soil import Soil
-from smallwheel_ros.wheel import Strength, Wheel
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.conditions import PLATE
 from smallwheel_ros.effects.width_dependent_modulus import Bekker
 from smallwheel_ros.fitting import SoilPrior, fit_model
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
-from smallwheel_ros.soil import Soil
+from smallwheel_ros.physics.conditions import PLATE
+from smallwheel_ros.physics.soil import Soil
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Any
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator_settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.onboard_settings import OnboardSettings, SensorNoise, Timing
-from smallwheel_ros.parameter import Parameter
-from smallwheel_ros.parameter_table import GENERAL, PER_WHEEL
-from smallwheel_ros.soil import nearest, soil
-from smallwheel_ros.wheel import Quantity, Strength, Wheel
+from smallwheel_ros.onboard.parameter import Parameter
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
+from smallwheel_ros.onboard.settings import OnboardSettings, SensorNoise, Timing
+from smallwheel_ros.physics.soil import nearest, soil
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 NODE_NAME = "mobility_estimator"
 # rclpy's own; every node has them

@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Array
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import Array
 
 _FEWEST = 3  # degrees of freedom below which a spread says nothing
 

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import CONTACTS, PLATE, ROLLING, Array, Conditions
-from smallwheel_ros.measurement_checks import suspicions
-from smallwheel_ros.measurement_columns import (
+from smallwheel_ros.measurements.checks import suspicions
+from smallwheel_ros.measurements.columns import (
     CHANNELS,
     SETTINGS,
     TEXTS,
@@ -23,8 +22,9 @@ from smallwheel_ros.measurement_columns import (
     read_columns,
     shown,
 )
-from smallwheel_ros.measurement_files import MeasurementsError, read_table
-from smallwheel_ros.units import parse_header
+from smallwheel_ros.measurements.files import MeasurementsError, read_table
+from smallwheel_ros.measurements.units import parse_header
+from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array, Conditions
 
 __all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "read_measurements"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from smallwheel_ros.conditions import ROLLING
+from smallwheel_ros.physics.conditions import ROLLING
 
 
 @dataclass(frozen=True)

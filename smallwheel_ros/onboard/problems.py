@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter, deque
 from dataclasses import dataclass
 
-from smallwheel_ros.onboard_settings import Timing
-from smallwheel_ros.streams import SECOND, StampFault
+from smallwheel_ros.onboard.settings import Timing
+from smallwheel_ros.onboard.streams import SECOND, StampFault
 
 _KEPT = 1000
 

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.compare import Comparison, ModelResult
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
+from smallwheel_ros.compare.scores import Index, Mask, Score
 from smallwheel_ros.model import Model
-from smallwheel_ros.scores import Index, Mask, Score
 
 _SHOWN_LINES = 20
 

@@ -14,12 +14,12 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import PRESSED, ROLLING
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.force_gradients import UNCERTAIN, ForceGradients, force_gradients
 from smallwheel_ros.identifiability import SoilEstimate
-from smallwheel_ros.wheel import Quantity, Strength, Wheel
+from smallwheel_ros.onboard.force_gradients import UNCERTAIN, ForceGradients, force_gradients
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.contact import contact_sinkage
 from smallwheel_ros.effect_curves import CHANNELS, effect_curves
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.output import OutputError, check_target
@@ -22,11 +21,12 @@ from smallwheel_ros.paper import (
     WIDTH,
     sinkage,
 )
-from smallwheel_ros.plots import COLOURS, new_figure, style
+from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.sinkage import closed_form_sinkage
+from smallwheel_ros.physics.soil import SOILS, effective_modulus
+from smallwheel_ros.physics.traction import compaction_resistance
+from smallwheel_ros.pictures.comparison import COLOURS, new_figure, style
 from smallwheel_ros.prediction import UNITS, PredictionTable
-from smallwheel_ros.sinkage import closed_form_sinkage
-from smallwheel_ros.soil import SOILS, effective_modulus
-from smallwheel_ros.traction import compaction_resistance
 
 Array = NDArray[np.float64]
 

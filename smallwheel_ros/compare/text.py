@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from smallwheel_ros.compare import Comparison, ModelResult
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
+from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.display import display, number, sentence, words
-from smallwheel_ros.scores import UNITS
 from smallwheel_ros.tables import text_table
 
 

@@ -13,11 +13,10 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from smallwheel_ros.assessment import Instant
-from smallwheel_ros.conditions import PRESSED, ROLLING
-from smallwheel_ros.onboard_settings import OnboardError, OnboardSettings
-from smallwheel_ros.problems import ProblemLog, stamp_problem
-from smallwheel_ros.streams import (
+from smallwheel_ros.onboard.assessment import Instant
+from smallwheel_ros.onboard.problems import ProblemLog, stamp_problem
+from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
+from smallwheel_ros.onboard.streams import (
     SECOND,
     Odometer,
     Series,
@@ -25,7 +24,8 @@ from smallwheel_ros.streams import (
     StampRules,
     nanoseconds,
 )
-from smallwheel_ros.wheel import Quantity, wheel_slip
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
+from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 # Predictions for a wheel without sinkage sensor come so far apart.
 _PREDICTION_PERIOD = SECOND // 10

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Array
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import Array
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]

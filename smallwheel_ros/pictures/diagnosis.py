@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.display import display, number, words
-from smallwheel_ros.plots import COLOURS, GREY, INK, new_figure, style
-from smallwheel_ros.scores import UNITS
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, style
 
 _STATUS_COLOURS = {
     "significant": COLOURS[2],

@@ -1,0 +1,1 @@
+"""Everything between topics and estimates, without ROS: what node and replay share."""

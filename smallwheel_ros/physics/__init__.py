@@ -1,0 +1,1 @@
+"""What a wheel does in a soil: pure functions over arrays, free of files, plots and ROS."""
