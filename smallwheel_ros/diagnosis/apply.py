@@ -17,7 +17,7 @@ from smallwheel_ros.fitting.files import soil_priors, starting_soils
 from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import CalibratedModel
 
 _LEAST_FALL = 0.05
@@ -27,8 +27,9 @@ _LEAST_FALL = 0.05
 class Added:
     """An effect that was added to a model. before, after: held-out errors.
 
-    fall: relative fall of the error (of the channel that gains most). sigmas: the gain over its standard
-    error. recommended: it falls by more than 5 % and by more than its standard error, plausibly.
+    fall: relative fall of the error (of the channel that gains most). sigmas: the gain over its
+    standard error. recommended: it falls by more than 5 % and by more than its standard error,
+    plausibly.
     """
 
     effect: str
@@ -45,7 +46,8 @@ class Added:
 def base_of(known: CalibratedModel, measurements: Measurements) -> Base:
     """What a diagnosis starts from, given a model file: its geometry, thrust, effects and soils.
 
-    The soils are refitted within their covariance, where the file has one and was not made from this data.
+    The soils are refitted within their covariance, where the file has one and was not made from
+    this data.
     """
     model = known.model
     return Base(

@@ -1,7 +1,7 @@
 """Held-out error: each run is predicted by a fit that never saw it.
 
-`one_step` takes one Gauss-Newton step away from the fit of everything (exact for a linear model): for
-the ranking. `refitted` fits anew: for the figures that are reported of each step.
+`one_step` takes one Gauss-Newton step away from the fit of everything (exact for a linear model):
+for the ranking. `refitted` fits anew: for the figures that are reported of each step.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.compare.scores import score
 from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.mixed import Padding, RunEffects
 from smallwheel_ros.fitting.solve import Weights, solve
-from smallwheel_ros.scores import score
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Score tests: what would each effect explain of the residuals, were it added to a fitted model?
 
-About a fit everything is linear. Each form of each effect becomes a column (the change of the prediction
-with its strength), and its statistic is the improvement of -2 log restricted likelihood
+About a fit everything is linear. Each form of each effect becomes a column (the change of the
+prediction with its strength), and its statistic is the improvement of -2 log restricted likelihood
 
     T = min over tau of l(base) - min over tau of l(base + column)
 
@@ -115,8 +115,8 @@ class Scores:
 
     strength: the linear estimate, with its deviation.
 
-    left: share of a column's length that the base cannot imitate; direction: what is left of it, of unit
-    length, shape (columns, columns) as cosines.
+    left: share of a column's length that the base cannot imitate; direction: what is left of it, of
+    unit length, shape (columns, columns) as cosines.
     """
 
     statistic: Array

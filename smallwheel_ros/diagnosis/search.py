@@ -22,10 +22,11 @@ from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 Array = NDArray[np.float64]
 
 ALARM = 0.02  # p-value under which something is missing
+_FURTHER = 0.005  # the same, of each effect where there are several: more was looked at
 _PAIR_ALARM = 0.01  # the same, of two effects together where neither shows alone
 _MOST_EFFECTS = 3
 _BEAM = 3
-RIVAL_GAP = 10.0  # of -2 log likelihood
+RIVAL_GAP = 7.0  # of -2 log likelihood
 _RIVAL_SHARE = 0.9  # of the improvement
 _DRAWS = 999
 _LATER_DRAWS = 499
@@ -115,7 +116,7 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
     beam, table = [base], first
     if table.p_any >= ALARM and table.p_pair < _PAIR_ALARM:
         beam, table = _start_with_two(found)
-    while table.p_any < ALARM and len(found.best.forms) < _MOST_EFFECTS:
+    while table.p_any < _threshold(len(beam[0].forms) + 1) and len(found.best.forms) < _MOST_EFFECTS:
         pool = _extend(found, beam, first.critical)
         if not pool:
             break
@@ -143,6 +144,10 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
         found.last = table
     _judge(found)
     return found
+
+
+def _threshold(effects: int) -> float:
+    return ALARM if effects < 2 else _FURTHER
 
 
 def _start_with_two(found: Search) -> tuple[list[Explanation], Table]:
@@ -258,7 +263,7 @@ def _member(found: Search, name: str) -> Member:
     p = lead.p_any if lead is not None else 1.0
     fall, sigmas = better(one_step(workbench, rest), one_step(workbench, best))
     objection = ""
-    if p >= ALARM:
+    if p >= _threshold(len(best.forms)):
         objection = f"a gain this large comes by chance (p {p:.2g})"
     elif not plausible(best, name):
         objection = "its strength is at a bound or outside the published range"

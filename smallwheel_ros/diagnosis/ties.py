@@ -1,6 +1,7 @@
 """Settings that were varied together: whatever follows one may follow the other.
 
-Two settings are tied where one is nearly a function of the other (variance inflation over 5) and too few
+Two settings are tied where one is nearly a function of the other (variance inflation over 5) and
+too few
 measurements break the rule: rows in which the one is far (a quarter of its range) from what
 the other predicts.
 """

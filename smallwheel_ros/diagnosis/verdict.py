@@ -17,6 +17,8 @@ Verdict = Literal[
 ]
 
 _SURE = 0.005  # p-value of a misfit that no effect explains
+_LEFT_OVER = 0.001  # p-value of what the best explanation leaves
+_LEFT_SHARE = 0.7  # of the weakest effect's gain
 _LEAST_REMOVED = 0.02  # of the standardised error, for such a misfit to matter
 
 
@@ -55,6 +57,9 @@ def _tied_families(
 def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> Finding:
     """The verdict of a search."""
     accepted = [m for m in search.members if not m.objection]
+    left = _more_left_than_explained(search, accepted)
+    if left:
+        return Finding("unknown_effect", (), (), (left,))
     taken = [m.family for m in accepted]
     named: list[str] = []
     open_sets: list[str] = []
@@ -85,6 +90,21 @@ def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> F
     if candidates:
         return Finding("indistinguishable", (), candidates, tuple(reasons), tuple(pairs))
     return _without_name(search)
+
+
+def _more_left_than_explained(search: Search, accepted: Sequence[Member]) -> str:
+    """A sentence where the best explanation leaves a misfit as clear as what it explains."""
+    last = search.last
+    if not accepted or last.p_generic >= _LEFT_OVER:
+        return ""
+    weakest = min(accepted, key=lambda m: m.gain)
+    if last.generic_gain < _LEFT_SHARE * weakest.gain:
+        return ""
+    return (
+        f"with {_listed([m.family for m in accepted])} in, which explains the data best, the error "
+        f"still follows {last.generic} (p {last.p_generic:.2g}): something else is missing, and it "
+        "may be what made that effect look right"
+    )
 
 
 def _without_name(search: Search) -> Finding:

@@ -10,10 +10,10 @@ from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import FittingError, observe, run_codes
 from smallwheel_ros.fitting.parameters import SoilPrior
 from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
-from smallwheel_ros.measurements import Measurements
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Geometry
-from smallwheel_ros.soil import Soil
-from smallwheel_ros.traction import ThrustForm
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.physics.traction import ThrustForm
 
 __all__ = ["FitResult", "FittedParameter", "FittingError", "SoilPrior", "fit_model", "run_codes"]
 
@@ -30,8 +30,9 @@ def fit_model(
 ) -> FitResult:
     """Fit soils and effects to all channels at once, weighted and robustly.
 
-    The noise is sigma^2 = absolute^2 + (relative * level)^2 by channel, from repeats where there are any;
-    runs differ by a random effect on ln k (and each channel's own). One soil for each that the rows name.
+    The noise is sigma^2 = absolute^2 + (relative * level)^2 by channel, from repeats where there
+    are any; runs differ by a random effect on ln k (and each channel's own). One soil for each that
+    the rows name.
 
     Parameters
     ----------

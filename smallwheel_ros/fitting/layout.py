@@ -23,8 +23,8 @@ from smallwheel_ros.fitting.parameters import (
     soil_vector,
 )
 from smallwheel_ros.model import Geometry, Model
-from smallwheel_ros.soil import Soil
-from smallwheel_ros.traction import ThrustForm
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.physics.traction import ThrustForm
 
 _STEP = 1e-5  # of a finite difference: the model is exact to about 1e-12
 
@@ -83,7 +83,8 @@ def make_layout(
 ) -> Layout:
     """The layout of a fit: m is held where a soil was met by wheels of one diameter only.
 
-    soils: to start from (by name); a soil of the table that is not there starts from a middling one.
+    soils: to start from (by name); a soil of the table that is not there starts from a middling
+    one.
     priors: soils known from elsewhere; the others get weak priors. fixed_m: m of every soil, held.
     corrections: let the law of thrust be somewhat wrong (`parameters.CORRECTIONS`).
     Raises FittingError where two effects have the same id.

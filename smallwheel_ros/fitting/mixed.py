@@ -1,12 +1,12 @@
 """Measurements of one run share what was special about it: a mixed model of runs and rows.
 
-V = D + U diag(tau^2) U', block by block of a run: D the noise of each observation, U the loadings of the
-run's random effects (its soil was a little firmer: `ln k`; its resistance read a little high: a channel's own).
-All that a likelihood needs is the sums X' D^-1 X over the rows of each run, so its cost does
-not grow with the rows:
+V = D + U diag(tau^2) U', block by block of a run: D the noise of each observation, U the loadings
+of the run's random effects (its soil was a little firmer: `ln k`; its resistance read a little
+high: a channel's own). All that a likelihood needs is the sums X' D^-1 X over the rows of each run,
+so its cost does not grow with the rows:
 
-    V^-1 = D^-1 - D^-1 U W U' D^-1,  W = T (1 + T A T)^-1 T,  A = U' D^-1 U,  T = diag(tau)    (Woodbury)
-    ln det V = ln det D + ln det(1 + T A T)
+    V^-1 = D^-1 - D^-1 U W U' D^-1,  W = T (1 + T A T)^-1 T,  A = U' D^-1 U,  T = diag(tau)
+    (Woodbury) ln det V = ln det D + ln det(1 + T A T)
 
 Restricted likelihood: Patterson and Thompson 1971; Harville 1977.
 """
@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# tau over the noise: under this it is none. A grid of tau^2 that starts at 0.02 doubles false alarms.
+# tau over the noise: under this it is none. A grid of tau^2 that starts at 0.02 doubles false
+# alarms.
 _LEAST = 1e-2
-# All random effects are relative. Prepared soils scatter by 2 to 15 % in k from run to run, and a channel
-# by a few per cent of its own (the load was a little off, say). Half-normal priors this wide hardly
-# touch that; but a scatter of 50 % is a wrong model, not a soil.
+# All random effects are relative. Prepared soils scatter by 2 to 15 % in k from run to run, and a
+# channel by a few per cent of its own (the load was a little off, say). Half-normal priors this
+# wide hardly touch that; but a scatter of 50 % is a wrong model, not a soil.
 # The law of thrust is cruder than the rest: by tens of per cent of the load.
 USUAL = {"ln k": 0.15, "drawbar_pull": 0.4}
 USUAL_OWN = 0.06

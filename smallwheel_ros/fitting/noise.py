@@ -1,7 +1,7 @@
 """How large the noise of a measurement is: sigma^2 = absolute^2 + (relative * level)^2, by channel.
 
-From repeats where there are enough (what rows of one run differ by, after the model has explained what
-differs in their settings), else from declared standard deviations, else from the residuals.
+From repeats where there are enough (what rows of one run differ by, after the model has explained
+what differs in their settings), else from declared standard deviations, else from the residuals.
 """
 
 from __future__ import annotations

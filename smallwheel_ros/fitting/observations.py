@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import ROLLING, Conditions
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.measurements import CHANNELS, Measurements
+from smallwheel_ros.measurements.table import CHANNELS, Measurements
 from smallwheel_ros.model import Prediction
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -29,8 +29,10 @@ class FittingError(SmallwheelError):
 class Observations:
     """What was measured, flattened; arrays of shape (observations,) unless said otherwise.
 
-    value: SI. row: index into the conditions. channel: index into `channels`. run: index into `runs`.
-    declared: standard deviation that the table states, NaN where none. conditions: of shape (rows,).
+    value: SI. row: index into the conditions. channel: index into `channels`. run: index into
+    `runs`.
+    declared: standard deviation that the table states, NaN where none. conditions: of shape
+    (rows,).
     """
 
     conditions: Conditions

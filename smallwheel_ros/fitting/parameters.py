@@ -1,7 +1,7 @@
 """The parameters of a fit: which there are, what is known of them before, and the model they make.
 
-A soil is fitted in numbers that behave: ln of the pressure at the reference sinkage and diameter, n and m.
-k itself is the pressure at one metre, an extrapolation whose error is tied to n and m.
+A soil is fitted in numbers that behave: ln of the pressure at the reference sinkage and diameter, n
+and m. k itself is the pressure at one metre, an extrapolation whose error is tied to n and m.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.conditions import Conditions
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model import Model
-from smallwheel_ros.soil import Soil
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,8 @@ SOIL_FIELDS = (
     Field("n", "1", (0.05, 2.9), (0.9, 0.6)),
     Field("m", "1", (-3.0, 3.0), (0.0, 1.0)),
 )
-# Published: phi 28 to 42 deg, c 0.1 to 2 kPa, kappa 10 to 28 mm for small wheels (bounds 2 to 60 mm).
+# Published: phi 28 to 42 deg, c 0.1 to 2 kPa, kappa 10 to 28 mm for small wheels (bounds 2 to 60
+# mm).
 THRUST_FIELDS = (
     Field("friction_angle", "rad", (0.1, 1.0), (0.56, 0.12)),
     Field("log_shear_displacement", "ln m", (-6.2, -2.8), (-4.2, 0.6)),
@@ -44,8 +45,8 @@ THRUST_FIELDS = (
 )
 
 # What no simple law of thrust gets right, as shares of the load that are added to drawbar pull: a
-# constant, one that turns over at zero slip, one that goes on with slip. Only a diagnosis uses them,
-# so that an error of the thrust law does not pass for a missing effect of the soil.
+# constant, one that turns over at zero slip, one that goes on with slip. Only a diagnosis uses
+# them, so that an error of the thrust law does not pass for a missing effect of the soil.
 CORRECTIONS = ("constant", "turning", "rising")
 CORRECTION_PRIOR = 0.15
 CORRECTION = "thrust_correction"
