@@ -21,6 +21,7 @@ from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, fit_model
 from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.model import Geometry
 from smallwheel_ros.model_file import read_model, write_model
 from smallwheel_ros.output import check_target
 from smallwheel_ros.tables import write_json
@@ -94,7 +95,7 @@ def fit(
     for name in (n for n in given if not n.endswith(".py")):
         id, _, form = name.partition("/")
         effects.append(registry.form(id, form or None).suited_to(measurements.conditions))
-    rule = "closed_form" if geometry == "closed_form" else "contact_integral"
+    rule: Geometry = "closed_form" if geometry == "closed_form" else "contact_integral"
     result = fit_model(measurements, effects, rule)
     write_model(output, calibrated(result, measurements))
     if json_file is not None:

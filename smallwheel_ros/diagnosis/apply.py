@@ -66,9 +66,9 @@ def base_physics(base: Base, measurements: Measurements, registry: Registry | No
     for name, forms in (registry or default_registry()).families.items():
         cls = forms[0]
         there = all(need in measurements.conditions for need in cls.needs)
-        if cls.known_physics and cls.needs and there and name not in present:
-            if any(np.any(measurements.conditions[need] != 0) for need in cls.needs):
-                added.append(cls.suited_to(measurements.conditions))
+        acts = cls.known_physics and cls.needs and there and name not in present
+        if acts and any(np.any(measurements.conditions[need] != 0) for need in cls.needs):
+            added.append(cls.suited_to(measurements.conditions))
     return Base((*added, *base.effects), base.geometry, base.thrust_form, base.soils, base.priors)
 
 

@@ -202,11 +202,10 @@ def list_families(
         for cls in classes if not blocked else ():
             effect = cls.suited_to(conditions)
             objection = effect.objection(conditions) or objection
-            if not effect.objection(conditions) and any(
-                p.neutral is not None for p in cls.parameters()
-            ):
-                if any(channel in cls.channels for channel in observations.channels):
-                    usable.append(Form(name, effect))
+            fitted = any(p.neutral is not None for p in cls.parameters())
+            seen = any(channel in cls.channels for channel in observations.channels)
+            if fitted and seen and not effect.objection(conditions):
+                usable.append(Form(name, effect))
         if not blocked and not usable:
             touched = " or ".join(c for c in classes[0].channels)
             blocked = objection or f"it acts on {touched}, which this data does not measure"

@@ -9,10 +9,11 @@ from smallwheel_ros.diagnosis.score import Columns
 from smallwheel_ros.diagnosis.workbench import Explanation
 
 _FEWEST_RUNS = 6
+_WIDE = 5.0  # largest over smallest, from which a setting is also tried by its logarithm
 
 
 def generic_columns(explanation: Explanation, prefix: str) -> Columns:
-    """A straight and a bent one for each channel and each setting that varies.
+    """Straight and bent ones for each channel and each setting that varies.
 
     Groups are named `prefix` + channel + " over " + setting.
     """
@@ -25,12 +26,13 @@ def generic_columns(explanation: Explanation, prefix: str) -> Columns:
         used = setting[rows]
         if name in derived or not varies(used) or np.unique(observations.run).size < _FEWEST_RUNS:
             continue
-        if used.min() > 0 and used.max() > 5.0 * used.min():
-            used, setting = np.log(used), np.log(np.maximum(setting, 1e-300))
         x = (setting[observations.row] - used.mean()) / used.std()
         shapes = [x]
         if np.unique(np.round(x, 2)).size > 2:
-            shapes.append(x**2 - np.mean(x**2))
+            shapes += [x**2, (x - x.min()) ** 2, (x.max() - x) ** 2]
+        if used.min() > 0 and used.max() > _WIDE * used.min():
+            logged = np.log(np.maximum(setting[observations.row], used.min()))
+            shapes.append((logged - np.mean(logged)) / np.std(logged))
         for c, channel in enumerate(observations.channels):
             for shape in shapes:
                 columns.append(np.where(observations.channel == c, shape * level, 0.0))

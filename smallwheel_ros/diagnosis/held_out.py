@@ -62,7 +62,7 @@ class Errors:
     def by_run(self) -> Array:
         """Sum of squared errors over noise variance, of each run."""
         codes = np.unique(self.run, return_inverse=True)[1].reshape(-1)
-        return np.bincount(codes, self.error**2 / self.variance)
+        return np.asarray(np.bincount(codes, self.error**2 / self.variance), dtype=float)
 
 
 def _folds(run: NDArray[np.intp], count: int) -> NDArray[np.intp]:

@@ -159,7 +159,7 @@ def _scatter(workbench: Workbench, explanation: Explanation, level: Array) -> Ar
         found[:, c, c] += (tau.get(name, 0.0) * level[c]) ** 2
         slope = -1.0 if name == "sinkage" else -0.5  # d ln z, d ln R over d ln k, times (n + 1/2)
         pull[c] = tau.get("ln k", 0.0) * slope / (n + 0.5) * level[c]
-    return found + np.einsum("ci,di->icd", pull, pull)
+    return np.asarray(found + np.einsum("ci,di->icd", pull, pull))
 
 
 def _words(names: Sequence[str], settings: dict[str, float]) -> str:

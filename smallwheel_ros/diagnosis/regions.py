@@ -59,8 +59,8 @@ def where_it_fails(observations: Observations, errors: Errors, seed: int) -> lis
             / count
             for name in columns
         }
-        cuts = {name: _worst_cut(x, values) for name, x in settings.items()}
-        cuts = {name: cut for name, cut in cuts.items() if cut is not None}
+        found_cuts = {name: _worst_cut(x, values) for name, x in settings.items()}
+        cuts = {name: cut for name, cut in found_cuts.items() if cut is not None}
         if not cuts:
             continue
         null = np.max([cut[0][1:] for cut in cuts.values()], axis=0)

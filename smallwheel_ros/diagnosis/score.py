@@ -1,4 +1,4 @@
-"""Score tests: what would each effect explain of the residuals, were it added to a fitted model?
+"""Score tests: what each effect would explain of the residuals, were it added to a fitted model.
 
 About a fit everything is linear. Each form of each effect becomes a column (the change of the
 prediction with its strength), and its statistic is the improvement of -2 log restricted likelihood
@@ -111,16 +111,13 @@ def join(first: Columns, second: Columns) -> Columns:
 
 @dataclass(frozen=True)
 class Scores:
-    """Statistics: shape (columns, responses); of pairs of groups: shape (pairs, responses).
-
-    strength: the linear estimate, with its deviation.
+    """Statistics: shape (columns, responses). strength: the linear estimate, with its deviation.
 
     left: share of a column's length that the base cannot imitate; direction: what is left of it, of
     unit length, shape (columns, columns) as cosines.
     """
 
     statistic: Array
-    pairs: Array
     strength: Array
     deviation: Array
     left: Array
@@ -144,12 +141,8 @@ def scores(
     precision: Array,
     columns: Columns,
     responses: Array,
-    together: Sequence[str] = (),
 ) -> Scores:
-    """Statistics of every column for every response (observations, responses), all at once.
-
-    together: groups of which every two are also tried together, each by its best column.
-    """
+    """Statistics of every column for every response (observations, responses), all at once."""
     u = effects.loadings
     p = design.shape[1]
     c = columns.matrix
@@ -167,9 +160,6 @@ def scores(
     flat_x, flat_y = ux.reshape(runs * q, -1), uy.reshape(runs * q, -1)
     freedom = responses.shape[0] - p
     best_base = np.full(responses.shape[1], np.inf)
-    members = [columns.of(name) for name in together]
-    two = list(itertools.combinations(range(len(members)), 2))
-    best_two = np.full((len(two), responses.shape[1]), np.inf)
     best_with = np.full((c.shape[1], responses.shape[1]), np.inf)
     for point in _tau_grid(tau, typical, effects.least):
         w, log_det = woodbury(uu, point, effects.log_noise)
@@ -190,11 +180,6 @@ def scores(
         gain = np.minimum(scy**2 / scc[:, None], (1.0 - 1e-9) * rss)
         best_base = np.minimum(best_base, freedom * np.log(rss) + constant)
         best_with = np.minimum(best_with, freedom * np.log(rss - gain) + constant)
-        if two:
-            cross = c.T @ (c * weight[:, None]) - flat_x[:, p:].T @ flat[:, p:] - hx.T @ hx
-            paired = _pair_gains(members, two, gain, scy, scc, cross, columns.one_sided)
-            paired = np.minimum(paired, (1.0 - 1e-9) * rss)
-            best_two = np.minimum(best_two, freedom * np.log(rss - paired) + constant)
     w, _ = woodbury(uu, tau, 0.0)
     flat = (w @ ux).reshape(runs * q, -1)
     inner = x.T @ (x * weight[:, None]) - ux.reshape(runs * q, -1).T @ flat
@@ -205,7 +190,6 @@ def scores(
     slope = (y[p:] - inner[p:, :p] @ solved[:, -1]) / length
     return Scores(
         best_base[None, :] - best_with,
-        best_base[None, :] - best_two,
         slope,
         1.0 / np.sqrt(length),
         np.sqrt(np.clip(length / np.maximum(np.diag(inner)[p:], 1e-300), 0.0, 1.0)),
@@ -224,7 +208,7 @@ def simulate(effects: RunEffects, tau: Array, count: int, generator: np.random.G
     for j, scatter in enumerate(tau):
         special = generator.standard_normal((pad.index.shape[0], count)) * scatter
         noise += effects.loadings[:, [j]] * special[run]
-    return noise
+    return np.asarray(noise)
 
 
 def p_value(observed: float, null: Array) -> float:

@@ -1,4 +1,4 @@
-"""Which effects explain the data best, and which others would do as well?
+"""Find which effects explain the data best, and which others would do as well.
 
 Explanations are sets of effects. One effect is added at a time as long as the score test says that
 something is missing; each time the best few sets are kept, so that two effects can be found of which
@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 
 ALARM = 0.02  # p-value under which something is missing
 _FURTHER = 0.005  # the same, of each effect where there are several: more was looked at
-_PAIR_ALARM = 0.01  # the same, of two effects together where neither shows alone
 _MOST_EFFECTS = 3
 _BEAM = 3
 RIVAL_GAP = 7.0  # of -2 log likelihood
@@ -111,12 +110,12 @@ def nuisance(workbench: Workbench, explanation: Explanation) -> Array:
 def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Search:
     """Find the best explanation and test its members."""
     base = workbench.fit(())
-    first = look(workbench, base, families, draws=_DRAWS, seed=seed, generic=True, pairs=True)
+    first = look(workbench, base, families, draws=_DRAWS, seed=seed, generic=True)
     found = Search(workbench, families, seed, base, first, base, first)
     beam, table = [base], first
-    if table.p_any >= ALARM and table.p_pair < _PAIR_ALARM:
-        beam, table = _start_with_two(found)
-    while table.p_any < _threshold(len(beam[0].forms) + 1) and len(found.best.forms) < _MOST_EFFECTS:
+    while (
+        table.p_any < _threshold(len(beam[0].forms) + 1) and len(found.best.forms) < _MOST_EFFECTS
+    ):
         pool = _extend(found, beam, first.critical)
         if not pool:
             break
@@ -148,32 +147,6 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
 
 def _threshold(effects: int) -> float:
     return ALARM if effects < 2 else _FURTHER
-
-
-def _start_with_two(found: Search) -> tuple[list[Explanation], Table]:
-    """The best pair of effects, where neither alone shows."""
-    workbench, first = found.workbench, found.first
-    pool = []
-    for a, b in first.pairs:
-        one, other = first.lead(a), first.lead(b)
-        assert one is not None
-        assert other is not None
-        pool.append(_with(workbench, _with(workbench, found.base, one), other))
-    pool = [polish(found, e) for e in sorted(pool, key=cost)[:2]]
-    best = min(pool, key=cost)
-    if not _all_plausible(best) or cost(found.base) - cost(best) < 1.5 * first.critical:
-        return [found.base], first
-    found.best = best
-    found.last = look(
-        workbench,
-        best,
-        found.families,
-        draws=_LATER_DRAWS,
-        seed=found.seed,
-        nuisance=nuisance(workbench, best),
-        generic=True,
-    )
-    return [best, found.base], found.last
 
 
 def _extend(found: Search, beam: Sequence[Explanation], critical: float) -> list[Explanation]:

@@ -1,10 +1,9 @@
-"""One look at a fitted explanation: what would each further effect gain, and is that more than chance?"""
+"""Look at a fitted explanation: what each further effect would gain, against chance."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +54,7 @@ class Table:
     """All leads at an explanation, the best first.
 
     p_any: of the largest gain. p_generic, generic: of the largest gain of a column that stands for no
-    effect (one channel's error over one setting), and its name. p_pair, pairs: of the largest gain of
-    two families together, and the best pairs. critical: gain at p 0.02.
+    effect (one channel's error over one setting), and its name. critical: gain at p 0.02.
     cosine: of the families' best columns, after the base took its share; shape (families, families).
     """
 
@@ -68,8 +66,6 @@ class Table:
     generic_gain: float
     names: tuple[str, ...]
     cosine: Array
-    p_pair: float = 1.0
-    pairs: tuple[tuple[str, str], ...] = ()
 
     def lead(self, family: str) -> Lead | None:
         """The lead of that family."""
@@ -85,14 +81,12 @@ def look(
     seed: int,
     nuisance: Array | None = None,
     generic: bool = False,
-    pairs: bool = False,
     critical: float | None = None,
 ) -> Table:
     """Score every family at an explanation.
 
     nuisance: columns (observations, n) that may explain before any effect does, each with a coefficient
-    of about 1: other forms of the effects that are in already. pairs: look at two effects together too:
-    either alone may explain little. critical: used where draws is 0.
+    of about 1: other forms of the effects that are in already. critical: used where draws is 0.
     """
     columns = sensitivities(explanation, families, workbench.effects)
     names = tuple(f.name for f in families if columns.of(f.name).size)

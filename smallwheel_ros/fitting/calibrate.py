@@ -38,6 +38,7 @@ class Calibration:
 
     @property
     def kept_observations(self) -> Observations:
+        """What was fitted: all but the outliers."""
         return self.observations.take(self.kept)
 
 
@@ -170,6 +171,7 @@ def calibrate(
                 continue
         if turn >= 1:
             break
+    assert noise is not None
     return Calibration(observations, layout, noise, effects, typical, kept, fit)
 
 

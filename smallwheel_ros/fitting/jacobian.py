@@ -28,6 +28,7 @@ class Tiling:
 
     @classmethod
     def of(cls, conditions: Conditions, model: Model) -> Tiling:
+        """The tiling of these rows for the soils of a model."""
         names = [s.name for s in model.soils]
         if conditions.soil is None or len(names) == 1:
             return cls(conditions, np.zeros(len(conditions), dtype=np.intp))
@@ -64,7 +65,7 @@ class Predictor:
         self._tiling = Tiling.of(observations.conditions, layout.model)
         self._tiled: dict[int, Conditions] = {}
         self._corrections = np.flatnonzero([slot.owner < 0 for slot in layout.slots])
-        self._columns = np.zeros((len(observations), self._corrections.size))
+        self._columns: Array = np.zeros((len(observations), self._corrections.size))
         if self._corrections.size:
             added = correction_columns(observations.conditions)[observations.row]
             pull = observations.of_channel("drawbar_pull")[:, None]
@@ -84,7 +85,7 @@ class Predictor:
         return steps, theta + steps
 
     def with_slopes(self, theta: Array) -> tuple[Array, Array]:
-        """Predictions, and their slopes by each parameter: shapes (observations,), (observations, parameters).
+        """Predictions (observations,) and their slopes by parameter (observations, parameters).
 
         All soil parameters in one call of the model over a tiled table (a field is stepped in all soils
         at once, since a row has one soil), one call for each parameter of an effect.

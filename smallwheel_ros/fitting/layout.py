@@ -110,11 +110,13 @@ def make_layout(
         slots += [_slot(i, f, values[f.name]) for f in fields]
         if prior is None:
             centres += [f.prior[0] for f in fields]
-            blocks.append(np.diag([1.0 / f.prior[1] ** 2 for f in fields]))
+            blocks.append(np.diag([1.0 / f.prior[1] ** 2 for f in fields]).astype(float))
         else:
             centres += [values[f.name] for f in fields]
             kept = [k for k, f in enumerate(SOIL_FIELDS) if f in fields]
-            blocks.append(np.linalg.inv(prior.covariance[np.ix_(kept, kept)]))
+            blocks.append(
+                np.asarray(np.linalg.inv(prior.covariance[np.ix_(kept, kept)]), dtype=float)
+            )
         if "drawbar_pull" in observations.channels:
             slots += [_slot(i, f, values[f.name]) for f in THRUST_FIELDS]
             centres += [f.prior[0] for f in THRUST_FIELDS]

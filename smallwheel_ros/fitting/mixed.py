@@ -44,6 +44,7 @@ class Padding:
 
     @classmethod
     def of(cls, run: NDArray[np.intp]) -> Padding:
+        """The padding for the run of each observation."""
         codes = np.unique(run, return_inverse=True)[1].reshape(-1)
         order = np.argsort(codes, kind="stable")
         count = np.bincount(codes)
@@ -57,7 +58,7 @@ class Padding:
 
 @dataclass(frozen=True)
 class RunEffects:
-    """Noise variances D (observations,) and loadings U (observations, effects) of the runs' random effects."""
+    """Noise variances D (observations,), loadings U (observations, effects) of the random effects."""
 
     variance: Array
     loadings: Array

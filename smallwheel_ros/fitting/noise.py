@@ -81,7 +81,8 @@ def _within(
     count = np.bincount(group)
     mean = np.bincount(group, residual[rows]) / count
     square = np.bincount(group, (residual[rows] - mean[group]) ** 2)
-    return square, count - 1.0, group
+    freedom: Array = np.asarray(count, dtype=float) - 1.0
+    return np.asarray(square, dtype=float), freedom, group.astype(np.intp)
 
 
 def _two_terms(square: Array, freedom: Array, level: Array) -> tuple[float, float]:

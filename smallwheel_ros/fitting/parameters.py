@@ -123,6 +123,7 @@ class Layout:
 
     @property
     def start(self) -> Array:
+        """Where the fit starts, shape (parameters,)."""
         return np.array([slot.start for slot in self.slots])
 
     @property

@@ -50,6 +50,7 @@ class FittedParameter:
 
     @property
     def full_name(self) -> str:
+        """`dry_sand.n`, `slip_sinkage.a`."""
         return f"{self.owner}.{self.name}"
 
 
@@ -109,7 +110,7 @@ def covariance_of(calibration: Calibration) -> Array:
     free = ~solution.frozen
     full = np.zeros((free.size, free.size))
     block = solution.information[np.ix_(free, free)]
-    inverse = np.linalg.pinv(block, hermitian=True)
+    inverse = np.asarray(np.linalg.pinv(block, hermitian=True), dtype=float)
     found = calibration.fit.scatter.scale**2 * inverse
     part = calibration.kept_observations
     runs = np.unique(part.run).size

@@ -26,7 +26,7 @@ _SMALL = 1e-4  # change of -2 log likelihood at which a fit has come to rest
 
 @dataclass(frozen=True)
 class Solution:
-    """A fit. theta: (parameters,). predicted, slopes: at theta, (observations,) and (observations, parameters).
+    """A fit. theta: (parameters,). predicted, slopes: at theta, (observations[, parameters]).
 
     information: X'V^-1X + prior, at scale 1. objective: y'V^-1y + prior. frozen: parameters held at a bound.
     """
@@ -81,7 +81,7 @@ def solve(
 
     form = weights.form(np.column_stack([slopes, observed - predicted]))
     value = total(theta, form)
-    frozen = np.zeros(theta.size, dtype=bool)
+    frozen: NDArray[np.bool_] = np.zeros(theta.size, dtype=bool)
     for _ in range(steps):
         hessian = form[:-1, :-1] + layout.precision
         gradient = form[:-1, -1] - layout.precision @ (theta - layout.centre)

@@ -43,7 +43,7 @@ _HINTS = {
 
 
 @lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry[float]:
+def _registry() -> pint.UnitRegistry:
     # Made on first use: pint reads its definitions for a tenth of a second.
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
@@ -79,7 +79,7 @@ def _unit(text: str) -> pint.Unit:
         raise UnitsError(f"unknown unit '{text}', {_EXAMPLES}") from None
 
 
-def _near(registry: pint.UnitRegistry[float], text: str) -> str:
+def _near(registry: pint.UnitRegistry, text: str) -> str:
     for other in (text.lower(), text.capitalize(), text.upper()):
         if other == text:
             continue
