@@ -147,7 +147,8 @@ def solve_layered(
     sunk = f_high < 0.0
     side = np.zeros(load.shape)
     for _ in range(80):
-        x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
+        with np.errstate(invalid="ignore", divide="ignore"):  # of rows that are sunk or met already
+            x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
         f = np.log(load_at(np.exp(x))) - target
         if np.all((np.abs(f) < 1e-12) | sunk | (high - low < 1e-13)):
             break
