@@ -58,6 +58,7 @@ def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> F
     """The verdict of a search."""
     accepted = [m for m in search.members if not m.objection]
     left = _more_left_than_explained(search, accepted)
+    left = left or _better_without_physics(search, accepted, families)
     if left:
         return Finding("unknown_effect", (), (), (left,))
     taken = [m.family for m in accepted]
@@ -104,6 +105,32 @@ def _more_left_than_explained(search: Search, accepted: Sequence[Member]) -> str
         f"with {_listed([m.family for m in accepted])} in, which explains the data best, the error "
         f"still follows {last.generic} (p {last.p_generic:.2g}): something else is missing, and it "
         "may be what made that effect look right"
+    )
+
+
+def _better_without_physics(
+    search: Search, accepted: Sequence[Member], families: Sequence[Family]
+) -> str:
+    """A sentence where one channel's error over one setting says more than any effect does.
+
+    An effect of the library that is really there explains more than such a curve, since it knows
+    how the channels and settings hang together. Drawbar pull does not count: its law is crude.
+    """
+    first = search.first
+    channel, _, setting = first.generic.partition(" over ")
+    leads = [lead for m in accepted if (lead := first.lead(m.family)) is not None]
+    channels = search.workbench.observations.channels
+    if not leads or channel == "drawbar_pull" or len(channels) < 2:
+        return ""
+    names = [m.family for m in accepted]
+    own = {driver for f in families if f.name in names for driver in f.drivers}
+    if channel == "sinkage" and setting in own:
+        return ""
+    if first.generic_gain < max(lead.gain for lead in leads):
+        return ""
+    return (
+        f"the error is described better by {first.generic} alone than by {_listed(names)}: an effect "
+        "that the library does not have"
     )
 
 
