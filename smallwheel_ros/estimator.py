@@ -4,7 +4,7 @@ estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-State: ln of the pressure at the reference sinkage and diameter, n, m, and for each
+State: ln of the pressure at the reference sinkage and diameter, the logit of n/3, m, and for each
 wheel the deviation of ln k at the spot where it stands. The spot's deviation is what repeated
 measurements at one place have in common: they sharpen the spot, not the soil, and no measurement
 has to be skipped. It fades over `scatter_length` of travel.
@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from scipy.special import chdtri
 
-from smallwheel_ros.bounded_exponent import exponent_of
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator_settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.identifiability import (
@@ -28,8 +28,7 @@ from smallwheel_ros.identifiability import (
     Variety,
     soil_estimate,
 )
-from smallwheel_ros.iterated_update import exponent_ratio, line_at
-from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.iterated_update import exponent_of, line_at
 from smallwheel_ros.sinkage_measurement import (
     Outcome,
     SinkageMeasurement,
@@ -37,9 +36,8 @@ from smallwheel_ros.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.sinkage_observation import Reading, observation
+from smallwheel_ros.sinkage_observation import Observation, observation
 from smallwheel_ros.soil_state import SoilState
-from smallwheel_ros.steady_load import SteadyLoad
 
 __all__ = [
     "EstimatorError",
@@ -68,7 +66,6 @@ class _Wheel:
     spot: int
     time: float
     distance: float
-    load: SteadyLoad = field(default_factory=SteadyLoad)
     surprised_at: float | None = None
 
 
@@ -144,12 +141,25 @@ class SoilEstimator:
         return None
 
     def _use(self, given: SinkageMeasurement) -> UpdateResult:
+        observe = observation(
+            self.effects,
+            given.load,
+            given.diameter,
+            given.width,
+            given.contact,
+            given.slip,
+            given.speed,
+        )
         wheel = self._arrive(given)
-        reading = self._reading(given, wheel)
-        taken = self._soil.take(reading, wheel.spot, self._gate)
+        noise = given.variance
+        if not (math.isfinite(noise) and noise > 0):
+            noise = self.settings.sinkage_std**2
+        noise = max(noise, _LEAST_VARIANCE)
+        load_noise = given.load_variance / given.load**2
+        taken = self._soil.take(observe, given.sinkage, noise, load_noise, wheel.spot, self._gate)
         reason: str = taken.reason
         if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
-            reason = self._reopen(reading, wheel.spot)
+            reason = self._reopen(observe, given.sinkage, wheel.spot, noise, load_noise)
         if reason in ("accepted", "soil_changed"):
             outcome, message = Outcome.ACCEPTED, ""
             self._fitted, self._surprises, self._widenings = True, 0, 0
@@ -171,29 +181,11 @@ class SoilEstimator:
             reason,
             message,
             taken.expected,
-            taken.variance - reading.noise,
+            taken.variance - noise,
             given.sinkage - taken.expected,
             taken.variance,
             taken.chi_square,
         )
-
-    def _reading(self, given: SinkageMeasurement, wheel: _Wheel) -> Reading:
-        load_noise = given.load_variance / given.load**2
-        steady = wheel.load.follow(given.load, math.sqrt(load_noise))
-        observe = observation(
-            self.effects,
-            steady,
-            given.diameter,
-            given.width,
-            given.contact,
-            given.slip,
-            given.speed,
-        )
-        noise = given.variance
-        if not (math.isfinite(noise) and noise > 0):
-            noise = self.settings.sinkage_std**2
-        noise = max(noise, _LEAST_VARIANCE)
-        return Reading(observe, given.sinkage, math.log(given.load / steady), noise, load_noise)
 
     def _arrive(self, given: SinkageMeasurement) -> _Wheel:
         """Bring filter and wheel to where the measurement was made."""
@@ -223,14 +215,16 @@ class SoilEstimator:
             wheel.surprised_at = distance
         return self._surprises >= self.settings.surprises_to_reopen
 
-    def _reopen(self, reading: Reading, spot: int) -> str:
+    def _reopen(
+        self, observe: Observation, measured: float, spot: int, noise: float, load_noise: float
+    ) -> str:
         """Take the surprises for another soil: the prior, wider if that did not fit."""
         changed = self._fitted
         self._widenings = 0 if changed else min(self._widenings + 1, _MOST_WIDENINGS)
         self._surprises, self._fitted = 0, False
         self._soil.reopen(4.0**self._widenings)
         self._variety = Variety()
-        reason = self._soil.take(reading, spot, self._gate).reason
+        reason = self._soil.take(observe, measured, noise, load_noise, spot, self._gate).reason
         if reason != "accepted":
             return reason
         self.soil_changes += changed
@@ -285,13 +279,11 @@ class SoilEstimator:
         try:
             observe = observation(self.effects, load, diameter, width, contact, slip, speed)
             belief = self._soil.belief(observe.diameter_log, None if known is None else known.spot)
-            observed = observe(belief.law, exponent_of(belief.q))
-            reading = Reading(observe, 0.0, 0.0, 0.0, load_variance / load**2)
-            ratio = exponent_ratio(observed, belief.q)
-            line = line_at(observed, belief.law, belief.q, belief, reading, ratio)
+            observed = observe(belief.s, exponent_of(belief.q))
+            line = line_at(observed, belief.s, belief.q, belief, 0.0, 0.0, load_variance / load**2)
             variance = belief.spread(line.by_s, line.by_q) + line.noise
             prediction = SinkagePrediction(
-                line.expected, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
+                observed.sinkage, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
             )
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None

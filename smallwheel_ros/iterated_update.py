@@ -5,8 +5,8 @@ overshoots and then believes itself. Gauss-Newton steps find the most likely soi
 and measurement first (the iterated extended Kalman filter; Bell and Cathey 1993). One scalar
 measurement moves the soil in two directions only, so this is done in plain floats.
 
-Only the soil's law is searched for, the spot stays at zero: a slope that follows what is peculiar
-to one measurement takes its noise for information on n.
+The spot and the instrument's noise stay where they were predicted: a slope that follows the noise
+of its own measurement has the noise in it, and pulls n down (errors in variables).
 """
 
 from __future__ import annotations
@@ -14,18 +14,33 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from smallwheel_ros.bounded_exponent import exponent_of, exponent_slope
-from smallwheel_ros.sinkage_observation import Observed, Reading
+from smallwheel_ros.sinkage_observation import Observation, Observed
 
 _ITERATIONS = 15
 _TOLERANCE = 0.05  # of the noise's standard deviation, for what linearising may be off
 _LONGEST_STEP = 1.0  # of s and of q
+_EXPONENT_LIMIT = 3.0
+
+
+def exponent_of(logit: float) -> float:
+    """Give n = 3 / (1 + exp(-q)): inside (0, 3) whatever q."""
+    return _EXPONENT_LIMIT / (1.0 + math.exp(-logit))
+
+
+def logit_of(exponent: float) -> float:
+    """Invert `exponent_of`."""
+    return math.log(exponent / (_EXPONENT_LIMIT - exponent))
+
+
+def exponent_slope(exponent: float) -> float:
+    """Give dn/dq at n."""
+    return exponent * (1.0 - exponent / _EXPONENT_LIMIT)
 
 
 class Belief(NamedTuple):
-    """Mean and covariance of (s, q): s as in `sinkage_observation`, q as in `bounded_exponent`.
+    """Mean and covariance of (s, q): s as in `sinkage_observation`, q the logit of n.
 
-    law: mean of the soil's share of s, without the spot's. law_s, law_q: its covariance with s, q.
+    law_s, law_q: covariance with s and with q of the soil's share of s, without the spot's.
     """
 
     s: float
@@ -33,7 +48,6 @@ class Belief(NamedTuple):
     ss: float
     sq: float
     qq: float
-    law: float
     law_s: float
     law_q: float
 
@@ -43,12 +57,8 @@ class Belief(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """The measurement as a straight line: expected + by_s (s - mean) + by_q (q - mean) + noise.
+    """The measurement as a straight line: expected + by_s (s - mean) + by_q (q - mean) + noise."""
 
-    sinkage: m, where it was linearised. expected: m, at the belief's mean.
-    """
-
-    sinkage: float
     expected: float
     by_s: float
     by_q: float
@@ -56,45 +66,48 @@ class Linearised(NamedTuple):
     chi_square: float  # innovation squared over its variance
 
 
-def exponent_ratio(observed: Observed, q: float) -> float:
-    """Slope by q over slope by s: the direction in which a reading tells nothing."""
-    return observed.by_exponent * exponent_slope(q) / observed.by_pressure
-
-
 def line_at(
-    observed: Observed, s: float, q: float, belief: Belief, reading: Reading, ratio: float
+    observed: Observed,
+    s: float,
+    q: float,
+    belief: Belief,
+    measured: float,
+    noise: float,
+    load_noise: float,
 ) -> Linearised:
-    """Linearise a reading at (s, q), where `observed` is. ratio: see `exponent_ratio`."""
-    by_s = observed.by_pressure
-    by_q = by_s * ratio
+    """Linearise at (s, q), where `observed` is. noise: m^2; load_noise: variance of ln load."""
+    by_s, by_q = observed.by_pressure, observed.by_exponent * exponent_slope(exponent_of(q))
     expected = observed.sinkage + by_s * (belief.s - s) + by_q * (belief.q - q)
     # Load and pressure enter as their ratio, so the slope by ln load is minus the one by s.
-    noise = reading.noise + by_s * by_s * reading.load_noise
-    chi_square = (reading.measured - expected) ** 2 / (belief.spread(by_s, by_q) + noise)
-    return Linearised(observed.sinkage, expected, by_s, by_q, noise, chi_square)
+    noise += by_s * by_s * load_noise
+    chi_square = (measured - expected) ** 2 / (belief.spread(by_s, by_q) + noise)
+    return Linearised(expected, by_s, by_q, noise, chi_square)
 
 
 def linearise(
-    first: Linearised, belief: Belief, reading: Reading, ratio: float | None
+    observe: Observation,
+    observed: Observed,
+    line: Linearised,
+    belief: Belief,
+    measured: float,
+    noise: float,
+    load_noise: float,
 ) -> Linearised:
-    """Linearise a reading at the most likely soil, or leave it as it is where that is near enough.
+    """Linearise at the most likely soil.
 
-    first: at the mean of the law. ratio: to be kept to, or None. Raises ArithmeticError or
+    observed, line: `observe` at the belief's mean, and `line_at` there. Raises ArithmeticError or
     ValueError where sinkage cannot be computed.
     """
-    s, q = belief.law, belief.q
-    line = first
+    s, q = belief.s, belief.q
     share, last = 1.0, math.inf
     for _ in range(_ITERATIONS):
-        gain = (reading.measured - line.expected) / (
-            belief.spread(line.by_s, line.by_q) + line.noise
-        )
+        gain = (measured - line.expected) / (belief.spread(line.by_s, line.by_q) + line.noise)
         aim_s, aim_q = gain * line.by_s, gain * line.by_q
-        step_s = belief.law + belief.law_s * aim_s + belief.law_q * aim_q - s
+        step_s = belief.s + belief.law_s * aim_s + belief.law_q * aim_q - s
         step_q = belief.q + belief.sq * aim_s + belief.qq * aim_q - q
         # Sinkage is nearly exponential in s and q: what a straight line misses over this step.
         change = abs(line.by_s * step_s) + abs(line.by_q * step_q)
-        bend = 0.5 * change * change / max(abs(line.sinkage), 1e-6)
+        bend = 0.5 * change * change / max(abs(observed.sinkage), 1e-6)
         if bend < _TOLERANCE * math.sqrt(line.noise):
             break
         if change > 0.7 * last:
@@ -102,7 +115,6 @@ def linearise(
         last = change
         part = share * min(1.0, _LONGEST_STEP / max(abs(step_s), abs(step_q)))
         s, q = s + part * step_s, q + part * step_q
-        observed = reading.observe(s, exponent_of(q))
-        kept = exponent_ratio(observed, q) if ratio is None else ratio
-        line = line_at(observed, s, q, belief, reading, kept)
+        observed = observe(s, exponent_of(q))
+        line = line_at(observed, s, q, belief, measured, noise, load_noise)
     return line

@@ -13,16 +13,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 from smallwheel_ros.point_sinkage import point_sinkage
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 
 Array = NDArray[np.float64]
 
 LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
-_SMALLEST = 1e-6  # m: sinkage to divide by
 _STEP = 1e-4  # of ln z, s and n in central differences: error 1e-8
 
 
@@ -42,29 +41,6 @@ class Observation(Protocol):
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         """Sinkage in a soil. Raises ArithmeticError or ValueError where there is none."""
-
-
-class Reading(NamedTuple):
-    """A measured sinkage (m) and what it was measured of.
-
-    observe: the wheel under its steady load. load_shift: ln of the measured load over that one.
-    noise: m^2. load_noise: variance of ln load.
-    """
-
-    observe: Observation
-    measured: float
-    load_shift: float
-    noise: float
-    load_noise: float
-
-    def at_steady_load(self, observed: Observed) -> tuple[Reading, float]:
-        """Bring the reading to the steady load, by the slope in logarithms.
-
-        Gives the factor from the sinkage there to the one under the measured load too.
-        """
-        slope = -observed.by_pressure / max(abs(observed.sinkage), _SMALLEST)
-        factor = math.exp(slope * self.load_shift)
-        return self._replace(measured=self.measured / factor, load_shift=0.0), factor
 
 
 class _Plain:

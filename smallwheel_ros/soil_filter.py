@@ -37,9 +37,8 @@ class SoilFilter:
         """Forget the added components and all measurements."""
         covariance, length = self._first
         self._stationary: Array = covariance.copy()
-        self._rates = np.full(len(covariance), 1.0 / length)
+        self._rates: Array = np.full(len(covariance), 1.0 / length)
         self._renew(np.zeros(len(covariance)), covariance.copy())
-        self.mark()
 
     def _renew(self, x: Array, covariance: Array) -> None:
         self._ekf = ExtendedKalmanFilter(dim_x=len(x), dim_z=1)
@@ -71,22 +70,16 @@ class SoilFilter:
         """Covariance of the deviation, shape (size, size); not to be written to."""
         return np.asarray(self._ekf.P)
 
-    def mark(self) -> None:
-        """Remember the state, for `rewind`; a reset or reopening does so too."""
-        self._marked = self.state
-
-    def rewind(self) -> None:
-        """Go back to the state that was marked; what was added since is unmeasured."""
-        self.state = self._marked
-
     def add(self, variance: float, length: float) -> int:
         """Add a component of zero mean that nothing has measured yet; gives its index."""
         size = len(self._stationary)
-        x, covariance = self.state
-        self._stationary = _grown(self._stationary, variance)
-        self._rates = np.asarray(np.append(self._rates, 1.0 / length))
-        self._marked = np.append(self._marked[0], 0.0), _grown(self._marked[1], variance)
-        self._renew(np.append(x, 0.0), _grown(covariance, variance))
+        grown = [np.zeros((size + 1, size + 1)) for _ in range(2)]
+        for old, new in zip((self._stationary, self._ekf.P), grown, strict=True):
+            new[:size, :size] = old
+            new[size, size] = variance
+        self._stationary = grown[0]
+        self._rates = np.append(self._rates, 1.0 / length)
+        self._renew(np.append(self._ekf.x, 0.0), grown[1])
         return size
 
     def reopen(self, factor: float) -> None:
@@ -95,7 +88,6 @@ class SoilFilter:
         size = len(self._first[0])
         widened[:size, :size] *= factor
         self._renew(np.zeros(len(widened)), widened)
-        self.mark()
 
     def travel(self, distance: float) -> None:
         """Let every component drift over a distance (m), >= 0.
@@ -130,11 +122,3 @@ class SoilFilter:
             self.state = before
             return False
         return True
-
-
-def _grown(covariance: Array, variance: float) -> Array:
-    size = len(covariance)
-    grown = np.zeros((size + 1, size + 1))
-    grown[:size, :size] = covariance
-    grown[size, size] = variance
-    return grown

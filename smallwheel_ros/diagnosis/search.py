@@ -74,17 +74,14 @@ def _family(families: Sequence[Family], name: str) -> Family:
     return next(f for f in families if f.name == name)
 
 
-def best_form(
-    workbench: Workbench, explanation: Explanation, family: Family, *, others: bool = True
-) -> Explanation:
+def best_form(workbench: Workbench, explanation: Explanation, family: Family) -> Explanation:
     """The explanation with the best form of one of its families."""
     rest = explanation.without(family.name)
-    found = explanation
-    for form in family.forms if others else ():
-        trial = workbench.fit((*rest, form), near=explanation)
-        if cost(trial) < cost(found):
-            found = trial
-    return found
+    trials = [explanation]
+    trials += [workbench.fit((*rest, form), near=explanation) for form in family.forms]
+    # A form at its bound, or beyond what anybody found, only if no other form makes sense.
+    sensible = [trial for trial in trials if plausible(trial, family.name)]
+    return min(sensible or trials, key=cost)
 
 
 def _with(workbench: Workbench, explanation: Explanation, lead: Lead) -> Explanation:
