@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from smallwheel_ros.diagnosis.search import RIVAL_GAP
-from smallwheel_ros.diagnosis.ties import drivers
+from smallwheel_ros.diagnosis.ties import Tie, drivers
 from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.observations import Observations
@@ -33,6 +33,7 @@ _LEVELS = 3
 _MOST_SETTINGS = 6
 _DEEPEST = 0.3  # of the diameter: deeper, rigs and models fail
 _ROWS_PER_RUN = 3
+_BREAK = 0.5  # of the range: how far off their rule a run must set two tied settings
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,30 @@ def _as_observations(observations: Observations, conditions: Conditions) -> Obse
     )
 
 
+def _breaks(observations: Observations, conditions: Conditions, tie: Tie) -> NDArray[np.bool_]:
+    """Candidates in which the one setting is where the other, by their tie, would not have it."""
+    varied = drivers(observations)
+
+    def share(name: str) -> Array:
+        low, high = varied[name].min(), varied[name].max()
+        return np.asarray((conditions[name] - low) / (high - low))
+
+    first, second = share(tie.first), share(tie.second)
+    expected = second if tie.correlation > 0 else 1.0 - second
+    return np.asarray(np.abs(first - expected) > _BREAK)
+
+
 def propose(
-    workbench: Workbench, first: Explanation, second: Explanation, names: tuple[str, str]
+    workbench: Workbench,
+    first: Explanation,
+    second: Explanation,
+    names: tuple[str, str],
+    ties: Sequence[Tie] = (),
 ) -> Proposal | None:
-    """The best single setting to tell two explanations apart, made in six runs."""
+    """Find the best single setting to tell two explanations apart, made in six runs.
+
+    ties: of what the two follow; the setting must break each of them.
+    """
     conditions, settings = candidate_runs(workbench.observations)
     there = _as_observations(workbench.observations, conditions)
     count, channels = len(conditions), len(there.channels)
@@ -133,10 +154,15 @@ def propose(
     apart = (a - b).T
     gain = np.einsum("ic,icd,id->i", apart, np.linalg.inv(variance), apart)
     deep = np.zeros(count, dtype=bool)
+    seen = workbench.observations
+    sinkages = seen.value[seen.of_channel("sinkage")] if "sinkage" in seen.channels else np.zeros(1)
+    least = 0.7 * float(sinkages.min())  # shallower than anything measured, an instrument is blind
     for explanation in (first, second):
         said = predict(explanation.model(), conditions)
         deep |= said.immobilised | (said.sinkage > _DEEPEST * conditions.diameter)
-        deep |= ~np.isfinite(said.sinkage) | (said.sinkage <= 0)
+        deep |= ~np.isfinite(said.sinkage) | (said.sinkage <= least)
+    for tie in ties:
+        deep |= ~_breaks(workbench.observations, conditions, tie)
     gain = np.where(deep | ~np.isfinite(gain), -1.0, gain)
     best = int(np.argmax(gain))
     if gain[best] <= 0:

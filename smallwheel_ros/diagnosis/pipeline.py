@@ -23,7 +23,7 @@ from smallwheel_ros.diagnosis.next_measurement import Proposal, propose
 from smallwheel_ros.diagnosis.ranking import Row, rank
 from smallwheel_ros.diagnosis.regions import where_it_fails
 from smallwheel_ros.diagnosis.search import Search, search
-from smallwheel_ros.diagnosis.ties import drivers, find_ties
+from smallwheel_ros.diagnosis.ties import Tie, drivers, find_ties
 from smallwheel_ros.diagnosis.verdict import Finding, decide
 from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
 from smallwheel_ros.effects.registry import Registry
@@ -132,7 +132,7 @@ def diagnose(
     progress("ranking")
     rows = rank(found, families, finding)
     regions = where_it_fails(workbench.observations, steps[0].errors, seed)
-    proposals = _proposals(workbench, found, finding)
+    proposals = _proposals(workbench, found, finding, families, ties)
     floors = noise_floor(workbench, found.best)
     document = {
         "schema": SCHEMA,
@@ -214,7 +214,14 @@ def _steps(workbench: Workbench, found: Search, finding: Finding) -> list[Step]:
     return steps
 
 
-def _proposals(workbench: Workbench, found: Search, finding: Finding) -> list[Proposal]:
+def _proposals(
+    workbench: Workbench,
+    found: Search,
+    finding: Finding,
+    families: Sequence[Family],
+    ties: Sequence[Tie],
+) -> list[Proposal]:
+    follows = {family.name: family.drivers for family in families}
     proposals = []
     for first, second in finding.pairs[: 2 * _MOST_PROPOSALS]:
         rest = found.best.without(first)
@@ -231,7 +238,13 @@ def _proposals(workbench: Workbench, found: Search, finding: Finding) -> list[Pr
             rival = min(options, key=lambda e: e.cost)
         else:
             rival = workbench.fit((*rest, lead.form), near=found.base)
-        proposal = propose(workbench, found.best, rival, (first, second))
+        between = [
+            tie
+            for tie in ties
+            if (tie.first in follows[first] and tie.second in follows[second])
+            or (tie.second in follows[first] and tie.first in follows[second])
+        ]
+        proposal = propose(workbench, found.best, rival, (first, second), between)
         if proposal is not None:
             proposals.append(proposal)
     return proposals[:_MOST_PROPOSALS]
