@@ -124,20 +124,22 @@ def _row(search: Search, family: Family, finding: Finding, base_errors: Errors) 
     chosen = (*finding.named, *finding.candidates)
     if lead is None:
         return Row(family.name, "not_testable", "no row is in a condition in which it acts")
-    if family.name not in chosen:
-        if lead.left < _LEAST_LEFT:
-            share = f"{100 * lead.left:.0f} %"
+    # What this data could show is asked with the named effects in: without them it is all scatter.
+    seen = search.last.lead(family.name) or lead
+    if family.name not in chosen and lead.p_any >= 0.02:
+        reason = _too_small_to_see(seen)
+        if seen.left < _LEAST_LEFT:
+            share = f"{100 * seen.left:.0f} %"
             reason = f"k, n and m can imitate all but {share} of it with these settings"
-            return Row(family.name, "not_testable", reason, left=lead.left)
-        small = _too_small_to_see(lead)
-        if small and lead.p_any >= 0.02:
+        if reason:
+            unit = seen.form.parameter.unit
             return Row(
                 family.name,
                 "not_testable",
-                small,
-                left=lead.left,
-                visible=lead.visible,
-                visible_unit=lead.form.parameter.unit,
+                reason,
+                left=seen.left,
+                visible=seen.visible,
+                visible_unit=unit,
             )
     alone = search.workbench.fit(
         (lead.form,), near=search.base, strengths={family.name: lead.strength}
@@ -160,9 +162,9 @@ def _row(search: Search, family: Family, finding: Finding, base_errors: Errors) 
         tuple(sorted(alike)),
         parameters_of(shown, family.name),
         _similar(search.first, family.name),
-        lead.left,
-        lead.visible,
-        lead.form.parameter.unit,
+        seen.left,
+        seen.visible,
+        seen.form.parameter.unit,
     )
 
 
