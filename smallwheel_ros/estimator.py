@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 from scipy.special import chdtri
 
-from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator_settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.identifiability import (
@@ -29,6 +28,7 @@ from smallwheel_ros.identifiability import (
     soil_estimate,
 )
 from smallwheel_ros.iterated_update import exponent_of, line_at
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.sinkage_measurement import (
     Outcome,
     SinkageMeasurement,

@@ -13,11 +13,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.point_sinkage import point_sinkage
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.point_sinkage import point_sinkage
 
 Array = NDArray[np.float64]
 
