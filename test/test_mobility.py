@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.identifiability import Identifiable, SoilEstimate
+from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.onboard.force_gradients import force_gradients
 from smallwheel_ros.onboard.mobility import MobilityError, WheelForces, wheel_forces

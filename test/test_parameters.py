@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from smallwheel_ros.estimator_settings import EstimatorSettings
+from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.onboard.parameter_files import read_parameters, reference, template
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
 from smallwheel_ros.onboard.parameters import (

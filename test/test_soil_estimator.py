@@ -10,7 +10,9 @@ import pytest
 
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.estimator import (
+from smallwheel_ros.estimator.point_sinkage import point_sinkage
+from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
     EstimatorSettings,
     Outcome,
@@ -22,8 +24,6 @@ from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
-from smallwheel_ros.point_sinkage import point_sinkage
-from smallwheel_ros.sinkage_observation import observation
 
 GOOD = SinkageMeasurement(
     time=1.0,

@@ -9,8 +9,13 @@ from typing import NamedTuple
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.estimator import Outcome, SinkageMeasurement, SoilEstimator, UpdateResult
-from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.soil_estimator import (
+    Outcome,
+    SinkageMeasurement,
+    SoilEstimator,
+    UpdateResult,
+)
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.point_sinkage import point_sinkage
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.wheel import Strength, Wheel
-from smallwheel_ros.point_sinkage import point_sinkage
 
 Array = NDArray[np.float64]
 

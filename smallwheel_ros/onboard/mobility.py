@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.force_gradients import UNCERTAIN, ForceGradients, force_gradients
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.assessment import Assessor, Instant
 from smallwheel_ros.onboard.intake import Intake
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status

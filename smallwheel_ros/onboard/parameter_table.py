@@ -6,7 +6,7 @@ The defaults of estimator, noise and timing are those of their classes.
 
 from __future__ import annotations
 
-from smallwheel_ros.estimator_settings import EstimatorSettings
+from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.settings import SensorNoise, Timing
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING

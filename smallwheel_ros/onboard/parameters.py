@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.estimator_settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
 from smallwheel_ros.onboard.settings import OnboardSettings, SensorNoise, Timing

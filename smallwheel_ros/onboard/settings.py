@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field, fields
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.estimator_settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Strength, Wheel
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Time
 
-from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
 from smallwheel_ros.onboard.mobility import MobilityEstimate

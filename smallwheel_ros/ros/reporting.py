@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from smallwheel_ros.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.intake import ODOMETRY
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Onboard

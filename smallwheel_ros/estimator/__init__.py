@@ -1,0 +1,1 @@
+"""Online estimate of the soil from what wheels measure: ROS-free, one for node and replay."""

@@ -1,0 +1,233 @@
+"""What the measurements so far have determined of a soil, and what they cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.estimator.iterated_update import exponent_of, exponent_slope
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+
+Array = NDArray[np.float64]
+
+DETERMINED = 0.5  # posterior over prior standard deviation
+_SAME_DIAMETER = 1.05  # largest over smallest
+_SAME_LOAD = 1.3
+
+
+@dataclass(frozen=True)
+class Identifiable:
+    """True: the data has cut the standard deviation to half of the prior's or less.
+
+    At half, three quarters of what is known comes from the data. False: the value is essentially
+    the prior's. The modulus is judged at the reference diameter.
+    """
+
+    k: bool
+    n: bool
+    m: bool
+    effective_modulus: bool
+    reference_pressure: bool
+
+
+@dataclass(frozen=True)
+class Variety:
+    """Smallest and largest diameter (m) and load per width (N/m) of the accepted measurements."""
+
+    diameters: tuple[float, float] | None = None
+    loadings: tuple[float, float] | None = None
+
+    def with_wheel(self, diameter: float, loading: float) -> Variety:
+        """Widen by one measurement."""
+        if self.diameters is None or self.loadings is None:
+            return Variety((diameter, diameter), (loading, loading))
+        (d_low, d_high), (l_low, l_high) = self.diameters, self.loadings
+        if d_low <= diameter <= d_high and l_low <= loading <= l_high:
+            return self
+        return Variety(
+            (min(d_low, diameter), max(d_high, diameter)),
+            (min(l_low, loading), max(l_high, loading)),
+        )
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What became of the measurements so far.
+
+    Attributes
+    ----------
+    accepted, outliers
+        Measurements that updated the estimate, and those that did not fit it.
+    refused
+        Measurements that could not be used, by reason.
+    soil_changes
+        How often a run of surprises was taken for another soil.
+    distance
+        Travel (m) of the newest measurement.
+    """
+
+    accepted: int
+    outliers: int
+    refused: Mapping[str, int]
+    soil_changes: int
+    distance: float
+
+
+@dataclass(frozen=True)
+class SoilEstimate:
+    """The soil under the wheels as it is believed now; every number is finite, SI units.
+
+    Attributes
+    ----------
+    k, n, m
+        The law p = k z^n D^m; k in Pa/m^(n+m).
+    covariance
+        Of (k, n, m), shape (3, 3), linearised at the estimate.
+    log_reference_pressure
+        ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
+    log_covariance
+        Of (log_reference_pressure, n, m), shape (3, 3): the one to compute with.
+    reference_pressure, reference_pressure_std
+        Pa.
+    identifiable
+        What the data has determined.
+    status
+        In words, what is not determined and why; empty when everything is determined.
+    accepted, outliers, refused, soil_changes, distance
+        As in `Counts`.
+    """
+
+    k: float
+    n: float
+    m: float
+    covariance: Array
+    log_reference_pressure: float
+    log_covariance: Array
+    reference_pressure: float
+    reference_pressure_std: float
+    reference_sinkage: float
+    reference_diameter: float
+    identifiable: Identifiable
+    status: tuple[str, ...]
+    accepted: int
+    outliers: int
+    refused: Mapping[str, int]
+    soil_changes: int
+    distance: float
+
+    def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
+        """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).
+
+        Without a diameter, for the reference diameter. The deviation is linearised.
+        """
+        d = self.reference_diameter if diameter is None else diameter
+        row = modulus_row(self.reference_sinkage, self.reference_diameter, d)
+        log_modulus = float(row @ [self.log_reference_pressure, self.n, self.m])
+        modulus = math.exp(log_modulus)
+        return modulus, modulus * deviation(row, self.log_covariance)
+
+
+def modulus_row(reference_sinkage: float, reference_diameter: float, diameter: float) -> Array:
+    """Give ln(k D^m) as a linear function of (log_reference_pressure, n, m)."""
+    return np.array([1.0, -math.log(reference_sinkage), math.log(diameter / reference_diameter)])
+
+
+def deviation(row: Array, covariance: Array) -> float:
+    """Standard deviation of a linear function of what has this covariance."""
+    return math.sqrt(max(float(row @ covariance @ row), 0.0))
+
+
+def judge(
+    prior: Array, posterior: Array, reference_sinkage: float, reference_diameter: float
+) -> Identifiable:
+    """Compare two covariances of (log_reference_pressure, n, m)."""
+    rows = {
+        "k": modulus_row(reference_sinkage, reference_diameter, 1.0),
+        "n": np.array([0.0, 1.0, 0.0]),
+        "m": np.array([0.0, 0.0, 1.0]),
+        "effective_modulus": modulus_row(reference_sinkage, reference_diameter, reference_diameter),
+        "reference_pressure": np.array([1.0, 0.0, 0.0]),
+    }
+    return Identifiable(
+        **{
+            name: deviation(row, posterior) <= DETERMINED * deviation(row, prior)
+            for name, row in rows.items()
+        }
+    )
+
+
+def in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tuple[str, ...]:
+    """Say what is not determined, and why."""
+    if variety.diameters is None or variety.loadings is None:
+        return ("no measurement yet: soil and uncertainty are the prior's",)
+    (d_low, d_high), (l_low, l_high) = variety.diameters, variety.loadings
+    one_diameter, one_load = d_high <= _SAME_DIAMETER * d_low, l_high <= _SAME_LOAD * l_low
+    so_far = f"{accepted} measurements so far do not suffice"
+    words = []
+    if not identifiable.reference_pressure:
+        words.append(f"reference pressure not determined yet: {so_far}")
+    if not identifiable.n:
+        reason = f"load hardly varied ({l_low:.3g} to {l_high:.3g} N per m of width)"
+        words.append(
+            f"n not determined: {reason}" if one_load else f"n not determined yet: {so_far}"
+        )
+    if not identifiable.m:
+        reason = f"all wheels have one diameter ({d_low:.3g} m)"
+        words.append(
+            f"m not determined: {reason}" if one_diameter else f"m not determined yet: {so_far}"
+        )
+    if not identifiable.k:
+        words.append("k not determined: it needs n and m; go by effective modulus or pressure")
+    if not identifiable.effective_modulus:
+        words.append("effective modulus not determined: it needs n; go by the reference pressure")
+    return tuple(words)
+
+
+def soil_estimate(
+    state: Array,
+    covariance: Array,
+    prior: Array,
+    reference: tuple[float, float],
+    variety: Variety,
+    counts: Counts,
+) -> SoilEstimate:
+    """Put the filter's state (ln pressure, logit of n/3, m) into the terms of the field.
+
+    state, covariance, prior: shapes (3,), (3, 3), (3, 3), at the reference of `soil`.
+    reference: sinkage and diameter (m) to report at.
+    """
+    pressure_log, logit, m = state.tolist()
+    n, slope = exponent_of(logit), exponent_slope(exponent_of(logit))
+    up, across = math.log(reference[0]), math.log(reference[1])
+    deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
+    pressure_log += n * deeper + m * larger
+    to_report = np.array([[1.0, slope * deeper, larger], [0.0, slope, 0.0], [0.0, 0.0, 1.0]])
+    now, before = (to_report @ p @ to_report.T for p in (covariance, prior))
+    now = 0.5 * (now + now.T)
+    k = math.exp(pressure_log - n * up - m * across)
+    to_k = np.array([[k, -k * up, -k * across], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    of_k = to_k @ now @ to_k.T
+    identifiable = judge(before, now, *reference)
+    pressure = math.exp(pressure_log)
+    return SoilEstimate(
+        k,
+        n,
+        m,
+        0.5 * (of_k + of_k.T),
+        pressure_log,
+        now,
+        pressure,
+        pressure * math.sqrt(float(now[0, 0])),
+        *reference,
+        identifiable,
+        in_words(identifiable, variety, counts.accepted),
+        counts.accepted,
+        counts.outliers,
+        counts.refused,
+        counts.soil_changes,
+        counts.distance,
+    )

@@ -1,0 +1,144 @@
+"""What the soil estimator is told before the first measurement: the prior and its settings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+
+
+class EstimatorError(SmallwheelError):
+    """A prior or a setting outside its domain."""
+
+
+def _require(what: str, name: str, value: float, good: bool, expected: str) -> None:
+    if not (math.isfinite(value) and good):
+        raise EstimatorError(f"{what}: {name} is {value!r}, expected {expected}")
+
+
+@dataclass(frozen=True)
+class SoilPrior:
+    """What is known of the soil before any measurement.
+
+    Attributes
+    ----------
+    soil
+        Lends its name and strength (cohesion, friction angle, shear displacement), not estimated.
+    log_reference_pressure, log_reference_pressure_std
+        ln of the pressure (Pa) at `soil.REFERENCE_SINKAGE` under `soil.REFERENCE_DIAMETER`.
+    n, n_std
+        Exponent of sinkage, in (0, 3); 1.
+    m, m_std
+        Exponent of the wheel's diameter, in -3 .. 3; 1.
+
+    Raises EstimatorError where a number is outside its domain.
+    """
+
+    soil: Soil
+    log_reference_pressure: float
+    n: float
+    m: float
+    log_reference_pressure_std: float
+    n_std: float
+    m_std: float
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        what = f"prior from soil '{self.soil.name}'"
+        pressure = self.log_reference_pressure
+        _require(what, "log_reference_pressure", pressure, abs(pressure) < 30, "-30 to 30")
+        # Nearer to the ends the exponent's logit leaves what the filter holds for possible.
+        _require(what, "n", self.n, 0.03 < self.n < 2.97, "a number from 0.03 to 2.97")
+        _require(what, "m", self.m, abs(self.m) < 3, "a number between -3 and 3")
+        for name in ("log_reference_pressure_std", "n_std", "m_std"):
+            value = getattr(self, name)
+            _require(what, name, value, 0 < value <= 3, "a number over 0, 3 at most")
+
+    @classmethod
+    def from_soil(
+        cls,
+        soil: Soil,
+        log_reference_pressure_std: float = 0.7,
+        n_std: float | None = None,
+        m_std: float = 0.4,
+    ) -> SoilPrior:
+        """Take the vehicle to be on a soil of this kind, not on this very soil.
+
+        The defaults are the spread within one kind in the published tables: the three dry sands of
+        `soil.SOILS` differ by 0.9 in ln pressure (one standard deviation; a factor of 2 is 0.7) and
+        by 0.2 in n, all soils by 0.4 in n; the three published m (0.39, 0, -0.49) by 0.4. n_std is
+        0.3 or, near the ends of n's range, half the way to the nearer end.
+        """
+        if n_std is None:
+            n_std = min(0.3, 0.5 * soil.n, 0.5 * (3.0 - soil.n))
+        return cls(
+            soil,
+            soil.log_reference_pressure,
+            soil.n,
+            soil.m,
+            log_reference_pressure_std,
+            n_std,
+            m_std,
+        )
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """How the estimator judges measurements, and how it forgets.
+
+    Attributes
+    ----------
+    reference_sinkage, reference_diameter
+        m; where `SoilEstimate` reports the pressure (and, by default, the modulus).
+    process_noise
+        Growth of the standard deviation of ln pressure per square root of a metre travelled,
+        1/sqrt(m). n and m drift in proportion to their prior deviations. None while standing. The
+        drift ends at the prior: that is what is known of soil never measured.
+    soil_scatter
+        Standard deviation of ln k from spot to spot of one soil (6 % from run to run is usual).
+    scatter_length
+        m; travel after which a wheel stands on another spot: correlation is exp(-travel/length).
+    sinkage_std
+        m; taken for a measurement whose variance is not known.
+    gate_probability
+        Share of the good measurements that the outlier gate lets pass.
+    surprises_to_reopen
+        So many outliers at different spots, nothing fitting in between, are another soil. Five:
+        with 2 % outliers from four wheels at 100 Hz, chance gives such a run in 1 of 300 drives of
+        200 m at 0.1 m/s; three would give several in each.
+
+    Raises EstimatorError where a number is outside its domain.
+    """
+
+    reference_sinkage: float = REFERENCE_SINKAGE
+    reference_diameter: float = REFERENCE_DIAMETER
+    process_noise: float = 0.02
+    soil_scatter: float = 0.06
+    scatter_length: float = 0.2
+    sinkage_std: float = 0.001
+    gate_probability: float = 0.999
+    surprises_to_reopen: int = 5
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        what = "estimator settings"
+        for name in ("reference_sinkage", "reference_diameter", "scatter_length"):
+            value = getattr(self, name)
+            _require(what, name, value, 1e-4 <= value <= 1e4, "a length from 1e-4 to 1e4 m")
+        noise, scatter = self.process_noise, self.soil_scatter
+        _require(what, "process_noise", noise, 0 <= noise <= 10, "0 to 10 per sqrt(m)")
+        _require(what, "soil_scatter", scatter, 1e-3 <= scatter <= 3, "0.001 to 3")
+        _require(
+            what, "sinkage_std", self.sinkage_std, 1e-5 <= self.sinkage_std <= 1, "1e-5 to 1 m"
+        )
+        gate = self.gate_probability
+        _require(what, "gate_probability", gate, 0.5 <= gate < 1, "a probability, 0.5 to under 1")
+        _require(
+            what,
+            "surprises_to_reopen",
+            self.surprises_to_reopen,
+            self.surprises_to_reopen >= 1,
+            "a count of 1 or more",
+        )

@@ -1,0 +1,173 @@
+"""The estimator's measurement model: sinkage of one wheel as a function of the soil, with slopes.
+
+The soil enters as s, ln of the pressure at the reference sinkage under *this* wheel, and n: sinkage
+depends on k, m and the soil's scatter through s alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.point_sinkage import point_sinkage
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+
+Array = NDArray[np.float64]
+
+LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
+_STEP = 1e-4  # of ln z, s and n in central differences: error 1e-8
+
+
+class Observed(NamedTuple):
+    """Sinkage (m) that the instrument would show, with its slopes by s and by n."""
+
+    sinkage: float
+    by_pressure: float
+    by_exponent: float
+    sunk_to_axle: bool
+
+
+class Observation(Protocol):
+    """One wheel under one load; `diameter_log`: ln of its diameter over the reference."""
+
+    diameter_log: float
+
+    def __call__(self, log_pressure: float, exponent: float) -> Observed:
+        """Sinkage in a soil. Raises ArithmeticError or ValueError where there is none."""
+
+
+class _Plain:
+    """A rolling or pressed wheel without effects."""
+
+    def __init__(self, load: float, diameter: float, width: float, contact: str) -> None:
+        # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
+        self.load = 0.5 * load if contact == PRESSED else load
+        self.diameter, self.width = diameter, width
+        self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
+
+    def __call__(self, log_pressure: float, exponent: float) -> Observed:
+        log_modulus = log_pressure - exponent * LOG_REFERENCE_SINKAGE
+        log_z, slope_load, slope_exponent, sunk = point_sinkage(
+            self.load, self.diameter, self.width, log_modulus, exponent
+        )
+        z = math.exp(log_z)
+        by_exponent = z * (slope_exponent + slope_load * LOG_REFERENCE_SINKAGE)
+        return Observed(z, -z * slope_load, by_exponent, sunk)
+
+
+class _WithEffects:
+    """A wheel with effects that leave pressure a power of depth; order of `model.predict`."""
+
+    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
+        load, diameter = conditions.load, conditions.diameter
+        for effect in effects:
+            load = effect.normal_load(load, conditions)
+            diameter = effect.wheel_diameter(diameter, conditions)
+        factor: Array = np.ones(1)
+        shift: Array = np.zeros(1)
+        for effect in effects:
+            factor = factor * effect.modulus_factor(conditions)
+            shift = shift + effect.exponent_shift(conditions)
+        self.log_factor, self.shift = math.log(float(factor[0])), float(shift[0])
+        self.rolling = str(conditions.contact[0]) == ROLLING
+        self.plain = _Plain(
+            float(load[0]),
+            float(diameter[0]),
+            float(conditions.width[0]),
+            str(conditions.contact[0]),
+        )
+        self.diameter_log = self.plain.diameter_log
+        self.digging = [e for e in effects if type(e).sinkage is not Effect.sinkage]
+        self.showing = [
+            e for e in effects if type(e).measured_sinkage is not Effect.measured_sinkage
+        ]
+        self.three = conditions.take(np.zeros(3, dtype=np.intp))
+
+    def __call__(self, log_pressure: float, exponent: float) -> Observed:
+        # The pressure at the reference sinkage, with the exponent and the modulus as shifted.
+        shifted = log_pressure + self.log_factor + self.shift * LOG_REFERENCE_SINKAGE
+        static = self.plain(shifted, exponent + self.shift)
+        if not (self.digging and self.rolling) and not self.showing:
+            return static
+        z = static.sinkage * np.array([1.0 - _STEP, 1.0, 1.0 + _STEP])
+        if self.rolling:
+            for effect in self.digging:
+                z = effect.sinkage(z, self.three)
+        for effect in self.showing:
+            z = effect.measured_sinkage(z, self.three)
+        slope = float(z[2] - z[0]) / (2.0 * _STEP * static.sinkage)
+        shown = float(z[1])
+        sunk = static.sunk_to_axle or shown > 0.5 * self.plain.diameter
+        return Observed(shown, static.by_pressure * slope, static.by_exponent * slope, sunk)
+
+
+class _Layered:
+    """Any effects at all, by `model.predict` and central differences: a hundred times slower."""
+
+    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
+        diameter = conditions.diameter
+        for effect in effects:
+            diameter = effect.wheel_diameter(diameter, conditions)
+        self.effects = tuple(effects)
+        self.diameter_log = math.log(float(diameter[0]) / REFERENCE_DIAMETER)
+        five = conditions.take(np.zeros(5, dtype=np.intp))
+        self.conditions = Conditions(
+            five.load,
+            five.diameter,
+            five.width,
+            five.contact,
+            np.array(["0", "1", "2", "3", "4"]),
+            five.covariates,
+        )
+
+    def __call__(self, log_pressure: float, exponent: float) -> Observed:
+        steps = ((0.0, 0.0), (-_STEP, 0.0), (_STEP, 0.0), (0.0, -_STEP), (0.0, _STEP))
+        soils = [
+            Soil(
+                str(i),
+                math.exp(log_pressure + ds - (exponent + dn) * LOG_REFERENCE_SINKAGE),
+                exponent + dn,
+            )
+            for i, (ds, dn) in enumerate(steps)
+        ]
+        predicted = predict(Model(soils, effects=self.effects), self.conditions)
+        z = predicted.sinkage
+        return Observed(
+            float(z[0]),
+            float(z[2] - z[1]) / (2.0 * _STEP),
+            float(z[4] - z[3]) / (2.0 * _STEP),
+            bool(predicted.immobilised[0]),
+        )
+
+
+def observation(
+    effects: Sequence[Effect],
+    load: float,
+    diameter: float,
+    width: float,
+    contact: str,
+    slip: float | None,
+    speed: float | None,
+) -> Observation:
+    """Describe a wheel under a load, with the covariates that the effects need (unchecked)."""
+    if not effects:
+        return _Plain(load, diameter, width, contact)
+    given = {"slip": slip, "speed": speed}
+    conditions = Conditions(
+        np.array([load]),
+        np.array([diameter]),
+        np.array([width]),
+        np.array([contact]),
+        None,
+        {name: np.array([value]) for name, value in given.items() if value is not None},
+    )
+    if any(type(e).pressure_factor is not Effect.pressure_factor for e in effects):
+        return _Layered(effects, conditions)
+    return _WithEffects(effects, conditions)

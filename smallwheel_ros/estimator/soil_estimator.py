@@ -1,0 +1,297 @@
+"""Online estimate of the soil from measured sinkage: ROS-free, one for node and replay.
+
+estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
+result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
+estimate = estimator.estimate()
+
+State: ln of the pressure at the reference sinkage and diameter, the logit of n/3, m, and for each
+wheel the deviation of ln k at the spot where it stands. The spot's deviation is what repeated
+measurements at one place have in common: they sharpen the spot, not the soil, and no measurement
+has to be skipped. It fades over `scatter_length` of travel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from scipy.special import chdtri
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.identifiability import (
+    Counts,
+    Identifiable,
+    SoilEstimate,
+    Variety,
+    soil_estimate,
+)
+from smallwheel_ros.estimator.iterated_update import exponent_of, line_at
+from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.sinkage_measurement import (
+    Outcome,
+    SinkageMeasurement,
+    SinkagePrediction,
+    UpdateResult,
+    find_problem,
+)
+from smallwheel_ros.estimator.sinkage_observation import Observation, observation
+from smallwheel_ros.estimator.soil_state import SoilState
+from smallwheel_ros.physics.conditions import ROLLING
+
+__all__ = [
+    "EstimatorError",
+    "EstimatorSettings",
+    "Identifiable",
+    "Outcome",
+    "SinkageMeasurement",
+    "SinkagePrediction",
+    "SoilEstimate",
+    "SoilEstimator",
+    "SoilPrior",
+    "UpdateResult",
+]
+
+_COVARIATES = ("load", "diameter", "width", "slip", "speed")
+_MOST_WHEELS = 64
+_LEAST_VARIANCE = (1e-5) ** 2  # m^2: no sinkage is measured better; keeps the covariance sound
+_MOST_WIDENINGS = 3
+_LEAST_STEP = 0.01  # of the scatter length: drift over less waits until it adds up
+
+
+@dataclass
+class _Wheel:
+    """A wheel's place in the state, its newest measurement, and where it last surprised."""
+
+    spot: int
+    time: float
+    distance: float
+    surprised_at: float | None = None
+
+
+class SoilEstimator:
+    """Refines the soil from measured sinkage, for any number of wheels on one soil.
+
+    effects: act on every prediction, with the parameters that they have. Raises EstimatorError for
+    an effect whose covariate a SinkageMeasurement does not carry.
+    """
+
+    def __init__(
+        self,
+        prior: SoilPrior,
+        settings: EstimatorSettings | None = None,
+        effects: Sequence[Effect] = (),
+    ) -> None:
+        self.prior = prior
+        self.settings = settings or EstimatorSettings()
+        self.effects = tuple(effects)
+        needs = {name: effect for effect in self.effects for name in effect.needs}
+        for name, effect in needs.items():
+            if name not in _COVARIATES:
+                raise EstimatorError(
+                    f"effect '{effect.id}' needs '{name}', which the estimator is not given. There "
+                    f"is: {', '.join(_COVARIATES)}"
+                )
+        self._needs = tuple(name for name in ("slip", "speed") if name in needs)
+        self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
+        self._soil = SoilState(prior, self.settings)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every measurement and count: the prior again."""
+        self._soil.reset()
+        self._wheels: dict[str, _Wheel] = {}
+        self._distance = self._drifted = 0.0
+        self._variety = Variety()
+        self._surprises = self._widenings = 0
+        self._fitted = False  # something was accepted since the start or the last reopening
+        self.accepted = self.outliers = self.soil_changes = 0
+        self.refused: dict[str, int] = {}
+
+    def update(self, measurement: SinkageMeasurement) -> UpdateResult:
+        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
+        problem = find_problem(measurement, self._needs) or self._out_of_order(measurement)
+        if problem is None:
+            try:
+                return self._use(measurement)
+            except (ArithmeticError, ValueError) as error:
+                problem = "numerical", _no_sinkage(measurement, error)
+        reason, message = problem
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+        return UpdateResult(Outcome.REFUSED, reason, message)
+
+    def _out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
+        wheel = self._wheels.get(given.wheel)
+        if wheel is None:
+            if len(self._wheels) < _MOST_WHEELS:
+                return None
+            return "too_many_wheels", (
+                f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"
+            )
+        if given.time <= wheel.time:
+            return "time_backwards", (
+                f"wheel '{given.wheel}': time {given.time:.6f} s is not after the last one, "
+                f"{wheel.time:.6f} s"
+            )
+        if given.distance < wheel.distance:
+            return "distance_backwards", (
+                f"wheel '{given.wheel}': distance {given.distance:g} m is less than the last one, "
+                f"{wheel.distance:g} m"
+            )
+        return None
+
+    def _use(self, given: SinkageMeasurement) -> UpdateResult:
+        observe = observation(
+            self.effects,
+            given.load,
+            given.diameter,
+            given.width,
+            given.contact,
+            given.slip,
+            given.speed,
+        )
+        wheel = self._arrive(given)
+        noise = given.variance
+        if not (math.isfinite(noise) and noise > 0):
+            noise = self.settings.sinkage_std**2
+        noise = max(noise, _LEAST_VARIANCE)
+        load_noise = given.load_variance / given.load**2
+        taken = self._soil.take(observe, given.sinkage, noise, load_noise, wheel.spot, self._gate)
+        reason: str = taken.reason
+        if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
+            reason = self._reopen(observe, given.sinkage, wheel.spot, noise, load_noise)
+        if reason in ("accepted", "soil_changed"):
+            outcome, message = Outcome.ACCEPTED, ""
+            self._fitted, self._surprises, self._widenings = True, 0, 0
+            wheel.surprised_at = None
+            self.accepted += 1
+            self._variety = self._variety.with_wheel(given.diameter, given.load / given.width)
+        else:
+            outcome = Outcome.OUTLIER
+            self.outliers += 1
+            message = (
+                f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.2f} mm measured, "
+                f"{1e3 * taken.expected:.2f} mm expected, standard deviation of the difference "
+                f"{1e3 * math.sqrt(taken.variance):.2f} mm"
+            )
+            if reason == "out_of_range":
+                message += "; the soil that this would mean is outside of the model's range"
+        return UpdateResult(
+            outcome,
+            reason,
+            message,
+            taken.expected,
+            taken.variance - noise,
+            given.sinkage - taken.expected,
+            taken.variance,
+            taken.chi_square,
+        )
+
+    def _arrive(self, given: SinkageMeasurement) -> _Wheel:
+        """Bring filter and wheel to where the measurement was made."""
+        if not self._wheels:
+            self._distance = self._drifted = given.distance
+        self._distance = max(self._distance, given.distance)
+        step = self._distance - self._drifted
+        if step > _LEAST_STEP * self.settings.scatter_length:
+            self._soil.travel(step)
+            self._drifted = self._distance
+        wheel = self._wheels.get(given.wheel)
+        if wheel is None:
+            wheel = _Wheel(self._soil.add_spot(), given.time, given.distance)
+            self._wheels[given.wheel] = wheel
+        wheel.time, wheel.distance = given.time, given.distance
+        return wheel
+
+    def _is_run_of_surprises(self, wheel: _Wheel, distance: float) -> bool:
+        """Count a surprise if it is at another spot than this wheel's last one.
+
+        Before anything has fitted there is no estimate to protect, and each one counts.
+        """
+        apart = 0.5 * self.settings.scatter_length
+        last = wheel.surprised_at
+        if last is None or distance - last >= apart or not self._fitted:
+            self._surprises += 1
+            wheel.surprised_at = distance
+        return self._surprises >= self.settings.surprises_to_reopen
+
+    def _reopen(
+        self, observe: Observation, measured: float, spot: int, noise: float, load_noise: float
+    ) -> str:
+        """Take the surprises for another soil: the prior, wider if that did not fit."""
+        changed = self._fitted
+        self._widenings = 0 if changed else min(self._widenings + 1, _MOST_WIDENINGS)
+        self._surprises, self._fitted = 0, False
+        self._soil.reopen(4.0**self._widenings)
+        self._variety = Variety()
+        reason = self._soil.take(observe, measured, noise, load_noise, spot, self._gate).reason
+        if reason != "accepted":
+            return reason
+        self.soil_changes += changed
+        return "soil_changed"
+
+    def estimate(self) -> SoilEstimate:
+        """Return the soil as it is believed now."""
+        return soil_estimate(
+            *self._soil.law,
+            (self.settings.reference_sinkage, self.settings.reference_diameter),
+            self._variety,
+            Counts(
+                self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
+            ),
+        )
+
+    def predict(
+        self,
+        load: float,
+        diameter: float,
+        width: float,
+        *,
+        slip: float | None = None,
+        speed: float | None = None,
+        contact: str = ROLLING,
+        load_variance: float = 0.0,
+        wheel: str | None = None,
+    ) -> SinkagePrediction:
+        """Predict the sinkage of a wheel; at the spot of `wheel` where that one has been measured.
+
+        Raises EstimatorError for a load, diameter or width that is not a number over 0, a slip or
+        speed that an effect needs and that is not given, and where the model has no sinkage.
+        """
+        given = SinkageMeasurement(
+            0.0,
+            wheel or "",
+            0.0,
+            0.0,
+            load,
+            load_variance,
+            diameter,
+            width,
+            0.0,
+            slip,
+            speed,
+            contact,
+        )
+        problem = find_problem(given, self._needs)
+        if problem is not None:
+            raise EstimatorError(problem[1])
+        known = self._wheels.get(wheel) if wheel is not None else None
+        try:
+            observe = observation(self.effects, load, diameter, width, contact, slip, speed)
+            belief = self._soil.belief(observe.diameter_log, None if known is None else known.spot)
+            observed = observe(belief.s, exponent_of(belief.q))
+            line = line_at(observed, belief.s, belief.q, belief, 0.0, 0.0, load_variance / load**2)
+            variance = belief.spread(line.by_s, line.by_q) + line.noise
+            prediction = SinkagePrediction(
+                observed.sinkage, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
+            )
+        except (ArithmeticError, ValueError) as error:
+            raise EstimatorError(_no_sinkage(given, error)) from None
+        return prediction
+
+
+def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:
+    return (
+        f"wheel '{given.wheel}': the model has no sinkage for load {given.load:g} N, diameter "
+        f"{given.diameter:g} m, width {given.width:g} m ({error}); check their units"
+    )
