@@ -85,6 +85,7 @@ def sample(
         "rolling_resistance_coefficient": predicted.resistance / w,
         "thrust": predicted.thrust,
         "drawbar_pull": predicted.drawbar_pull,
+        "energy_per_metre": predicted.thrust * np.where(i >= 0, 1 / (1 - i), 1 + i),
     }
 
 
@@ -122,6 +123,30 @@ class TestForces:
         share = np.mean(drawn["drawbar_pull"] > 0)
         assert made.probability_drawbar_pull_positive == pytest.approx(share, abs=0.02)
 
+    def test_margin_is_the_pull_at_the_reference_slip_over_the_load(self) -> None:
+        drawn = sample(SAND, self.load, Quantity(0.3, 0.0), STRENGTH, scatter=0.03)
+        share = drawn["drawbar_pull"] / 60.0
+        for slip in (self.slip, Quantity(-0.4, 0.1), None):
+            made = self.forces(slip=slip, reference_slip=0.3)
+            assert made.margin.value == pytest.approx(np.median(share), abs=0.005)
+            assert made.margin.standard_deviation == pytest.approx(np.std(share), rel=0.06)
+            slope = made.steepest_slope
+            assert math.tan(slope.value) == pytest.approx(made.margin.value)
+            up = math.atan(made.margin.value + made.margin.standard_deviation)
+            assert slope.standard_deviation == pytest.approx(up - slope.value, rel=0.03)
+
+    def test_an_effect_of_slip_is_in_the_margin(self) -> None:
+        plain, deep = self.forces(), self.forces(effects=[Exponential(a=3.0)])
+        assert deep.margin.value < plain.margin.value
+        at_reference = self.forces(slip=Quantity(0.2, 0.0), effects=[Exponential(a=3.0)])
+        assert deep.margin.value == pytest.approx(at_reference.drawbar_pull.value / 60.0)
+
+    def test_energy_needs_travel(self) -> None:
+        assert self.forces(slip=Quantity(0.97, 0.01)).energy_per_metre is None
+        assert self.forces(slip=None).energy_per_metre is None
+        half = self.forces(slip=Quantity(0.5, 0.01))
+        assert half.energy_per_metre.value == pytest.approx(2.0 * half.thrust.value)
+
     def test_probability_where_it_is_open(self) -> None:
         # about as much thrust as resistance
         slip = Quantity(0.19, 0.01)
@@ -142,7 +167,7 @@ class TestForces:
         half = wheel_forces(WHEEL, SAND, STRENGTH, Quantity(60.0, 0.0), self.slip)
         assert made.sinkage == half.sinkage
         assert made.compaction_resistance == Quantity(0.0, 0.0)
-        assert made.thrust is None
+        assert made.thrust is made.margin is made.steepest_slope is None
 
     def test_sunk_to_the_axle_is_none(self) -> None:
         assert wheel_forces(WHEEL, SAND, STRENGTH, Quantity(1e6, 0.0), None) is None

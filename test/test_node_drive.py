@@ -76,6 +76,9 @@ def expected_row(estimate: MobilityEstimate) -> dict[str, Any]:
         "rolling_resistance_coefficient": forces and forces.rolling_resistance_coefficient,
         "thrust": forces and forces.thrust,
         "drawbar_pull": forces and forces.drawbar_pull,
+        "mobility_margin": forces and forces.margin,
+        "steepest_slope": forces and forces.steepest_slope,
+        "energy_per_metre": forces and forces.energy_per_metre,
     }
     row: dict[str, Any] = {
         "stamp": estimate.stamp,
@@ -87,6 +90,9 @@ def expected_row(estimate: MobilityEstimate) -> dict[str, Any]:
         "sinkage_measured_valid": estimate.sinkage_measured is not None,
         "prediction_valid": forces is not None,
         "traction_valid": forces is not None and forces.drawbar_pull is not None,
+        "margin_valid": forces is not None and forces.margin is not None,
+        "energy_valid": forces is not None and forces.energy_per_metre is not None,
+        "digging_in": estimate.digging_in,
         "probability_drawbar_pull_positive": (
             (forces and forces.probability_drawbar_pull_positive) or 0.0
         ),

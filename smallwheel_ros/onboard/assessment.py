@@ -149,6 +149,7 @@ class Assessor:
             load,
             instant.slip,
             scatter=self.settings.estimator.soil_scatter,
+            reference_slip=self.settings.reference_slip,
             effects=self.effects,
             speed=instant.speed,
         )

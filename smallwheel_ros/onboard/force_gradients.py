@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.point_sinkage import point_sinkage
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.wheel import Strength, Wheel
@@ -35,14 +35,18 @@ UNCERTAIN = (
     "friction_angle",
     "shear_displacement",
 )
-_COUNT = len(UNCERTAIN)
+_COUNT, _SLIP = len(UNCERTAIN), UNCERTAIN.index("slip")
+
+# The slip at which pulls are compared: a common choice for rovers, before wheels dig themselves in.
+REFERENCE_SLIP = 0.2
 
 
 @dataclass(frozen=True)
 class ForceGradients:
-    """Sinkage (m), compaction resistance, other resistance and thrust (N), and their derivatives.
+    """Sinkage (m), compaction resistance, other resistance, thrust, pull (N), and derivatives.
 
-    value: shape (4,). gradient: shape (4, 8), by `UNCERTAIN`.
+    The pull is the drawbar pull at the reference slip, whatever the slip is now. value: shape (5,).
+    gradient: shape (5, 8), by `UNCERTAIN`.
     """
 
     value: Array
@@ -56,13 +60,15 @@ def force_gradients(
     load: float,
     slip: float | None,
     *,
+    reference_slip: float = REFERENCE_SLIP,
     effects: Sequence[Effect] = (),
     speed: float | None = None,
 ) -> ForceGradients | None:
     """Forces of a wheel and their derivatives; None where it is sunk to its axle.
 
-    Without slip, and for a pressed wheel, thrust is 0. Arguments as in `mobility.wheel_forces`,
-    which checks them.
+    Without slip thrust is 0; for a pressed wheel thrust and pull are. Where the wheel would sink to
+    its axle at the reference slip only, the pull is minus the load: nothing can be held there.
+    Arguments as in `mobility.wheel_forces`, which checks them.
 
     Raises
     ------
@@ -70,12 +76,17 @@ def force_gradients(
         If an effect lacks its covariate.
     """
     if effects:
-        return _numerical(wheel, soil, strength, load, slip, effects, speed)
-    return _analytical(wheel, soil, strength, load, slip)
+        return _numerical(wheel, soil, strength, load, slip, reference_slip, effects, speed)
+    return _analytical(wheel, soil, strength, load, slip, reference_slip)
 
 
 def _analytical(
-    wheel: Wheel, soil: SoilEstimate, strength: Strength, load: float, slip: float | None
+    wheel: Wheel,
+    soil: SoilEstimate,
+    strength: Strength,
+    load: float,
+    slip: float | None,
+    reference_slip: float,
 ) -> ForceGradients | None:
     n, log_depth = soil.n, math.log(soil.reference_sinkage)
     log_size = math.log(wheel.diameter / soil.reference_diameter)
@@ -86,7 +97,7 @@ def _analytical(
     if point.sunk_to_axle:
         return None
     sinkage = math.exp(point.log_sinkage)
-    gradient = np.zeros((4, _COUNT))
+    gradient = np.zeros((5, _COUNT))
     log_sinkage = np.zeros(_COUNT)  # gradient of ln z
     log_sinkage[:4] = (
         -point.slope_load,
@@ -95,8 +106,7 @@ def _analytical(
         point.slope_load / load,
     )
     gradient[0] = sinkage * log_sinkage
-    compaction = 0.0
-    push = 0.0
+    compaction = push = pull = 0.0
     if wheel.contact == ROLLING:
         compaction = wheel.width * math.exp(log_modulus + (n + 1.0) * point.log_sinkage) / (n + 1.0)
         log_compaction = (n + 1.0) * log_sinkage
@@ -105,8 +115,12 @@ def _analytical(
         log_compaction[2] += log_size
         gradient[1] = compaction * log_compaction
         if slip is not None:
-            push = _thrust(wheel, strength, load, slip, sinkage, gradient)
-    return ForceGradients(np.array([sinkage, compaction, 0.0, push]), gradient)
+            push, gradient[3] = _thrust(wheel, strength, load, slip, sinkage, gradient[0])
+        held, gradient[4] = _thrust(wheel, strength, load, reference_slip, sinkage, gradient[0])
+        pull = held - compaction
+        gradient[4] -= gradient[1]
+        gradient[4, _SLIP] = 0.0  # the reference is exact
+    return ForceGradients(np.array([sinkage, compaction, 0.0, push, pull]), gradient)
 
 
 def _thrust(
@@ -115,10 +129,9 @@ def _thrust(
     load: float,
     slip: float,
     sinkage: float,
-    gradients: Array,
-) -> float:
-    """Thrust in the integrated form of `traction.thrust`; fills its row of the gradients."""
-    by_sinkage, gradient = gradients[0], gradients[3]
+    by_sinkage: Array,
+) -> tuple[float, Array]:
+    """Thrust in the integrated form of `traction.thrust`, and its gradient."""
     cohesion, kappa = strength.cohesion.value, strength.shear_displacement.value
     tangent = math.tan(strength.friction_angle.value)
     depth = 2.0 * sinkage / wheel.diameter  # over the radius
@@ -134,13 +147,13 @@ def _thrust(
         share, share_slope = x / 2.0 - x**2 / 6.0, 0.5 - x / 3.0
     sign = math.copysign(1.0, slip)
     by_length = wheel.width * cohesion * share + limit * share_slope * abs(slip) / kappa
-    gradient += sign * by_length * length_slope * by_sinkage
+    gradient = (sign * by_length * length_slope) * by_sinkage
     gradient[3] += sign * tangent * share
     gradient[4] += limit * share_slope * length / kappa  # even in slip: no sign
     gradient[5] += sign * wheel.width * length * share
     gradient[6] += sign * load * (1.0 + tangent**2) * share
     gradient[7] -= sign * limit * share_slope * x / kappa
-    return sign * limit * share
+    return sign * limit * share, gradient
 
 
 def _numerical(
@@ -149,6 +162,7 @@ def _numerical(
     strength: Strength,
     load: float,
     slip: float | None,
+    reference_slip: float,
     effects: Sequence[Effect],
     speed: float | None,
 ) -> ForceGradients | None:
@@ -167,45 +181,57 @@ def _numerical(
     # Central differences: the cube root of the rounding error is about the best step.
     step = 1e-5 * np.maximum(np.abs(centre), (1.0, 1.0, 1.0, 0.0, 0.1, 100.0, 0.1, 0.0))
     rows = np.concatenate([centre[None], centre + np.diag(step), centre - np.diag(step)])
-    rows[:, 4] = np.clip(rows[:, 4], -1.0, 1.0)
+    rows[:, _SLIP] = np.clip(rows[:, _SLIP], -1.0, 1.0)
     rows[:, 5:] = np.maximum(rows[:, 5:], 0.0)
-    names = [str(i) for i in range(len(rows))]
-    soils = [
-        Soil(
-            name,
-            math.exp(
-                p - n * math.log(soil.reference_sinkage) - m * math.log(soil.reference_diameter)
-            ),
-            n,
-            m,
-            cohesion,
-            friction_angle,
-            shear_displacement,
-        )
-        for name, (p, n, m, _, _, cohesion, friction_angle, shear_displacement) in zip(
-            names, rows.tolist(), strict=True
-        )
-    ]
-    covariates = {"slip": rows[:, 4]} if slip is not None else {}
-    if speed is not None:
-        covariates["speed"] = np.full(len(rows), speed)
-    conditions = Conditions.of(
-        rows[:, 3],
-        wheel.diameter,
-        wheel.width,
-        contact=wheel.contact,
-        soil=names,
-        **covariates,
-    )
-    predicted = predict(Model(soils, effects=effects), conditions)
-    if predicted.immobilised[0]:
+    soils = _soils(rows, soil)
+    slips = None if slip is None else rows[:, _SLIP]
+    now = _predicted(wheel, soils, rows[:, 3], slips, effects, speed)
+    if now.immobilised[0]:
         return None
-    push: Array = np.zeros(len(rows))
-    if predicted.thrust is not None and wheel.contact == ROLLING:
-        push = predicted.thrust
-    compaction = predicted.compaction_resistance
-    table = np.stack([predicted.sinkage, compaction, predicted.resistance - compaction, push])
+    rolling = wheel.contact == ROLLING
+    nothing: Array = np.zeros(len(rows))
+    push = now.thrust if now.thrust is not None and rolling else nothing
+    pull = nothing
+    if rolling:
+        held_slip = np.full(len(rows), reference_slip)
+        held = _predicted(wheel, soils, rows[:, 3], held_slip, effects, speed)
+        assert held.thrust is not None
+        sunk = held.immobilised[0]
+        pull = -rows[:, 3] if sunk else held.thrust - held.resistance
+    compaction = now.compaction_resistance
+    table = np.stack([now.sinkage, compaction, now.resistance - compaction, push, pull])
     up, down = slice(1, _COUNT + 1), slice(_COUNT + 1, None)
     # Where the clip to the domain has shortened a step, the difference is over what is left.
     width = np.diagonal(rows[up] - rows[down])
     return ForceGradients(table[:, 0], (table[:, up] - table[:, down]) / width)
+
+
+def _soils(rows: Array, soil: SoilEstimate) -> list[Soil]:
+    """One soil for each row of what is uncertain."""
+    depth, size = math.log(soil.reference_sinkage), math.log(soil.reference_diameter)
+    return [
+        Soil(str(i), math.exp(p - n * depth - m * size), n, m, *strength)
+        for i, (p, n, m, _, _, *strength) in enumerate(rows.tolist())
+    ]
+
+
+def _predicted(
+    wheel: Wheel,
+    soils: Sequence[Soil],
+    load: Array,
+    slip: Array | None,
+    effects: Sequence[Effect],
+    speed: float | None,
+) -> Prediction:
+    covariates = {} if slip is None else {"slip": slip}
+    if speed is not None:
+        covariates["speed"] = np.full(len(soils), speed)
+    conditions = Conditions.of(
+        load,
+        wheel.diameter,
+        wheel.width,
+        contact=wheel.contact,
+        soil=[soil.name for soil in soils],
+        **covariates,
+    )
+    return predict(Model(soils, effects=effects), conditions)

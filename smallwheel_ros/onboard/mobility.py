@@ -17,11 +17,19 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.onboard.force_gradients import UNCERTAIN, ForceGradients, force_gradients
+from smallwheel_ros.onboard.force_gradients import (
+    REFERENCE_SLIP,
+    UNCERTAIN,
+    ForceGradients,
+    force_gradients,
+)
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
+
+_LOAD, _SLIP = UNCERTAIN.index("load"), UNCERTAIN.index("slip")
+_HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
 
 
 class MobilityError(SmallwheelError):
@@ -44,8 +52,13 @@ class WheelForces:
     """Sinkage (m) and forces (N) of a wheel.
 
     rolling_resistance_coefficient: resistance over load, 1. probability_drawbar_pull_positive:
-    0 .. 1. The last three are None where slip is unknown, and for a pressed wheel, which shears no
-    soil.
+    0 .. 1. Thrust, drawbar pull and its probability are None where slip is unknown, and for a
+    pressed wheel, which shears no soil.
+
+    margin: drawbar pull over load at the reference slip, 1: the tangent of the steepest slope on
+    which this wheel carries its share; None for a pressed wheel. energy_per_metre: what the wheel
+    puts into the soil per metre of travel, J/m: thrust times rim speed over travel speed; None
+    where thrust is, and where the wheel hardly travels (slip over 0.95).
     """
 
     sinkage: Quantity
@@ -55,6 +68,16 @@ class WheelForces:
     thrust: Quantity | None
     drawbar_pull: Quantity | None
     probability_drawbar_pull_positive: float | None
+    margin: Quantity | None = None
+    energy_per_metre: Quantity | None = None
+
+    @property
+    def steepest_slope(self) -> Quantity | None:
+        """The slope that is held at the reference slip, rad; negative: not even level ground."""
+        if self.margin is None:
+            return None
+        value, deviation = self.margin.value, self.margin.standard_deviation
+        return Quantity(math.atan(value), deviation / (1.0 + value**2))
 
 
 @dataclass(frozen=True)
@@ -63,7 +86,8 @@ class MobilityEstimate:
 
     stamp: ns. status_text: all conditions that apply, in words. sinkage_predicted is from the soil
     as estimated before this sinkage was used, the forces are from after; both are None where load
-    is missing or the wheel is sunk to its axle.
+    is missing or the wheel is sunk to its axle. digging_in: slip and sinkage grow while the wheel
+    travels slower and slower.
     """
 
     wheel: str
@@ -75,6 +99,7 @@ class MobilityEstimate:
     sinkage_measured: Quantity | None
     sinkage_predicted: Quantity | None
     forces: WheelForces | None
+    digging_in: bool = False
 
 
 def wheel_forces(
@@ -85,6 +110,7 @@ def wheel_forces(
     slip: Quantity | None,
     *,
     scatter: float = 0.0,
+    reference_slip: float = REFERENCE_SLIP,
     effects: Sequence[Effect] = (),
     speed: float | None = None,
 ) -> WheelForces | None:
@@ -96,6 +122,8 @@ def wheel_forces(
         N; -1 .. 1, None when unknown.
     scatter
         Standard deviation of ln k from spot to spot, on top of that of the estimate.
+    reference_slip
+        Slip at which the margin is worked out, 1.
     effects, speed
         Effects of the model, and the travel speed (m/s) for those that read it.
 
@@ -121,20 +149,27 @@ def wheel_forces(
         strength,
         load.value,
         None if slip is None else slip.value,
+        reference_slip=reference_slip,
         effects=effects,
         speed=speed,
     )
     if forces is None:
         return None
     covariance = _covariance(soil, strength, load, slip, scatter)
-    # A wheel that is pushed straight down does not shear the soil along a path.
-    traction = slip is not None and wheel.contact == ROLLING
     if not (np.isfinite(forces.value).all() and np.isfinite(forces.gradient).all()):
         raise MobilityError(
             f"wheel {wheel.name}: the model gives no finite forces for a load of {load.value:g} N"
             f" with n = {soil.n:g} and ln of reference pressure {soil.log_reference_pressure:g}"
         )
-    return _quantities(forces, load.value, covariance, traction)
+    # A wheel that is pushed straight down does not shear the soil along a path.
+    rolling = wheel.contact == ROLLING
+    return _quantities(
+        forces,
+        load.value,
+        slip.value if slip is not None and rolling else None,
+        covariance,
+        rolling,
+    )
 
 
 def _covariance(
@@ -151,35 +186,68 @@ def _covariance(
 
 
 def _quantities(
-    forces: ForceGradients, load: float, covariance: Array, traction: bool
+    forces: ForceGradients, load: float, slip: float | None, covariance: Array, rolling: bool
 ) -> WheelForces:
-    sinkage, compaction, other, thrust = forces.value
-    by_sinkage, by_compaction, by_other, by_thrust = forces.gradient
+    """Put values and deviations together; slip is None where there is no traction to tell of."""
+    sinkage, compaction, other, thrust, pull = forces.value.tolist()
+    by_sinkage, by_compaction, by_other, by_thrust, by_pull = forces.gradient
     resistance, by_resistance = compaction + other, by_compaction + by_other
-    by_coefficient = by_resistance / load
-    by_coefficient[UNCERTAIN.index("load")] -= resistance / load**2
+    by_coefficient, by_margin = by_resistance / load, by_pull / load
+    by_coefficient[_LOAD] -= resistance / load**2
+    by_margin[_LOAD] -= pull / load**2
+    ratio, by_ratio = _rim_over_travel(slip)
+    by_energy = ratio * by_thrust
+    by_energy[_SLIP] += by_ratio * thrust
     gradients = np.stack(
-        [by_sinkage, by_compaction, by_other, by_coefficient, by_thrust, by_thrust - by_resistance]
+        [
+            by_sinkage,
+            by_compaction,
+            by_other,
+            by_coefficient,
+            by_thrust,
+            by_thrust - by_resistance,
+            by_margin,
+            by_energy,
+        ]
     )
     # Rounding can leave a variance that is zero a little below it.
-    variance = np.maximum(np.einsum("ij,jk,ik->i", gradients, covariance, gradients), 0.0)
-    values = (sinkage, compaction, other, resistance / load, thrust, thrust - resistance)
-    depth, compacting, rest, coefficient, push, pull = (
-        Quantity(float(value), deviation)
+    variance = np.maximum(np.einsum("ij,ij->i", gradients @ covariance, gradients), 0.0)
+    values = (
+        sinkage,
+        compaction,
+        other,
+        resistance / load,
+        thrust,
+        thrust - resistance,
+        pull / load,
+        ratio * thrust,
+    )
+    depth, compacting, rest, coefficient, push, net, margin, energy = (
+        Quantity(value, deviation)
         for value, deviation in zip(values, np.sqrt(variance).tolist(), strict=True)
     )
+    traction = slip is not None
     return WheelForces(
         sinkage=depth,
         compaction_resistance=compacting,
         other_resistance=rest,
         rolling_resistance_coefficient=coefficient,
         thrust=push if traction else None,
-        drawbar_pull=pull if traction else None,
-        probability_drawbar_pull_positive=_probability_positive(pull) if traction else None,
+        drawbar_pull=net if traction else None,
+        probability_drawbar_pull_positive=probability_positive(net) if traction else None,
+        margin=margin if rolling else None,
+        energy_per_metre=energy if traction and ratio > 0.0 else None,
     )
 
 
-def _probability_positive(quantity: Quantity) -> float:
+def _rim_over_travel(slip: float | None) -> tuple[float, float]:
+    """Rim speed over travel speed and its derivative by slip; zeros where it is not to be told."""
+    if slip is None or slip > _HARDLY_TRAVELS:
+        return 0.0, 0.0
+    return (1.0 / (1.0 - slip), 1.0 / (1.0 - slip) ** 2) if slip >= 0 else (1.0 + slip, 1.0)
+
+
+def probability_positive(quantity: Quantity) -> float:
     """Probability that a normally distributed quantity is above zero."""
     if quantity.standard_deviation == 0.0:
         return float(quantity.value > 0.0)

@@ -170,7 +170,7 @@ def reference() -> str:
 
 def main() -> None:
     """Write template and documentation into the checkout."""
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     for name, text in (("config/template.yaml", template()), ("docs/parameters.md", reference())):
         path = root / name
         path.parent.mkdir(exist_ok=True)

@@ -7,6 +7,7 @@ The defaults of estimator, noise and timing are those of their classes.
 from __future__ import annotations
 
 from smallwheel_ros.estimator.settings import EstimatorSettings
+from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
 from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.settings import SensorNoise, Timing
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
@@ -63,6 +64,14 @@ GENERAL: tuple[Parameter, ...] = (
         0.0,
         1.0,
         "At or below it vehicle and wheels count as standing: no slip, no travel.",
+    ),
+    _double(
+        "reference_slip",
+        REFERENCE_SLIP,
+        "1",
+        0.02,
+        0.9,
+        "Slip at which mobility margin and steepest slope are worked out, and so the cost map.",
     ),
     Parameter(
         "soil.name",

@@ -153,6 +153,7 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
             timing=Timing(**group("timing", Timing)),
             standstill_speed=v["standstill_speed"],
             without_sinkage=frozenset(w for w in wheels if not v[f"{w}.sinkage_topic"]),
+            reference_slip=v["reference_slip"],
         )
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error

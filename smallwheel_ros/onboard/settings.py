@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Strength, Wheel
 
@@ -81,6 +82,8 @@ class OnboardSettings:
         m/s; at or below it vehicle and wheels count as standing.
     without_sinkage
         Names of wheels whose sinkage nobody measures; they get predictions at the times of loads.
+    reference_slip
+        Slip at which the margin is worked out (`mobility.WheelForces`), 0 .. 1.
 
     Raises OnboardError where something is outside its domain.
     """
@@ -93,6 +96,7 @@ class OnboardSettings:
     timing: Timing = field(default_factory=Timing)
     standstill_speed: float = 0.01
     without_sinkage: frozenset[str] = frozenset()
+    reference_slip: float = REFERENCE_SLIP
 
     def __post_init__(self) -> None:
         """Check everything that no other class checks."""
@@ -127,6 +131,8 @@ class OnboardSettings:
             raise OnboardError(
                 f"standstill_speed is {self.standstill_speed!r} m/s, expected 0 or more"
             )
+        if not 0.0 < self.reference_slip < 1.0:
+            raise OnboardError(f"reference_slip is {self.reference_slip!r}, expected 0 to 1")
         for name, quantity in (
             ("cohesion", self.strength.cohesion),
             ("friction_angle", self.strength.friction_angle),

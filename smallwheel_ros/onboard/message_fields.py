@@ -1,0 +1,88 @@
+"""Estimates as the fields of their messages, without ROS: what node and replay write alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.onboard.mobility import MobilityEstimate
+from smallwheel_ros.physics.wheel import Quantity
+
+STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
+# Names in the message and in `WheelForces`.
+_FORCES = {
+    "compaction_resistance": "compaction_resistance",
+    "other_resistance": "other_resistance",
+    "rolling_resistance_coefficient": "rolling_resistance_coefficient",
+    "thrust": "thrust",
+    "drawbar_pull": "drawbar_pull",
+    "mobility_margin": "margin",
+    "steepest_slope": "steepest_slope",
+    "energy_per_metre": "energy_per_metre",
+}
+
+
+def _put(fields: dict[str, Any], name: str, quantity: Quantity | None) -> None:
+    """A quantity that is not known is 0."""
+    fields[name] = 0.0 if quantity is None else quantity.value
+    fields[f"{name}_standard_deviation"] = 0.0 if quantity is None else quantity.standard_deviation
+
+
+def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
+    """Return all fields of MobilityEstimate.msg but its header.
+
+    The header's stamp is `estimate.stamp` (ns), its frame_id `estimate.wheel`.
+    """
+    forces = estimate.forces if estimate.sinkage_predicted is not None else None
+    probability = None if forces is None else forces.probability_drawbar_pull_positive
+    fields: dict[str, Any] = {
+        "status": int(estimate.status),
+        "status_text": estimate.status_text,
+        "load_valid": estimate.load is not None,
+        "slip_valid": estimate.slip is not None,
+        "sinkage_measured_valid": estimate.sinkage_measured is not None,
+        "prediction_valid": forces is not None,
+        "traction_valid": forces is not None and forces.drawbar_pull is not None,
+        "probability_drawbar_pull_positive": probability or 0.0,
+        "margin_valid": forces is not None and forces.margin is not None,
+        "energy_valid": forces is not None and forces.energy_per_metre is not None,
+        "digging_in": estimate.digging_in,
+    }
+    _put(fields, "load", estimate.load)
+    _put(fields, "slip", estimate.slip)
+    _put(fields, "sinkage_measured", estimate.sinkage_measured)
+    _put(fields, "sinkage_predicted", None if forces is None else estimate.sinkage_predicted)
+    for name, attribute in _FORCES.items():
+        quantity: Quantity | None = None if forces is None else getattr(forces, attribute)
+        _put(fields, name, quantity)
+    return fields
+
+
+def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
+    """Return all fields of SoilEstimate.msg but its header; the covariance has shape (9,).
+
+    rejected: measurements that were not used, for any reason.
+    """
+    modulus, deviation = soil.effective_modulus()
+    known = soil.identifiable
+    return {
+        "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
+        "status_text": "; ".join(soil.status),
+        "k": float(soil.k),
+        "n": float(soil.n),
+        "m": float(soil.m),
+        "covariance": soil.covariance.ravel(),
+        "reference_diameter": soil.reference_diameter,
+        "reference_sinkage": soil.reference_sinkage,
+        "effective_modulus": modulus,
+        "effective_modulus_standard_deviation": deviation,
+        "reference_pressure": soil.reference_pressure,
+        "reference_pressure_standard_deviation": soil.reference_pressure_std,
+        "k_identifiable": known.k,
+        "n_identifiable": known.n,
+        "m_identifiable": known.m,
+        "effective_modulus_identifiable": known.effective_modulus,
+        "reference_pressure_identifiable": known.reference_pressure,
+        "measurements_accepted": soil.accepted,
+        "measurements_rejected": rejected,
+    }
