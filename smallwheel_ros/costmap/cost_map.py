@@ -14,7 +14,7 @@ import numpy as np
 
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.crossed_ground import CrossedGround
-from smallwheel_ros.costmap.grid import HIGHEST, Cells, CostMapError, Grid
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, CostMapError, Grid
 from smallwheel_ros.costmap.terrain_classes import TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -175,6 +175,6 @@ def _lay_over(costs: Grid, ground: Grid) -> None:
     cost = np.broadcast_to(ground.cells[rows, columns][:, None, None], at_row.shape)
     inside = (at_row >= 0) & (at_row < costs.cells.shape[0])
     inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
-    crossed: Cells = np.full_like(costs.cells, -1)
-    np.maximum.at(crossed, (at_row[inside], at_column[inside]), cost[inside])
-    np.copyto(costs.cells, crossed, where=crossed >= 0)
+    at = at_row[inside], at_column[inside]
+    costs.cells[at] = UNKNOWN
+    np.maximum.at(costs.cells, at, cost[inside])
