@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.iterated_update import exponent_of, exponent_slope
+from smallwheel_ros.estimator.bounded_exponent import exponent_of, exponent_slope
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -195,13 +195,13 @@ def soil_estimate(
     variety: Variety,
     counts: Counts,
 ) -> SoilEstimate:
-    """Put the filter's state (ln pressure, logit of n/3, m) into the terms of the field.
+    """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
 
     state, covariance, prior: shapes (3,), (3, 3), (3, 3), at the reference of `soil`.
     reference: sinkage and diameter (m) to report at.
     """
-    pressure_log, logit, m = state.tolist()
-    n, slope = exponent_of(logit), exponent_slope(exponent_of(logit))
+    pressure_log, q, m = state.tolist()
+    n, slope = exponent_of(q), exponent_slope(q)
     up, across = math.log(reference[0]), math.log(reference[1])
     deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
     pressure_log += n * deeper + m * larger

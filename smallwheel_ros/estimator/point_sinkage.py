@@ -131,3 +131,47 @@ def _solve(
         power *= ratio
         by_exponent += c * harmonic * power
     return log_z, slope, by_exponent / value, excess
+
+
+class PointPressure(NamedTuple):
+    """ln of K = k D^m (Pa/m^n) that a sinkage shows, and its slopes by ln sinkage and by n."""
+
+    log_modulus: float
+    slope_sinkage: float
+    slope_exponent: float
+
+
+def point_pressure(
+    load: float, diameter: float, width: float, log_sinkage: float, exponent: float
+) -> PointPressure:
+    """Modulus of the soil in which a rolling wheel sinks so far: the inverse of `point_sinkage`.
+
+    load: N, > 0. diameter, width: m. log_sinkage: ln of m. exponent: n, 0 to 3. Beyond the axle
+    the same continuation. Raises ValueError or ArithmeticError for numbers outside these.
+    """
+    half = exponent + 0.5
+    ratio = math.exp(log_sinkage) / diameter
+    beyond = ratio > AXLE_RATIO
+    ratio = min(ratio, AXLE_RATIO)
+    if not ratio <= AXLE_RATIO:
+        raise ValueError("sinkage is not a number")
+    shape = next(s for s in _SHAPES if ratio <= s.limit)
+    value, slope, by_exponent = 1.0, 0.0, 0.0
+    term, harmonic, denominator, beta_index = 1.0, 0.0, half, -0.5
+    for power, a in enumerate(shape.coefficients, 1):
+        denominator += 1.0
+        beta_index += 1.0
+        term *= ratio * beta_index / denominator
+        harmonic += 1.0 / denominator
+        part = a * term
+        value += part
+        slope += power * part
+        by_exponent -= harmonic * part
+    log_start = _LOG_HALF_ROOT_PI + math.lgamma(exponent + 1.0) - math.lgamma(exponent + 1.5)
+    at_zero = float(digamma(exponent + 1.0)) - float(digamma(exponent + 1.5))
+    log_load = math.log(load / (width * math.sqrt(diameter)))
+    return PointPressure(
+        log_load - log_start - half * log_sinkage - math.log(value),
+        -half - (0.0 if beyond else slope / value),
+        -log_sinkage - at_zero - by_exponent / value,
+    )

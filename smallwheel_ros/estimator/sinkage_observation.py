@@ -35,12 +35,25 @@ class Observed(NamedTuple):
 
 
 class Observation(Protocol):
-    """One wheel under one load; `diameter_log`: ln of its diameter over the reference."""
+    """One wheel under one load; `diameter_log`: ln of its diameter over the reference.
+
+    wheel: load (N), diameter and width (m) of the plain rolling wheel that it comes nearest to.
+    """
 
     diameter_log: float
+    wheel: tuple[float, float, float]
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         """Sinkage in a soil. Raises ArithmeticError or ValueError where there is none."""
+
+
+class Reading(NamedTuple):
+    """One wheel's measured sinkage. noise: m^2; load_noise: variance of ln load."""
+
+    observe: Observation
+    measured: float
+    noise: float
+    load_noise: float
 
 
 class _Plain:
@@ -50,6 +63,7 @@ class _Plain:
         # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
         self.load = 0.5 * load if contact == PRESSED else load
         self.diameter, self.width = diameter, width
+        self.wheel = self.load, diameter, width
         self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
@@ -83,7 +97,7 @@ class _WithEffects:
             float(conditions.width[0]),
             str(conditions.contact[0]),
         )
-        self.diameter_log = self.plain.diameter_log
+        self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
         self.digging = [e for e in effects if type(e).sinkage is not Effect.sinkage]
         self.showing = [
             e for e in effects if type(e).measured_sinkage is not Effect.measured_sinkage
@@ -116,7 +130,13 @@ class _Layered:
         for effect in effects:
             diameter = effect.wheel_diameter(diameter, conditions)
         self.effects = tuple(effects)
-        self.diameter_log = math.log(float(diameter[0]) / REFERENCE_DIAMETER)
+        plain = _Plain(
+            float(conditions.load[0]),
+            float(diameter[0]),
+            float(conditions.width[0]),
+            str(conditions.contact[0]),
+        )
+        self.diameter_log, self.wheel = plain.diameter_log, plain.wheel
         five = conditions.take(np.zeros(5, dtype=np.intp))
         self.conditions = Conditions(
             five.load,

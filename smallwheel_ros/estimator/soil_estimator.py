@@ -4,8 +4,8 @@ estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-State: ln of the pressure at the reference sinkage and diameter, the logit of n/3, m, and for each
-wheel the deviation of ln k at the spot where it stands. The spot's deviation is what repeated
+State: ln of the sinkage of a reference wheel, n, m (see `coordinates`), and for each wheel the
+deviation of ln k at the spot where it stands. The spot's deviation is what repeated
 measurements at one place have in common: they sharpen the spot, not the soil, and no measurement
 has to be skipped. It fades over `scatter_length` of travel.
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from scipy.special import chdtri
 
@@ -26,7 +26,7 @@ from smallwheel_ros.estimator.identifiability import (
     Variety,
     soil_estimate,
 )
-from smallwheel_ros.estimator.iterated_update import exponent_of, line_at
+from smallwheel_ros.estimator.load_level import LoadLevel
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -35,7 +35,7 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.sinkage_observation import Observation, observation
+from smallwheel_ros.estimator.sinkage_observation import Reading, observation
 from smallwheel_ros.estimator.soil_state import SoilState
 from smallwheel_ros.physics.conditions import ROLLING
 
@@ -66,6 +66,8 @@ class _Wheel:
     spot: int
     time: float
     distance: float
+    load: LoadLevel = field(default_factory=LoadLevel)
+    carried: float = 0.0  # N, the newest load without its noise
     surprised_at: float | None = None
 
 
@@ -141,31 +143,28 @@ class SoilEstimator:
         return None
 
     def _use(self, given: SinkageMeasurement) -> UpdateResult:
-        observe = observation(
-            self.effects,
-            given.load,
-            given.diameter,
-            given.width,
-            given.contact,
-            given.slip,
-            given.speed,
-        )
+        known = self._wheels.get(given.wheel)
+        before = None if known is None else (known.time, known.distance)
         wheel = self._arrive(given)
-        noise = given.variance
-        if not (math.isfinite(noise) and noise > 0):
-            noise = self.settings.sinkage_std**2
-        noise = max(noise, _LEAST_VARIANCE)
-        load_noise = given.load_variance / given.load**2
-        taken = self._soil.take(observe, given.sinkage, noise, load_noise, wheel.spot, self._gate)
+        try:
+            reading = self._reading(given, wheel)
+            taken = self._soil.take(reading, wheel.spot, self._gate)
+        except (ArithmeticError, ValueError):
+            # What could not be used does not stand in the way of an earlier one that can.
+            if before is not None:
+                wheel.time, wheel.distance = before
+            else:
+                wheel.time = wheel.distance = -math.inf
+            raise
         reason: str = taken.reason
         if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
-            reason = self._reopen(observe, given.sinkage, wheel.spot, noise, load_noise)
+            reason = self._reopen(reading, wheel.spot)
         if reason in ("accepted", "soil_changed"):
             outcome, message = Outcome.ACCEPTED, ""
             self._fitted, self._surprises, self._widenings = True, 0, 0
             wheel.surprised_at = None
             self.accepted += 1
-            self._variety = self._variety.with_wheel(given.diameter, given.load / given.width)
+            self._variety = self._variety.with_wheel(given.diameter, wheel.carried / given.width)
         else:
             outcome = Outcome.OUTLIER
             self.outliers += 1
@@ -181,11 +180,29 @@ class SoilEstimator:
             reason,
             message,
             taken.expected,
-            taken.variance - noise,
+            taken.variance - reading.noise,
             given.sinkage - taken.expected,
             taken.variance,
             taken.chi_square,
         )
+
+    def _reading(self, given: SinkageMeasurement, wheel: _Wheel) -> Reading:
+        noise = given.variance
+        if not (math.isfinite(noise) and noise > 0):
+            noise = self.settings.sinkage_std**2
+        wheel.carried, load_noise = wheel.load.follow(
+            given.load, given.load_variance / given.load**2
+        )
+        observe = observation(
+            self.effects,
+            wheel.carried,
+            given.diameter,
+            given.width,
+            given.contact,
+            given.slip,
+            given.speed,
+        )
+        return Reading(observe, given.sinkage, max(noise, _LEAST_VARIANCE), load_noise)
 
     def _arrive(self, given: SinkageMeasurement) -> _Wheel:
         """Bring filter and wheel to where the measurement was made."""
@@ -215,16 +232,14 @@ class SoilEstimator:
             wheel.surprised_at = distance
         return self._surprises >= self.settings.surprises_to_reopen
 
-    def _reopen(
-        self, observe: Observation, measured: float, spot: int, noise: float, load_noise: float
-    ) -> str:
+    def _reopen(self, reading: Reading, spot: int) -> str:
         """Take the surprises for another soil: the prior, wider if that did not fit."""
         changed = self._fitted
         self._widenings = 0 if changed else min(self._widenings + 1, _MOST_WIDENINGS)
         self._surprises, self._fitted = 0, False
         self._soil.reopen(4.0**self._widenings)
         self._variety = Variety()
-        reason = self._soil.take(observe, measured, noise, load_noise, spot, self._gate).reason
+        reason = self._soil.take(reading, spot, self._gate).reason
         if reason != "accepted":
             return reason
         self.soil_changes += changed
@@ -278,12 +293,10 @@ class SoilEstimator:
         known = self._wheels.get(wheel) if wheel is not None else None
         try:
             observe = observation(self.effects, load, diameter, width, contact, slip, speed)
-            belief = self._soil.belief(observe.diameter_log, None if known is None else known.spot)
-            observed = observe(belief.s, exponent_of(belief.q))
-            line = line_at(observed, belief.s, belief.q, belief, 0.0, 0.0, load_variance / load**2)
-            variance = belief.spread(line.by_s, line.by_q) + line.noise
+            spot = None if known is None else known.spot
+            point, variance = self._soil.predict(observe, load_variance / load**2, spot)
             prediction = SinkagePrediction(
-                observed.sinkage, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
+                point.value, math.sqrt(max(variance, 0.0)), point.sunk_to_axle
             )
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
