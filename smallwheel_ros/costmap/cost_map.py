@@ -113,9 +113,21 @@ class CostMap:
 
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""
+        before = self._class_grid
+        if (
+            before is not None
+            and before.geometry == grid.geometry
+            and np.array_equal(before.cells, grid.cells)
+        ):
+            return
         self._class_grid = grid
         self._check_frames()
         self.changed = True
+
+    @property
+    def class_grid(self) -> Grid | None:
+        """The newest grid of terrain classes."""
+        return self._class_grid
 
     def grid(self) -> Grid | None:
         """Return the costs as they are now; None as long as there is no place to speak of.

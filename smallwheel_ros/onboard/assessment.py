@@ -14,6 +14,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     UpdateResult,
 )
 from smallwheel_ros.onboard.digging_in import DiggingInAlarm
+from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
 from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
@@ -38,6 +39,7 @@ class Assessor:
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
         self.estimator = SoilEstimator(settings.prior, settings.estimator, settings.effects)
+        self.health = FilterHealth()
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
 
     def apply(self, settings: OnboardSettings) -> None:
@@ -49,6 +51,7 @@ class Assessor:
     def reset(self) -> None:
         """Forget the soil, and what ordinary driving is like."""
         self.estimator.reset()
+        self.health.reset()
         for alarm in self._digging.values():
             alarm.reset()
 
@@ -60,6 +63,7 @@ class Assessor:
         failure = ""
         if instant.load is not None and instant.sinkage is not None:
             update = self._update(instant, instant.load, instant.sinkage)
+            self.health.add(update)
         soil = self.estimator.estimate()
         if instant.load is not None:
             try:

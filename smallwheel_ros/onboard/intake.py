@@ -47,7 +47,8 @@ class Intake:
     """Takes messages as they arrive, and gives instants in the order of their stamps.
 
     Each `add_` method takes the stamp (ns) of the measurement and what the clock says now (None or
-    0 where there is no clock). `time_jumps` counts how often everything was forgotten because time
+    0 where there is no clock). `newest` has each stream's newest good stamp; `time_jumps` counts
+    how often everything was forgotten because time
     went back.
     """
 
@@ -55,6 +56,7 @@ class Intake:
         self.settings = settings
         self.problems = ProblemLog()
         self.received: Counter[str] = Counter()
+        self.newest: dict[str, int] = {}
         self.time_jumps = 0
         self._order = {wheel.name: i for i, wheel in enumerate(settings.wheels)}
         self._waiting: list[_Waiting] = []
@@ -83,6 +85,7 @@ class Intake:
         self._waiting.clear()
         self._memory.clear()
         self._newest: int | None = None
+        self.newest.clear()
         self._first = 0
         self._released = [0] * len(self.settings.wheels)
 
@@ -244,13 +247,15 @@ class Intake:
     def _good_stamp(self, stream: str, stamp: int, now: int | None) -> bool:
         self.received[stream] += 1
         fault = self._rules.fault(stamp, self._newest, now)
-        if fault is not StampFault.JUMP_BACK:
-            return self._kept(stream, stamp, fault, now)
-        # The message itself is good: it is the first one of the new time.
-        text = stamp_problem(fault, stamp, self._newest, now, self.settings.timing)
-        self.problems.add(stream, fault.value, text, unused=False)
-        self.time_jumps += 1
-        self.start_over("time went back before its turn came")
+        if fault is StampFault.JUMP_BACK:
+            # The message itself is good: it is the first one of the new time.
+            text = stamp_problem(fault, stamp, self._newest, now, self.settings.timing)
+            self.problems.add(stream, fault.value, text, unused=False)
+            self.time_jumps += 1
+            self.start_over("time went back before its turn came")
+        elif not self._kept(stream, stamp, fault, now):
+            return False
+        self.newest[stream] = max(stamp, self.newest.get(stream, 0))
         return True
 
     def _kept(

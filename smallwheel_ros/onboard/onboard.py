@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.assessment import Assessor
+from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.intake import Intake
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
@@ -137,9 +138,19 @@ class Onboard:
         return self._assessor.estimator.estimate()
 
     @property
+    def health(self) -> FilterHealth:
+        """How well the filter has done lately."""
+        return self._assessor.health
+
+    @property
     def rejected(self) -> int:
         """Measured sinkages that were not used for the soil since the start or the last reset."""
         return self._intake.problems.refused_sinkages - self._refused_before
+
+    @property
+    def time_jumps(self) -> int:
+        """How often everything was forgotten because time went back."""
+        return self._intake.time_jumps
 
     @property
     def streams(self) -> tuple[str, ...]:
@@ -150,6 +161,11 @@ class Onboard:
     def received(self) -> Counter[str]:
         """How many messages have come, by stream, good and bad."""
         return self._intake.received
+
+    @property
+    def newest(self) -> dict[str, int]:
+        """The newest stamp (ns) of each stream that has had a message."""
+        return self._intake.newest
 
     @property
     def counts(self) -> Counter[tuple[str, str]]:
