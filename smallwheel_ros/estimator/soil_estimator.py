@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from scipy.special import chdtri
 
@@ -23,10 +22,8 @@ from smallwheel_ros.estimator.identifiability import (
     Counts,
     Identifiable,
     SoilEstimate,
-    Variety,
     soil_estimate,
 )
-from smallwheel_ros.estimator.load_level import LoadLevel
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -36,7 +33,7 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     find_problem,
 )
 from smallwheel_ros.estimator.sinkage_observation import Reading, observation
-from smallwheel_ros.estimator.soil_state import SoilState
+from smallwheel_ros.estimator.soils import Soils, WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 
 __all__ = [
@@ -55,20 +52,6 @@ __all__ = [
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
 _LEAST_VARIANCE = (1e-5) ** 2  # m^2: no sinkage is measured better; keeps the covariance sound
-_MOST_WIDENINGS = 3
-_LEAST_STEP = 0.01  # of the scatter length: drift over less waits until it adds up
-
-
-@dataclass
-class _Wheel:
-    """A wheel's place in the state, its newest measurement, and where it last surprised."""
-
-    spot: int
-    time: float
-    distance: float
-    load: LoadLevel = field(default_factory=LoadLevel)
-    carried: float = 0.0  # N, the newest load without its noise
-    surprised_at: float | None = None
 
 
 class SoilEstimator:
@@ -96,19 +79,20 @@ class SoilEstimator:
                 )
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
-        self._soil = SoilState(prior, self.settings)
         self.reset()
 
     def reset(self) -> None:
         """Forget every measurement and count: the prior again."""
-        self._soil.reset()
-        self._wheels: dict[str, _Wheel] = {}
-        self._distance = self._drifted = 0.0
-        self._variety = Variety()
-        self._surprises = self._widenings = 0
-        self._fitted = False  # something was accepted since the start or the last reopening
-        self.accepted = self.outliers = self.soil_changes = 0
+        self._soils = Soils(self.prior, self.settings, self._gate)
+        self._wheels: dict[str, WheelTrack] = {}
+        self._distance = 0.0
+        self.accepted = self.outliers = 0
         self.refused: dict[str, int] = {}
+
+    @property
+    def soil_changes(self) -> int:
+        """How often a run of surprises was taken for another soil."""
+        return self._soils.changes
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
         """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
@@ -148,7 +132,7 @@ class SoilEstimator:
         wheel = self._arrive(given)
         try:
             reading = self._reading(given, wheel)
-            taken = self._soil.take(reading, wheel.spot, self._gate)
+            taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
         except (ArithmeticError, ValueError):
             # What could not be used does not stand in the way of an earlier one that can.
             if before is not None:
@@ -156,15 +140,12 @@ class SoilEstimator:
             else:
                 wheel.time = wheel.distance = -math.inf
             raise
-        reason: str = taken.reason
-        if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
-            reason = self._reopen(reading, wheel.spot)
         if reason in ("accepted", "soil_changed"):
             outcome, message = Outcome.ACCEPTED, ""
-            self._fitted, self._surprises, self._widenings = True, 0, 0
-            wheel.surprised_at = None
             self.accepted += 1
-            self._variety = self._variety.with_wheel(given.diameter, wheel.carried / given.width)
+            wheel.soil.variety = wheel.soil.variety.with_wheel(
+                given.diameter, wheel.carried / given.width
+            )
         else:
             outcome = Outcome.OUTLIER
             self.outliers += 1
@@ -186,7 +167,7 @@ class SoilEstimator:
             taken.chi_square,
         )
 
-    def _reading(self, given: SinkageMeasurement, wheel: _Wheel) -> Reading:
+    def _reading(self, given: SinkageMeasurement, wheel: WheelTrack) -> Reading:
         noise = given.variance
         if not (math.isfinite(noise) and noise > 0):
             noise = self.settings.sinkage_std**2
@@ -204,53 +185,26 @@ class SoilEstimator:
         )
         return Reading(observe, given.sinkage, max(noise, _LEAST_VARIANCE), load_noise)
 
-    def _arrive(self, given: SinkageMeasurement) -> _Wheel:
+    def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
         """Bring filter and wheel to where the measurement was made."""
         if not self._wheels:
-            self._distance = self._drifted = given.distance
+            self._distance = given.distance
+            self._soils.start(given.distance)
         self._distance = max(self._distance, given.distance)
-        step = self._distance - self._drifted
-        if step > _LEAST_STEP * self.settings.scatter_length:
-            self._soil.travel(step)
-            self._drifted = self._distance
         wheel = self._wheels.get(given.wheel)
         if wheel is None:
-            wheel = _Wheel(self._soil.add_spot(), given.time, given.distance)
+            spot = self._soils.add_spot()
+            wheel = WheelTrack(spot, given.time, given.distance, self._soils.current)
             self._wheels[given.wheel] = wheel
         wheel.time, wheel.distance = given.time, given.distance
         return wheel
 
-    def _is_run_of_surprises(self, wheel: _Wheel, distance: float) -> bool:
-        """Count a surprise if it is at another spot than this wheel's last one.
-
-        Before anything has fitted there is no estimate to protect, and each one counts.
-        """
-        apart = 0.5 * self.settings.scatter_length
-        last = wheel.surprised_at
-        if last is None or distance - last >= apart or not self._fitted:
-            self._surprises += 1
-            wheel.surprised_at = distance
-        return self._surprises >= self.settings.surprises_to_reopen
-
-    def _reopen(self, reading: Reading, spot: int) -> str:
-        """Take the surprises for another soil: the prior, wider if that did not fit."""
-        changed = self._fitted
-        self._widenings = 0 if changed else min(self._widenings + 1, _MOST_WIDENINGS)
-        self._surprises, self._fitted = 0, False
-        self._soil.reopen(4.0**self._widenings)
-        self._variety = Variety()
-        reason = self._soil.take(reading, spot, self._gate).reason
-        if reason != "accepted":
-            return reason
-        self.soil_changes += changed
-        return "soil_changed"
-
     def estimate(self) -> SoilEstimate:
         """Return the soil as it is believed now."""
         return soil_estimate(
-            *self._soil.law,
+            *self._soils.current.state.law,
             (self.settings.reference_sinkage, self.settings.reference_diameter),
-            self._variety,
+            self._soils.current.variety,
             Counts(
                 self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
             ),
@@ -294,7 +248,8 @@ class SoilEstimator:
         try:
             observe = observation(self.effects, load, diameter, width, contact, slip, speed)
             spot = None if known is None else known.spot
-            point, variance = self._soil.predict(observe, load_variance / load**2, spot)
+            soil = self._soils.current if known is None else known.soil
+            point, variance = soil.state.predict(observe, load_variance / load**2, spot)
             prediction = SinkagePrediction(
                 point.value, math.sqrt(max(variance, 0.0)), point.sunk_to_axle
             )

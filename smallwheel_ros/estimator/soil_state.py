@@ -122,9 +122,18 @@ class SoilState:
     ) -> tuple[Point, float]:
         """Sinkage (m) of a wheel, and its variance (m^2)."""
         belief = self.belief(spot)
-        point = _point(self._coordinates, Reading(observe, 0.0, 0.0, load_noise), belief.mean)
+        point = _point(
+            self._coordinates, Reading(observe, 0.0, 0.0, load_noise), belief.mean, belief
+        )
         line = line_at(point, belief.mean, belief, 0.0)
         return point, line.spread + line.noise
+
+    def relative_spread(self, reading: Reading, spot: int) -> float:
+        """Standard deviation of what is expected of a reading, over it."""
+        belief = self.belief(spot)
+        point = _point(self._coordinates, reading, belief.mean, belief)
+        spread = line_at(point, belief.mean, belief, reading.measured).spread
+        return math.sqrt(spread) / max(abs(point.value), 1e-9)
 
     def take(self, reading: Reading, spot: int, gate: float) -> Taken:
         """Update by a measurement at a spot if it fits (chi-square within the gate).
@@ -152,7 +161,7 @@ class SoilState:
 
     def _linearise(self, reading: Reading, belief: Belief) -> tuple[Point, Line, Line, Four]:
         def at(x: Four) -> Point:
-            return _point(self._coordinates, reading, x)
+            return _point(self._coordinates, reading, x, belief)
 
         point = at(belief.mean)
         first = line_at(point, belief.mean, belief, reading.measured)
@@ -189,8 +198,9 @@ class SoilState:
         last = opening.at(spot)
         there = None
         if last is not None:
-            there = _point(self._coordinates, last.reading, self.belief(spot).mean).value
-            here = _point(self._coordinates, reading, self.belief(spot).mean).value
+            belief = self.belief(spot)
+            there = _point(self._coordinates, last.reading, belief.mean, belief).value
+            here = _point(self._coordinates, reading, belief.mean, belief).value
         if opening.add(reading, spot, here, there):
             self._run_again()
         variance = float(self._filter.covariance[_EXPONENT, _EXPONENT])
@@ -227,7 +237,7 @@ class SoilState:
                 travelled = record.travelled
             x = first, q, m, float(self._filter.deviation[record.spot])
             belief = self.belief(record.spot)
-            point = _point(coordinates, record.reading, x)
+            point = _point(coordinates, record.reading, x, belief)
             line = line_at(point, x, belief, record.reading.measured)
             if self._correct(line, record.reading, record.spot) != "accepted":
                 return False
@@ -236,11 +246,23 @@ class SoilState:
         return True
 
 
-def _point(coordinates: Coordinates, reading: Reading, x: Four) -> Point:
+def _slope_share(belief: Belief) -> float:
+    """Mean of 1/(n + 1/2)^2 over its value at the mean n: what an uncertain n adds.
+
+    The spot and the load cell's noise change ln z by their 1/(n + 1/2)-fold. Without this, one load,
+    which leaves n open, would make the innovations seem too large.
+    """
+    variance = belief.covariance[1][1] * exponent_slope(belief.mean[1]) ** 2
+    return 1.0 + 3.0 * variance / (exponent_of(belief.mean[1]) + 0.5) ** 2
+
+
+def _point(coordinates: Coordinates, reading: Reading, x: Four, belief: Belief) -> Point:
     """Evaluate a reading at a soil and spot, with slopes by each of the four numbers."""
     first, q, m, spot = x
     n = exponent_of(q)
-    pressure = coordinates.pressure(first, n, spot)
+    share = _slope_share(belief)
+    scale = math.sqrt(share)
+    pressure = coordinates.pressure(first, n, scale * spot)
     across = reading.observe.diameter_log - coordinates.diameter_log
     seen = reading.observe(pressure.value + across * m, n)
     by_s = seen.by_pressure
@@ -250,9 +272,9 @@ def _point(coordinates: Coordinates, reading: Reading, x: Four) -> Point:
             by_s * pressure.by_first,
             (seen.by_exponent + by_s * pressure.by_exponent) * exponent_slope(q),
             by_s * across,
-            by_s * pressure.by_spot,
+            by_s * pressure.by_spot * scale,
         ),
         # Load and pressure enter as their ratio, so the slope by ln load is minus the one by s.
-        reading.noise + by_s * by_s * reading.load_noise,
+        reading.noise + by_s * by_s * share * reading.load_noise,
         seen.sunk_to_axle,
     )
