@@ -38,6 +38,7 @@ from smallwheel_ros.report import (
     compare_report,
     diagnosis_report,
     page,
+    whole_report,
     write_page,
 )
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
@@ -220,6 +221,55 @@ def test_a_bare_document_is_enough() -> None:
 def test_what_is_no_diagnosis_is_refused() -> None:
     with pytest.raises(ReportError, match="not a diagnosis: verdict is 'maybe'"):
         diagnosis_report({"verdict": "maybe"})
+
+
+def test_the_noise_floor_is_not_passed_off_as_the_spread_of_repeats() -> None:
+    text = Parsed(diagnosis_report(DOCUMENT)).text
+    assert "the held-out error that the true model would leave" in text
+    assert "scatter of the soil from run to run" in text
+    assert "repeats differ by" not in text
+    document = copy.deepcopy(DOCUMENT)
+    document["channels"]["sinkage"]["repeatability"] = 0.000432
+    text = Parsed(diagnosis_report(document)).text
+    assert "repeats differ by" in text
+    assert "0.432 mm" in text
+
+
+def test_with_too_little_data_no_error_is_called_held_out() -> None:
+    document = {**DOCUMENT, "verdict": "insufficient_data", "missing_effects": []}
+    text = Parsed(diagnosis_report(document)).text
+    assert "step by step" not in text
+    assert "All errors are held out" not in text
+    assert "All errors are held out" in Parsed(diagnosis_report(DOCUMENT)).text
+
+
+# Both in one
+
+
+def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> None:
+    document = copy.deepcopy(DOCUMENT)
+    document["channels"] = {
+        "sinkage": {"rows": 36, "rmse": 0.004, "bias": 0.001, "noise_floor": 0.00123,
+                    "noise_floor_source": "repeats", "repeatability": 0.000456},
+        "resistance": {"rows": 36, "rmse": 4.0, "bias": 1.0, "noise_floor": None,
+                       "noise_floor_source": None},
+    }  # fmt: skip
+    html = whole_report(comparison, document)
+    parsed = assert_harmless(html)
+    titles = ["In short", "The data", "Models side by side", "Where the model fails",
+              "Which effect is missing", "Held-out error, step by step",
+              "What this data cannot tell", "What to measure next",
+              "What to keep in mind"]  # fmt: skip
+    headings = re.findall(r"<h2>(.*?)</h2>", html)
+    assert headings == titles
+    text = parsed.text
+    assert "1.23" in text  # the floor of the diagnosis, not what repeats differ by
+    assert "times the noise floor of 1.23 mm" in text
+    assert "0.456" in text
+    assert "could not tell noise from misfit" in text  # of resistance
+    assert text.index("Missing: slip sinkage") < text.index("bekker")
+    with pytest.raises(ReportError, match="not a diagnosis"):
+        whole_report(comparison, {"verdict": "maybe"})
 
 
 def test_own_pictures_land_in_their_section() -> None:
