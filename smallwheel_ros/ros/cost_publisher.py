@@ -36,6 +36,7 @@ class CostPublisher:
         self._publisher = publisher
         self._report = report
         self._stamp = 0
+        self._last: Any = None
         self.received = 0
         self.published = 0
         self.map = CostMap(settings)
@@ -57,7 +58,10 @@ class CostPublisher:
         add_to_map(self.map, result, frame, self._wheels[result.mobility.wheel].width)
 
     def on_classes(self, message: Any) -> None:
-        """Take a grid of terrain classes."""
+        """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
+        if message == self._last:
+            return
+        self._last = message
         self.received += 1
         try:
             self.map.take_classes(grid_from(message))

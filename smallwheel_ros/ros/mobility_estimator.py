@@ -258,7 +258,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         def incompatible(event: Any) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
             text = f"a subscriber asks for QoS that is not offered ({policy}): it gets nothing"
-            self._report(self.resolve_topic_name(topic), "incompatible_qos", text)
+            self._report(topic, "incompatible_qos", text)
 
         events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
         return self.create_lifecycle_publisher(kind, topic, profile, event_callbacks=events)
@@ -280,9 +280,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def _on_classes(self, message: OccupancyGrid) -> None:
         self._cost.on_classes(message)
 
-    def _report(self, stream: str, reason: str, text: str) -> None:
+    def _report(self, topic: str, reason: str, text: str) -> None:
         if self._onboard is not None:
-            self._onboard.report(stream, reason, text)
+            self._onboard.report(self.resolve_topic_name(topic), reason, text)
             self._reporter.log_problems(self._onboard.take_problems())
 
     def _publish(self, results: Sequence[Result]) -> None:
