@@ -233,10 +233,11 @@ def _topics_text(content: dict[str, Any], has_config: bool) -> str:
     lines.append(text_table(["topic", "type", "messages", "Hz", "is"], rows))
     if not has_config:
         lines += ["", "Give --config ROVER.yaml too, and it says which topic is which input."]
-    elif content["missing"]:
-        lines += ["", "Missing", *(f"  {text}" for text in content["missing"])]
-        if content["proposals"]:
-            lines += ["These may be them", *(f"  {p['add']}" for p in content["proposals"])]
     else:
-        lines += ["", "Every input of the node is there."]
+        if content["missing"]:
+            lines += ["", "Missing", *(f"  {text}" for text in content["missing"])]
+        if content["proposals"]:
+            lines += ["", "These may be them", *(f"  {p['add']}" for p in content["proposals"])]
+        if not (content["missing"] or content["proposals"]):
+            lines += ["", "Every input of the node is there."]
     return "\n".join(lines)

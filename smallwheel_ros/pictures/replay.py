@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 _BAND = 1.96  # standard deviations: 95 %
 _MEASURED, _MODEL, _UNUSED, _CHANGE = "#8a8a8a", "#0072b2", "#d55e00", "#009e73"
-_STEPS = 400  # of the way in the map
+_STEPS = 240  # of the way in the map
 _POINTS = 700  # of a wheel in a picture over time
 
 
@@ -90,7 +90,7 @@ def _draw_way(
         list(segments), cmap="RdBu" if signed else "viridis", norm=norm, linewidths=6.0
     )
     lines.set_array(values[:-1])
-    lines.set_capstyle("round")
+    lines.set_capstyle("projecting")
     axes.plot(x, y, color="#c8c8c8", linewidth=7.0, solid_capstyle="round", zorder=1)
     lines.set_zorder(2)
     axes.add_collection(lines)

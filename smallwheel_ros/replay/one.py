@@ -24,6 +24,7 @@ from smallwheel_ros.replay.inputs import (
     CLOCK,
     ODOMETRY_TYPE,
     VELOCITY_TYPE,
+    Missing,
     check_enough,
     check_fields,
     inputs_of,
@@ -43,6 +44,11 @@ from smallwheel_ros.replay.track import Track
 Key = tuple[str, str]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+_BY_CLOCK = ("stamp_in_future", "stamp_too_old")
+_HINT = (
+    "header stamps are far from the times of recording, so most messages were refused, as the node"
+    " would refuse them; with --no-clock stamps are judged only by each other"
+)
 
 
 class _Stop:
@@ -205,8 +211,21 @@ class _Session:
         result.blocks.finish()
         result.end = max(time, result.start) if result.state != "complete" else result.end
         result.prefix, result.left_out = bag.prefix, bag.left_out
+        lost = {entry.input.stream for entry in result.missing}
+        result.missing += [
+            Missing(item, "never in a message")
+            for item in result.inputs
+            if item.stream not in lost and not self._onboard.received[item.stream]
+        ]
+        if result.spec.clock and self._most_are_refused_by_the_clock():
+            result.notes.append(_HINT)
         result.has_parquet = table.has_parquet
         progress(result.messages_read, total)
+
+    def _most_are_refused_by_the_clock(self) -> bool:
+        counts = self._onboard.counts
+        refused = sum(n for (_, why), n in counts.items() if why in _BY_CLOCK)
+        return 2 * refused > self._onboard.received.total()
 
     def _messages(self, bag: NewBag) -> Generator[int, None, None]:
         """Work on one message after the other; gives their log times."""
