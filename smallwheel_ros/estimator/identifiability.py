@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.bounded_exponent import exponent_of, exponent_slope
+from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -99,6 +100,8 @@ class SoilEstimate:
         In words, what is not determined and why; empty when everything is determined.
     accepted, outliers, refused, soil_changes, distance
         As in `Counts`.
+    missing_effect
+        The alarm that the model misses an effect, None while there is none.
     """
 
     k: float
@@ -118,6 +121,7 @@ class SoilEstimate:
     refused: Mapping[str, int]
     soil_changes: int
     distance: float
+    missing_effect: MissingEffect | None = None
 
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
         """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).
@@ -194,6 +198,7 @@ def soil_estimate(
     reference: tuple[float, float],
     variety: Variety,
     counts: Counts,
+    missing_effect: MissingEffect | None = None,
 ) -> SoilEstimate:
     """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
 
@@ -230,4 +235,5 @@ def soil_estimate(
         counts.refused,
         counts.soil_changes,
         counts.distance,
+        missing_effect,
     )

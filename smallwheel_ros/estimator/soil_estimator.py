@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from scipy.special import chdtri
 
@@ -23,6 +24,11 @@ from smallwheel_ros.estimator.identifiability import (
     Identifiable,
     SoilEstimate,
     soil_estimate,
+)
+from smallwheel_ros.estimator.missing_effect import (
+    EffectScore,
+    MissingEffect,
+    MissingEffectWatch,
 )
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
@@ -37,9 +43,11 @@ from smallwheel_ros.estimator.soils import Soils, WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 
 __all__ = [
+    "EffectScore",
     "EstimatorError",
     "EstimatorSettings",
     "Identifiable",
+    "MissingEffect",
     "Outcome",
     "SinkageMeasurement",
     "SinkagePrediction",
@@ -79,12 +87,14 @@ class SoilEstimator:
                 )
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
+        self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self.reset()
 
     def reset(self) -> None:
         """Forget every measurement and count: the prior again."""
         self._soils = Soils(self.prior, self.settings, self._gate)
         self._wheels: dict[str, WheelTrack] = {}
+        self._watch.reset()
         self._distance = 0.0
         self.accepted = self.outliers = 0
         self.refused: dict[str, int] = {}
@@ -93,6 +103,16 @@ class SoilEstimator:
     def soil_changes(self) -> int:
         """How often a run of surprises was taken for another soil."""
         return self._soils.changes
+
+    @property
+    def missing_effect(self) -> MissingEffect | None:
+        """The alarm that the model misses an effect, None while there is none."""
+        return self._watch.alarm
+
+    @property
+    def effect_scores(self) -> tuple[EffectScore, ...]:
+        """The newest test for each effect that the model has not, the best first."""
+        return self._watch.scores
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
         """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
@@ -140,6 +160,8 @@ class SoilEstimator:
             else:
                 wheel.time = wheel.distance = -math.inf
             raise
+        if given.contact == ROLLING:
+            self._look_for_missing_effects(given, wheel, reading)
         if reason in ("accepted", "soil_changed"):
             outcome, message = Outcome.ACCEPTED, ""
             self.accepted += 1
@@ -185,6 +207,24 @@ class SoilEstimator:
         )
         return Reading(observe, given.sinkage, max(noise, _LEAST_VARIANCE), load_noise)
 
+    def _look_for_missing_effects(
+        self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
+    ) -> None:
+        settings = wheel.carried, given.diameter, given.width
+        due = self._watch.add(
+            given.wheel,
+            given.distance,
+            given.sinkage,
+            reading.noise,
+            settings,
+            given.slip,
+            given.speed,
+        )
+        if due:
+            now = self.estimate()
+            law = replace(self.prior.soil, k=now.k, n=now.n, m=now.m)
+            self._watch.test(law, given.distance)
+
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
         """Bring filter and wheel to where the measurement was made."""
         if not self._wheels:
@@ -208,6 +248,7 @@ class SoilEstimator:
             Counts(
                 self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
             ),
+            self._watch.alarm,
         )
 
     def predict(

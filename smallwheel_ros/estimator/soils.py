@@ -21,6 +21,7 @@ _MOST_WIDENINGS = 3
 _LEAST_STEP = 0.01  # of the scatter length: drift over less waits until it adds up
 _KNOWN_SOILS = 4
 _ALONE = 2  # surprises of one wheel after which it may be on another soil
+_SETTLED = 10  # measurements
 _TELLING = 0.3  # a soil whose prediction of ln sinkage is less sure than this would fit anything
 
 
@@ -28,15 +29,22 @@ _TELLING = 0.3  # a soil whose prediction of ln sinkage is less sure than this w
 class KnownSoil:
     """A soil that wheels are on, or were.
 
-    at: travel (m) to which it has drifted. fitted: something was accepted since it was opened.
+    at: travel (m) to which it has drifted. fitted: what was accepted since it was opened, up to
+    `_SETTLED`: before that, what was accepted may be the outlier. changed: not counted as a change
+    yet.
     """
 
     state: SoilState
     at: float
-    fitted: bool = False
+    fitted: int = 0
     changed: bool = False
     widenings: int = 0
     variety: Variety = field(default_factory=Variety)
+
+    @property
+    def settled(self) -> bool:
+        """Whether there is an estimate to protect from outliers."""
+        return self.fitted >= _SETTLED
 
 
 @dataclass(eq=False)
@@ -89,17 +97,17 @@ class Soils:
             return taken, self._counted(soil)
         if taken.reason != "gate":
             return taken, taken.reason
-        # Before anything has fitted there is no estimate to protect, and each surprise counts.
+        # Before there is an estimate to protect, each surprise counts.
         apart = 0.5 * self._settings.scatter_length
-        if not (wheel.surprises and soil.fitted and distance - wheel.surprised_at < apart):
+        if not (wheel.surprises and soil.settled and distance - wheel.surprised_at < apart):
             wheel.surprises += 1
             wheel.surprised_at = distance
-        if soil.fitted and wheel.surprises >= _ALONE and self._returns(reading, wheel, distance):
+        if soil.settled and wheel.surprises >= _ALONE and self._returns(reading, wheel, distance):
             return taken, self._counted(wheel.soil)
         surprised = [w for w in wheels if w.soil is soil and w.surprises]
         enough = self._settings.surprises_to_reopen
         # One surprise may be an outlier of a wheel that is on the old soil still.
-        alone = min(_ALONE, enough) if soil.fitted else 1
+        alone = min(_ALONE, enough) if soil.settled else 1
         if sum(w.surprises for w in surprised) < enough or wheel.surprises < alone:
             return taken, "gate"
         surprised = [w for w in surprised if w.surprises >= alone]
@@ -112,7 +120,7 @@ class Soils:
 
     def _fits(self, wheel: WheelTrack) -> None:
         wheel.surprises = 0
-        wheel.soil.fitted, wheel.soil.widenings = True, 0
+        wheel.soil.fitted = min(wheel.soil.fitted + 1, _SETTLED)
 
     def _counted(self, soil: KnownSoil) -> str:
         """Reason of an acceptance; a change counts once the soil has been seen to fit."""
@@ -131,7 +139,7 @@ class Soils:
     def _returns(self, reading: Reading, wheel: WheelTrack, distance: float) -> bool:
         """Move a wheel to a known soil that its reading fits."""
         for soil in self._known:
-            if soil is wheel.soil or not soil.fitted:
+            if soil is wheel.soil or not soil.settled:
                 continue
             self._travel(soil, distance)
             try:
@@ -150,10 +158,12 @@ class Soils:
         return False
 
     def _open(self, soil: KnownSoil, surprised: list[WheelTrack], distance: float) -> KnownSoil:
-        """Begin a soil at the prior for these wheels, or widen the prior of one that never fitted."""
-        if not soil.fitted:
-            soil.widenings = min(soil.widenings + 1, _MOST_WIDENINGS)
+        """Begin a soil for these wheels; one not settled begins anew, wider if nothing fitted."""
+        if not soil.settled:
+            if not soil.fitted:
+                soil.widenings = min(soil.widenings + 1, _MOST_WIDENINGS)
             soil.state.reopen(4.0**soil.widenings)
+            soil.fitted, soil.variety = 0, Variety()
             opened = soil
         else:
             opened = KnownSoil(SoilState(self._prior, self._settings), distance, changed=True)
