@@ -69,7 +69,15 @@ COST: tuple[Parameter, ...] = (
         "1",
         0.001,
         10.0,
-        "Mobility margin from which on ground costs nothing (docs/nav2.md has the formula).",
+        "Pessimistic mobility margin from which on ground costs nothing (docs/nav2.md).",
+    ),
+    double(
+        "cost.hard_margin",
+        _COST.rules.hard_margin,
+        "1",
+        -10.0,
+        10.0,
+        "Pessimistic mobility margin up to which ground costs 99, the most that can be crossed.",
     ),
     double(
         "cost.confidence",

@@ -9,7 +9,7 @@ from rclpy.lifecycle import LifecyclePublisher
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import CostMapError
-from smallwheel_ros.onboard.ground import add_to_map
+from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.conversions import nanoseconds_of
@@ -32,30 +32,34 @@ class CostPublisher:
         publisher: LifecyclePublisher,
         report: Callable[[str, str, str], None],
     ) -> None:
-        self._wheels = wheels
         self._publisher = publisher
         self._report = report
         self._stamp = 0
         self._last: Any = None
         self.received = 0
         self.published = 0
-        self.map = CostMap(settings)
+        self._ground = GroundMapper(CostMap(settings), wheels)
+
+    @property
+    def map(self) -> CostMap:
+        """The cost map itself."""
+        return self._ground.map
 
     def apply(self, settings: CostSettings, wheels: Mapping[str, Wheel]) -> bool:
         """Go on with other settings; return whether the map starts over because of them."""
-        self._wheels = wheels
+        self._ground.wheels = wheels
         if settings == self.map.settings:
             return False
-        classes, self.map = self.map.class_grid, CostMap(settings)
+        classes = self.map.class_grid
+        self._ground = GroundMapper(CostMap(settings), wheels)
         if classes is not None:
             self.map.take_classes(classes)
-        self.map.changed = True
         return True
 
     def add(self, result: Result, frame: str) -> None:
         """Take a result of the estimate; frame is that of the odometry."""
         self._stamp = max(self._stamp, result.mobility.stamp)
-        add_to_map(self.map, result, frame, self._wheels[result.mobility.wheel].width)
+        self._ground.add(result, frame)
 
     def on_classes(self, message: Any) -> None:
         """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
@@ -74,7 +78,7 @@ class CostPublisher:
 
     def clear(self) -> None:
         """Forget the ground: the soil is another one, or time has gone back."""
-        self.map.clear()
+        self._ground.clear()
         self._stamp = 0
 
     def publish(self, now: int) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import VelocitySource
@@ -151,30 +152,20 @@ def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
 
 def vehicle_status(name: str, estimates: Iterable[MobilityEstimate]) -> DiagnosticStatus:
     """All wheels together, by their newest estimates."""
-    held = [
-        (e.load.value, e.forces.margin)
-        for e in estimates
-        if e.load is not None and e.forces is not None and e.forces.margin is not None
-    ]
-    if not held:
+    estimates = list(estimates)
+    margin = vehicle_margin(estimates)
+    if margin is None:
         return status(name, OK, "nothing known of any wheel yet")
-    total = sum(load for load, _ in held)
-    margin = sum(load * margin.value for load, margin in held) / total
-    # All wheels stand on one estimated soil: their errors go together.
-    deviation = sum(load * margin.standard_deviation for load, margin in held) / total
-    energy = [
-        e.forces.energy_per_metre.value
-        for e in estimates
-        if e.forces is not None and e.forces.energy_per_metre is not None
-    ]
-    slope = math.degrees(math.atan(margin))
+    energy = [e.forces.energy_per_metre for e in estimates if e.forces is not None]
+    known = [e.value for e in energy if e is not None]
+    slope = math.degrees(math.atan(margin.value))
     values = {
-        "load [N]": f"{total:.4g}",
-        "mobility margin": _written(Quantity(margin, deviation)),
+        "load [N]": f"{sum(e.load.value for e in estimates if e.load is not None):.4g}",
+        "mobility margin": _written(margin),
         "steepest slope [deg]": f"{slope:.1f}",
-        "energy per metre [J/m]": f"{sum(energy):.4g}" if len(energy) == len(held) else "unknown",
+        "energy per metre [J/m]": f"{sum(known):.4g}" if len(known) == len(energy) else "unknown",
     }
-    if margin <= 0:
+    if margin.value <= 0:
         return status(
             name, ERROR, "the soil holds the vehicle on no slope, nor on the level", values
         )
