@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
@@ -136,6 +137,11 @@ class Onboard:
     def soil(self) -> SoilEstimate:
         """The soil as it is believed now."""
         return self._assessor.estimator.estimate()
+
+    @property
+    def missing_effect(self) -> MissingEffect | None:
+        """What the model misses, as far as the last metres tell; None where nothing shows."""
+        return self._assessor.estimator.missing_effect
 
     @property
     def health(self) -> FilterHealth:

@@ -189,9 +189,7 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
             ),
             prior=_prior(v, start.soil),
             strength=_strength(v, start.soil),
-            estimator=EstimatorSettings(
-                **group("estimator", EstimatorSettings), sinkage_std=v["noise.sinkage"]
-            ),
+            estimator=_estimator(v, group("estimator", EstimatorSettings)),
             noise=SensorNoise(**group("noise", SensorNoise)),
             timing=Timing(**group("timing", Timing)),
             standstill_speed=v["standstill_speed"],
@@ -237,6 +235,15 @@ def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
         source,
         height,
     )
+
+
+def _estimator(v: Mapping[str, Any], values: dict[str, Any]) -> EstimatorSettings:
+    if LoadSource(v["load.source"]) is LoadSource.STATIC:
+        # What is wrong with a load that nobody measures stays wrong as long as slope and curve do:
+        # like another soil at each spot, it does not average out over measurements at one place.
+        scatter = math.hypot(values["soil_scatter"], v["load.static_std"])
+        values = {**values, "soil_scatter": scatter}
+    return EstimatorSettings(**values, sinkage_std=v["noise.sinkage"])
 
 
 def _velocity(v: Mapping[str, Any]) -> VelocitySource:

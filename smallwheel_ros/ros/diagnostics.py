@@ -131,8 +131,15 @@ def alarm_status(
     words = []
     if digging:
         words.append(f"{', '.join(digging)}: digging in (slip and sinkage up, speed down): stop")
-    values = {"digging in": ", ".join(digging) or "no"}
+    missing = onboard.missing_effect
+    values = {"digging in": ", ".join(digging) or "no", "missing effect": "none shows"}
     level = ERROR if digging else OK
+    if missing is not None:
+        words.append(missing.message)
+        values["missing effect"] = ", ".join((missing.effect, *missing.rivals))
+        values["follows"] = missing.follows
+        values["evidence"] = f"{missing.statistic:.0f}"
+        level = max(level, WARN)
     return status(name, level, "; ".join(words) or "none", values)
 
 
