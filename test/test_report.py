@@ -228,6 +228,9 @@ def test_the_noise_floor_is_not_passed_off_as_the_spread_of_repeats() -> None:
     assert "the held-out error that the true model would leave" in text
     assert "scatter of the soil from run to run" in text
     assert "repeats differ by" not in text
+    assert "may pass for scatter" not in text
+    unknown = {**DOCUMENT, "verdict": "unknown_effect", "missing_effects": []}
+    assert "may pass for scatter" in Parsed(diagnosis_report(unknown)).text
     document = copy.deepcopy(DOCUMENT)
     document["channels"]["sinkage"]["repeatability"] = 0.000432
     text = Parsed(diagnosis_report(document)).text
@@ -239,8 +242,8 @@ def test_with_too_little_data_no_error_is_called_held_out() -> None:
     document = {**DOCUMENT, "verdict": "insufficient_data", "missing_effects": []}
     text = Parsed(diagnosis_report(document)).text
     assert "step by step" not in text
-    assert "All errors are held out" not in text
-    assert "All errors are held out" in Parsed(diagnosis_report(DOCUMENT)).text
+    assert "Errors of the diagnosis are held out" not in text
+    assert "Errors of the diagnosis are held out" in Parsed(diagnosis_report(DOCUMENT)).text
 
 
 # Both in one
@@ -270,6 +273,16 @@ def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> No
     assert text.index("Missing: slip sinkage") < text.index("bekker")
     with pytest.raises(ReportError, match="not a diagnosis"):
         whole_report(comparison, {"verdict": "maybe"})
+
+
+def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
+    notes = ["rig_sand.n is at its bound, 2.9: the data wants to go further", "some rows are out"]
+    text = Parsed(
+        diagnosis_report({**DOCUMENT, "notes": notes, "reason": "slip_sinkage is in"})
+    ).text
+    assert "rig_sand.n is at its bound" in text
+    assert "Some rows are out." in text
+    assert "slip_sinkage is in." in text
 
 
 def test_own_pictures_land_in_their_section() -> None:

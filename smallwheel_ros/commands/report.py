@@ -68,7 +68,9 @@ def report(
 
         diagnosis = diagnose(measurements, base, registry=registry, progress=step)
     panels = residual_panels(diagnosis)
-    caption = "Held-out errors with a smooth and its 95 % band, before and after what was added."
+    caption = "Held-out errors with a smooth and its 95 % band" + (
+        ", before and after what was added." if len(diagnosis.steps) > 1 else "."
+    )
     pictures = {} if panels is None else {"steps": [Picture(panels, caption)]}
     html = whole_report(comparison, diagnosis.document, pictures)
     document = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.display import brief, display, number, sentence, words
+from smallwheel_ros.display import brief, display, number, words
 from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase
 from smallwheel_ros.report.page import (
     Block,
@@ -22,6 +22,7 @@ from smallwheel_ros.report.verdict_section import (
     HEADLINES,
     listed,
     p_text,
+    said,
     shown_value,
     verdict_block,
 )
@@ -187,6 +188,9 @@ def step_blocks(document: Mapping[str, Any]) -> list[Block]:
             "; the dashed line is the noise floor: the held-out error that the true model would "
             "leave, with the noise of each row and the scatter of the soil from run to run"
         )
+        if document["verdict"] == "unknown_effect":
+            caption += "; with something still missing, part of that may pass for scatter, and the "
+            caption += "true floor be lower"
     return [Picture(figure, caption + ".")]
 
 
@@ -257,10 +261,10 @@ def _setting(name: str, value: object) -> str:
 
 def caveats(document: Mapping[str, Any]) -> list[str]:
     """What to keep in mind of a diagnosis."""
-    held_out = "All errors are held out: each run was predicted by a model fitted without it."
+    held_out = "Errors of the diagnosis are held out: each run was predicted by a fit without it."
     return [
         "A named effect is the best explanation among those in the library, not a proof: another "
         "cause that follows the same condition would look the same.",
         *([] if document["verdict"] == "insufficient_data" else [held_out]),
-        *[sentence(str(note)) for note in document.get("notes") or []],
+        *[said(str(note)) for note in document.get("notes") or []],
     ]
