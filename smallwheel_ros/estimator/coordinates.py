@@ -31,6 +31,7 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 Array = NDArray[np.float64]
 
 LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
+_STEP = 1e-3  # of q
 
 
 class Pressure(NamedTuple):
@@ -74,7 +75,7 @@ class OfReference:
     """
 
     def __init__(self, load: float, diameter: float, width: float) -> None:
-        self._wheel = load, diameter, width
+        self.wheel = load, diameter, width
         self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
 
     def pressure(self, first: float, exponent: float, spot: float) -> Pressure:
@@ -84,7 +85,7 @@ class OfReference:
         """
         by_spot = -1.0 / (exponent + 0.5)
         log_modulus, by_first, by_exponent = point_pressure(
-            *self._wheel, first + by_spot * spot, exponent
+            *self.wheel, first + by_spot * spot, exponent
         )
         return Pressure(
             log_modulus + exponent * LOG_REFERENCE_SINKAGE,
@@ -101,7 +102,7 @@ class OfReference:
         pressure, q, m = soil.tolist()
         n = exponent_of(q)
         log_modulus = pressure + self.diameter_log * m - n * LOG_REFERENCE_SINKAGE
-        log_z, slope_load, slope_exponent, _ = point_sinkage(*self._wheel, log_modulus, n)
+        log_z, slope_load, slope_exponent, _ = point_sinkage(*self.wheel, log_modulus, n)
         jacobian = np.eye(3)
         jacobian[0] = (
             -slope_load,
@@ -117,3 +118,12 @@ class OfReference:
         jacobian = np.eye(3)
         jacobian[0] = p.by_first, p.by_exponent * exponent_slope(q), -self.diameter_log
         return np.array([p.value - self.diameter_log * m, q, m]), jacobian
+
+    def bend(self, soil: Array) -> float:
+        """Second derivative of ln pressure by q at (ln z_ref, q, m), for its variance."""
+        first, q, _ = soil.tolist()
+        up, down = (
+            self.pressure(first, exponent_of(at), 0.0).by_exponent * exponent_slope(at)
+            for at in (q + _STEP, q - _STEP)
+        )
+        return (up - down) / (2.0 * _STEP)

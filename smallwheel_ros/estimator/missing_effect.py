@@ -195,7 +195,8 @@ def _scores(
     )
 
     def log_sinkage(law: Soil, *added: Effect) -> Array:
-        return np.log(predict(Model(law, effects=(*effects, *added)), conditions).sinkage)
+        z = predict(Model(law, effects=(*effects, *added)), conditions).sinkage
+        return np.asarray(np.log(np.where(z > 0.0, z, np.nan)))
 
     def change(column: Array) -> Array:
         return (column[changes.later] - column[changes.earlier]) / changes.deviation

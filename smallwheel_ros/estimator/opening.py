@@ -80,6 +80,10 @@ class Opening:
     def judge(self, exponent_deviation: float) -> None:
         """End the opening once n is known or the record is full."""
         if exponent_deviation < _NARROW or len(self.records) >= _MOST:
-            self.going_on = False
-            self.records.clear()
-            self._last.clear()
+            self.end()
+
+    def end(self) -> None:
+        """Keep no more records."""
+        self.going_on = False
+        self.records.clear()
+        self._last.clear()

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from scipy.special import chdtri
 
@@ -30,6 +31,7 @@ from smallwheel_ros.estimator.missing_effect import (
     MissingEffect,
     MissingEffectWatch,
 )
+from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -250,6 +252,29 @@ class SoilEstimator:
             ),
             self._watch.alarm,
         )
+
+    def save(self, path: str | Path) -> None:
+        """Save the newest soil, whole or not at all. Raises EstimatorError where it cannot be."""
+        current = self._soils.current
+        now = self.estimate()
+        summary = (
+            f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
+            f"{self.accepted} measurements"
+        )
+        state = SavedState(current.state.record(), current.variety, self.accepted)
+        write_state(Path(path), state, self.prior, self.effects, summary)
+
+    def restore(self, path: str | Path) -> None:
+        """Begin anew from a saved soil instead of the prior.
+
+        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
+        under another prior or other effects.
+        """
+        state = read_state(Path(path), self.prior, self.effects)
+        self.reset()
+        if state.soil is not None:
+            self._soils.resume(state.soil, state.variety)
+            self.accepted = state.accepted
 
     def predict(
         self,

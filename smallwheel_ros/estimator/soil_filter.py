@@ -47,6 +47,12 @@ class SoilFilter:
         self._stationary[: self._law, : self._law] = covariance
         self._start(np.zeros(len(self._stationary)), self._stationary.copy())
 
+    def resume(self, covariance: Array, deviation: Array, stationary: Array) -> None:
+        """Go on from a saved state of all but the added components."""
+        self.renew(stationary)
+        self._ekf.x[: self._law] = deviation
+        self._ekf.P[: self._law, : self._law] = covariance
+
     def _start(self, x: Array, covariance: Array) -> None:
         self._ekf = ExtendedKalmanFilter(dim_x=len(x), dim_z=1)
         self._ekf.x, self._ekf.P = x, covariance

@@ -16,6 +16,7 @@ from smallwheel_ros.estimator.bounded_exponent import (
 from smallwheel_ros.estimator.coordinates import Coordinates, Direct, OfReference
 from smallwheel_ros.estimator.iterated_update import Belief, Line, Point, line_at, linearise
 from smallwheel_ros.estimator.opening import Opening
+from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_observation import Observation, Reading
 from smallwheel_ros.estimator.soil_filter import SoilFilter
@@ -94,7 +95,31 @@ class SoilState:
         if isinstance(self._coordinates, Direct):
             return mean, covariance, self._prior
         direct, jacobian = self._coordinates.to_direct(mean)
-        return direct, jacobian @ covariance @ jacobian.T, self._prior
+        law = jacobian @ covariance @ jacobian.T
+        # With n open the soils that fit lie on a slightly bent line: second order, for a Gaussian n.
+        law[_FIRST, _FIRST] += (
+            0.5 * (self._coordinates.bend(mean) * float(covariance[_EXPONENT, _EXPONENT])) ** 2
+        )
+        return direct, law, self._prior
+
+    def record(self) -> SoilRecord | None:
+        """What to save; None before the first measurement."""
+        if isinstance(self._coordinates, Direct):
+            return None
+        return SoilRecord(
+            self._coordinates.wheel,
+            self._mean.copy(),
+            self._filter.deviation[:_LAW].copy(),
+            self._filter.covariance[:_LAW, :_LAW].copy(),
+            self._filter.stationary[:_LAW, :_LAW].copy(),
+        )
+
+    def resume(self, record: SoilRecord) -> None:
+        """Go on from what was saved; wheels stand on spots that nobody knows."""
+        self._coordinates = OfReference(*record.reference)
+        self._mean = record.mean
+        self._filter.resume(record.covariance, record.deviation, record.prior)
+        self._opening.end()
 
     def belief(self, spot: int | None) -> Belief:
         """What a measurement at a spot depends on; None: at one that no wheel has been at."""

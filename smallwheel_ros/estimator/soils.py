@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from smallwheel_ros.estimator.identifiability import Variety
 from smallwheel_ros.estimator.load_level import LoadLevel
+from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_observation import Reading
 from smallwheel_ros.estimator.soil_state import SoilState, Taken
@@ -70,6 +71,11 @@ class Soils:
         self.changes = 0
         self.current = KnownSoil(SoilState(prior, settings), 0.0)
         self._known = [self.current]
+
+    def resume(self, record: SoilRecord, variety: Variety) -> None:
+        """Go on from a saved soil, before any wheel has been measured."""
+        self.current.state.resume(record)
+        self.current.variety, self.current.fitted = variety, _SETTLED
 
     def start(self, distance: float) -> None:
         """Count travel from here (m)."""
