@@ -20,6 +20,7 @@ from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
 from smallwheel_ros.replay.many import (
     Outcome,
+    found_on_disk,
     replay_on_cluster,
     replay_on_processors,
     replay_one_by_one,
@@ -151,7 +152,7 @@ def _many(
                     click.echo(f"{outcome.spec.bag}: {outcome.error}", err=True)
     except KeyboardInterrupt:
         stopped = True
-    outcomes = [found.get(spec.name) or Outcome(spec, "not_begun", "", False, {}) for spec in specs]
+    outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
     done = [o for o in outcomes if o.state in ("complete", "ended_early")]
     files = merge(folder, done) if done else {}
     document = many_document(outcomes, files)

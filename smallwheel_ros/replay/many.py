@@ -58,6 +58,17 @@ def replay_or_say(spec: ReplaySpec, report: Report = no_report) -> Outcome:
     return Outcome(spec, result.state, result.ended, False, summary)
 
 
+def found_on_disk(spec: ReplaySpec) -> Outcome:
+    """Return what became of a bag whose process could not tell any more."""
+    found = done_before(spec)
+    if found is not None:
+        return Outcome(spec, str(found["state"]), str(found["ended"]), False, found)
+    summary = read_summary(spec.folder) or {}
+    if summary.get("state") == "interrupted":
+        return Outcome(spec, "interrupted", str(summary["ended"]), False, summary)
+    return Outcome(spec, "not_begun" if not summary else "interrupted", "", False, {})
+
+
 def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
     """Return one replay for each bag, each into a folder of its own in `like`'s.
 
@@ -166,7 +177,7 @@ def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report)
             "option --scheduler needs dask.distributed: pip install 'smallwheel_ros[cluster]'"
         ) from None
     try:
-        client = Client(address, timeout=10, set_as_default=False)
+        client = Client(address, timeout=5)
     except (OSError, ValueError) as error:
         raise ReplayError(f"no Dask scheduler answers at {address}: {error}") from error
     try:
