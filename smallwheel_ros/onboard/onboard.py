@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate
@@ -132,6 +133,19 @@ class Onboard:
         self._assessor = Assessor(settings)
         self._refused_before = self._intake.problems.refused_sinkages
         return True
+
+    def save(self, path: Path | str) -> None:
+        """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
+        self._assessor.estimator.save(path)
+
+    def restore(self, path: Path | str) -> None:
+        """Begin anew from a saved soil.
+
+        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
+        under another prior or other effects.
+        """
+        self._assessor.estimator.restore(path)
+        self._refused_before = self._intake.problems.refused_sinkages
 
     @property
     def soil(self) -> SoilEstimate:

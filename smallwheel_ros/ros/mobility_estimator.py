@@ -11,59 +11,36 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from functools import partial, wraps
+from functools import wraps
 from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped, WrenchStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import (
     LifecycleNode,
-    LifecyclePublisher,
     LifecycleState,
     TransitionCallbackReturn,
 )
-from rclpy.qos import QoSProfile, qos_policy_name_from_kind
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from sensor_msgs.msg import JointState, Range
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
-from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
-from smallwheel_ros.msg import SoilEstimate as SoilMessage
-from smallwheel_ros.msg import WheelSinkage
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
-from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.conversions import mobility_message, soil_message
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES, CostPublisher
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, entries, status
-from smallwheel_ros.ros.markers import markers
+from smallwheel_ros.ros.listening import Listening
 from smallwheel_ros.ros.node_parameters import NodeParameters
+from smallwheel_ros.ros.outputs import Outputs
 from smallwheel_ros.ros.reporting import Reporter, inputs_of
+from smallwheel_ros.ros.soil_file import SoilFile
 
-_SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
 _MARKERS_EVERY = 0.2  # s
 EXIT_BAD_INPUT = 2
-
-_TYPES = {
-    "geometry_msgs/msg/TwistStamped": TwistStamped,
-    "geometry_msgs/msg/WrenchStamped": WrenchStamped,
-    "nav_msgs/msg/Odometry": Odometry,
-    "sensor_msgs/msg/JointState": JointState,
-    "sensor_msgs/msg/Range": Range,
-    "smallwheel_ros/msg/WheelSinkage": WheelSinkage,
-}
 
 Transition = TypeVar("Transition", bound=Callable[..., TransitionCallbackReturn])
 
@@ -89,11 +66,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._onboard: Onboard | None = None
         self._reporter = Reporter(self, [])
-        self._listening: list[Subscription] = []
+        self._listening = Listening(self)
         self._ticking: list[Timer] = []
-        self._newest: dict[str, Result] = {}
-        self._soil_sent: int | None = None
-        self._soil_waits: Result | None = None
         self._time_jumps = 0
         self._last_arrival = time.monotonic()
         self.problem = ""  # why it could not be configured
@@ -107,6 +81,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/save_soil", self._on_save_soil)
 
     @property
     def autostart(self) -> bool:
@@ -129,13 +104,13 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.get_logger().info(f"effective parameters: {values}")
         self._onboard = Onboard(self._settings.onboard)
         self._feed_with(self._settings)
-        self._mobility = self._output(MobilityMessage, "~/mobility", qos.ESTIMATE)
-        self._soil = self._output(SoilMessage, "~/soil", qos.LATCHED)
-        self._markers = self._output(MarkerArray, "~/markers", qos.ESTIMATE)
-        self._cost_output = self._output(OccupancyGrid, "~/cost", qos.LATCHED)
-        self._cost = CostPublisher(
-            self._settings.cost, self._wheels, self._cost_output, self._report
-        )
+        self._outputs = Outputs(self, self._settings, self._report)
+        self._soil_file = SoilFile(self._settings.soil_file)
+        restored = self._soil_file.restore(self._onboard)
+        if self._soil_file.problem:
+            self.get_logger().warning(restored)
+        elif restored:
+            self.get_logger().info(restored)
         return super().on_configure(state)
 
     @_says_why
@@ -143,7 +118,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Listen, and publish the soil as it is believed before any measurement."""
         result = super().on_activate(state)
         self._listen()
-        self._publish_soil_as_it_is()
+        assert self._onboard is not None
+        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
         return result
 
     @_says_why
@@ -169,54 +145,55 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _forget(self) -> None:
         if self._onboard is not None:
-            for publisher in (self._mobility, self._soil, self._markers, self._cost_output):
-                self.destroy_lifecycle_publisher(publisher)
+            self._outputs.destroy()
         self._onboard = None
         self._reporter = Reporter(self, [])
-        self._newest, self._soil_sent, self._soil_waits = {}, None, None
 
     # --- Parameters and services
 
-    def _on_parameters(self) -> None:
+    def _on_parameters(self, changes: str) -> None:
         """Go by parameters that were changed while they are in use; they have been checked."""
         assert self._onboard is not None
         before, self._settings = self._settings, self._table.settings()
         if before == self._settings:
             return
         self._publish(self._onboard.flush())
-        words = []
+        words = [f"parameters changed: {changes}"]
         if before.onboard != self._settings.onboard and self._onboard.apply(self._settings.onboard):
             words.append("the soil starts over")
-            self._publish_soil_as_it_is()
+            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        self._soil_file = SoilFile(self._settings.soil_file)
         self._feed_with(self._settings)
-        if self._cost.apply(self._settings.cost, self._wheels):
+        if self._outputs.apply(self._settings):
             words.append("the cost map starts over")
-        if self._listening:
+        if self._listening.on:
             self._stop_listening()
             self._listen()
-        self.get_logger().info("; ".join(["parameters changed", *words]))
+        self.get_logger().info("; ".join(words))
+
+    def _on_save_soil(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        if self._onboard is None:
+            response.message = "not configured: there is no soil to save"
+        else:
+            response.success, response.message = self._soil_file.save(self._onboard)
+        self.get_logger().info(f"save_soil: {response.message}")
+        return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._onboard is None:
             response.message = "not configured: there is nothing to reset"
             return response
         self._onboard.reset()
-        self._start_over()
-        self._publish_soil_as_it_is()
+        self._outputs.start_over()
+        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
         response.success = True
         response.message = "soil, cost map and buffers start over; the counts go on"
         self.get_logger().info(f"reset: {response.message}")
         return response
 
-    def _start_over(self) -> None:
-        self._cost.clear()
-        self._newest, self._soil_sent, self._soil_waits = {}, None, None
-
     # --- Topics
-
-    @property
-    def _wheels(self) -> dict[str, Wheel]:
-        return {wheel.name: wheel for wheel in self._settings.onboard.wheels}
 
     def _feed_with(self, settings: NodeSettings) -> None:
         assert self._onboard is not None
@@ -225,43 +202,21 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _listen(self) -> None:
         self._last_arrival = time.monotonic()
-        for topic in self._feed.topics:
-            self._input(_TYPES[topic.type], topic.name, partial(self._take, topic), qos.INPUT)
-        # A classifier's grids come as they are made, a map server's one grid was there before us.
-        for profile in (qos.INPUT, qos.LATCHED):
-            self._input(OccupancyGrid, TERRAIN_CLASSES, self._on_classes, profile)
+        self._listening.start(self._feed.topics, self._take, self._on_classes)
         self._ticking = [
             self.create_timer(0.5, self._flush, clock=self._wall),
             self.create_timer(_WAITING_EVERY, self._say_what_is_missing, clock=self._wall),
-            self.create_timer(self._settings.cost.period, self._publish_cost, clock=self._wall),
+            self.create_timer(
+                self._settings.cost.period, self._outputs.publish_cost, clock=self._wall
+            ),
             self.create_timer(_MARKERS_EVERY, self._publish_markers, clock=self._wall),
         ]
 
     def _stop_listening(self) -> None:
-        for subscription in self._listening:
-            self.destroy_subscription(subscription)
+        self._listening.stop()
         for timer in self._ticking:
             self.destroy_timer(timer)
-        self._listening, self._ticking = [], []
-
-    def _input(
-        self, kind: Any, topic: str, callback: Callable[[Any], None], profile: QoSProfile
-    ) -> None:
-        # Each event handler costs time at every wait: what they would tell of inputs, the reporter
-        # finds out where a topic stays silent.
-        events = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._listening.append(
-            self.create_subscription(kind, topic, callback, profile, event_callbacks=events)
-        )
-
-    def _output(self, kind: Any, topic: str, profile: QoSProfile) -> LifecyclePublisher:
-        def incompatible(event: Any) -> None:
-            policy = qos_policy_name_from_kind(event.last_policy_kind)
-            text = f"a subscriber asks for QoS that is not offered ({policy}): it gets nothing"
-            self._report(topic, "incompatible_qos", text)
-
-        events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
-        return self.create_lifecycle_publisher(kind, topic, profile, event_callbacks=events)
+        self._ticking = []
 
     # --- Messages: feed them, publish what comes of it
 
@@ -278,7 +233,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._reporter.log_problems(self._onboard.take_problems())
 
     def _on_classes(self, message: OccupancyGrid) -> None:
-        self._cost.on_classes(message)
+        self._outputs.cost.on_classes(message)
 
     def _report(self, topic: str, reason: str, text: str) -> None:
         if self._onboard is not None:
@@ -289,27 +244,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         assert self._onboard is not None
         if self._time_jumps != self._onboard.time_jumps:
             self._time_jumps = self._onboard.time_jumps
-            self._start_over()
-        for result in results:
-            self._mobility.publish(mobility_message(result.mobility))
-            self._cost.add(result, self._feed.odometry_frame)
-            self._newest[result.mobility.wheel] = result
-            stamp = result.mobility.stamp
-            sent = self._soil_sent
-            if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-                self._publish_soil(result)
-            else:
-                self._soil_waits = result
-
-    def _publish_soil(self, result: Result) -> None:
-        stamp, frame = result.mobility.stamp, self._feed.odometry_frame
-        self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
-        self._soil_sent, self._soil_waits = stamp, None
-
-    def _publish_soil_as_it_is(self) -> None:
-        assert self._onboard is not None
-        stamp, frame = self.get_clock().now().nanoseconds, self._feed.odometry_frame
-        self._soil.publish(soil_message(self._onboard.soil, stamp, frame, self._onboard.rejected))
+            self._outputs.start_over()
+        self._outputs.publish(results, self._feed.odometry_frame)
 
     # --- Timers, all of the wall clock
 
@@ -320,32 +256,28 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
             self._publish(self._onboard.flush())
             self._reporter.log_problems(self._onboard.take_problems())
-        if self._soil_waits is not None:
-            self._publish_soil(self._soil_waits)
+        self._outputs.publish_waiting_soil(self._feed.odometry_frame)
 
     def _say_what_is_missing(self) -> None:
         if self._onboard is not None:
             for text in self._reporter.waiting_for(self._onboard):
                 self.get_logger().warning(f"still waiting for {text}")
 
-    def _publish_cost(self) -> None:
-        self._cost.publish(self.get_clock().now().nanoseconds)
-
     def _publish_markers(self) -> None:
-        if self._newest and self._markers.get_subscription_count():
-            frame = self._feed.odometry_frame
-            self._markers.publish(markers(self._newest, self._wheels, frame))
+        self._outputs.publish_markers(self._feed.odometry_frame)
 
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
         if self.problem:
             found = [status(f"{name}: parameters", ERROR, self.problem)]
-        elif self._onboard is None or not self._listening:
+        elif self._onboard is None or not self._listening.on:
             text = "not active: it waits for a lifecycle manager"
             found = [status(f"{name}: inputs", OK, text)]
         else:
-            newest = [result.mobility for result in self._newest.values()]
-            found = entries(name, self._onboard, self._reporter, newest, self._cost)
+            newest = [result.mobility for result in self._outputs.newest.values()]
+            found = entries(name, self._onboard, self._reporter, newest, self._outputs.cost)
+            if self._soil_file.problem:
+                found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
         if self._table.unknown and not self.problem:
             found.append(status(f"{name}: parameters", WARN, "; ".join(self._table.unknown)))
         array = DiagnosticArray(status=found)

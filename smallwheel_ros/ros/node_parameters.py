@@ -25,14 +25,6 @@ from smallwheel_ros.onboard.parameters import (
     wheel_names,
 )
 
-_ROS_TYPES = {
-    "double": RosParameter.Type.DOUBLE,
-    "integer": RosParameter.Type.INTEGER,
-    "string": RosParameter.Type.STRING,
-    "bool": RosParameter.Type.BOOL,
-    "string_array": RosParameter.Type.STRING_ARRAY,
-}
-
 
 class NodeParameters:
     """The parameters of a node, which must be made to declare all overrides by itself.
@@ -46,7 +38,7 @@ class NodeParameters:
     in_use
         Whether the node goes by the parameters now: then all of them together must make sense.
     changed
-        Called after a change of them while they are in use.
+        Called after a change of them while they are in use, with names and values in words.
 
     Attributes
     ----------
@@ -54,7 +46,9 @@ class NodeParameters:
         A sentence for each given parameter that nobody knows.
     """
 
-    def __init__(self, node: Node, in_use: Callable[[], bool], changed: Callable[[], None]) -> None:
+    def __init__(
+        self, node: Node, in_use: Callable[[], bool], changed: Callable[[str], None]
+    ) -> None:
         self._node = node
         self._in_use = in_use
         self._changed = changed
@@ -88,17 +82,14 @@ class NodeParameters:
         if value is None or name in self._problems:
             value = parameter.default
         descriptor = _descriptor(parameter)
-        if value is None:
-            self._node.declare_parameter(
-                name, _ROS_TYPES[parameter.kind], descriptor, ignore_override=True
-            )
-        else:
-            self._node.declare_parameter(name, value, descriptor, ignore_override=True)
+        self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
         known = [change for change in changes if change.name in self._table]
         for change in known:
-            problem = self._table[change.name].problem(_plain(change.value))
+            parameter, value = self._table[change.name], _plain(change.value)
+            optional = value is None and not parameter.required
+            problem = None if optional else parameter.problem(value)
             if problem is not None:
                 return SetParametersResult(successful=False, reason=problem)
         if known and self._in_use():
@@ -111,8 +102,9 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
     def _after(self, changes: Sequence[RosParameter]) -> None:
-        if self._in_use() and any(change.name in self._table for change in changes):
-            self._changed()
+        words = ", ".join(f"{c.name}={_plain(c.value)}" for c in changes if c.name in self._table)
+        if words and self._in_use():
+            self._changed(words)
 
     def values(self) -> dict[str, object]:
         """Return the value of each known parameter, None where there is none."""
@@ -142,6 +134,8 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         name=parameter.name,
         description=f"{parameter.description}{unit}",
         read_only=parameter.read_only,
+        # Of another type rclpy says neither which parameter it is nor what to write: we do.
+        dynamic_typing=True,
     )
     if parameter.choices:
         allowed = ", ".join(str(choice) for choice in parameter.choices)
