@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from smallwheel_ros.commands.inputs import data_options, read_inputs, registry_with
+from smallwheel_ros.commands.inputs import data_options, read_inputs
 from smallwheel_ros.explore import ExploreServer, Session
 
 
@@ -35,8 +35,7 @@ def explore(
     Set and unset effects: the model is fitted anew, and the page shows its parameters, its
     held-out error beside the noise floor, and what is left over a setting of your choice.
     """
-    registry = registry_with(own)
-    measurements, base = read_inputs(data, model_file, registry, diameter, width)
+    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
     with tqdm(total=2, desc="reading", disable=None, leave=False) as bar:
 
         def progress(step: str) -> None:

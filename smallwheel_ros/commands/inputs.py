@@ -35,23 +35,21 @@ def data_options(command: _Command) -> _Command:
     return command
 
 
-def registry_with(own: Path | None) -> Registry:
-    """The library's effects, and those of a file."""
-    registry = default_registry()
-    return registry if own is None else registry.with_families(load_effects(own), str(own))
-
-
 def read_inputs(
     data: Path,
     model_file: Path | None,
-    registry: Registry,
+    own: Path | None,
     diameter: float | None,
     width: float | None,
-) -> tuple[Measurements, Base]:
-    """The table, with its warnings on standard error, and what a diagnosis starts from."""
+) -> tuple[Measurements, Base, Registry]:
+    """The table, with its warnings on standard error; what a diagnosis starts from; all effects."""
+    user = None if own is None else load_effects(own)
+    registry = default_registry()
+    if user is not None:
+        registry = registry.with_families(user, str(own))
+    known = None if model_file is None else read_model(model_file, user)
     measurements = read_measurements(data, diameter=diameter, width=width)
     for warning in measurements.warnings:
         click.echo(f"warning: {warning}", err=True)
-    if model_file is None:
-        return measurements, Base()
-    return measurements, base_of(read_model(model_file, registry.families), measurements)
+    base = Base() if known is None else base_of(known, measurements)
+    return measurements, base, registry

@@ -9,7 +9,7 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.commands.bench_compare import standing_contenders
-from smallwheel_ros.commands.inputs import data_options, read_inputs, registry_with
+from smallwheel_ros.commands.inputs import data_options, read_inputs
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.compare.document import comparison_document
 from smallwheel_ros.diagnosis.apply import base_physics
@@ -49,8 +49,7 @@ def report(
             raise OutputError(f"{target}: is the table of measurements, expected another name")
     if len({target.resolve() for target in targets}) < len(targets):
         raise OutputError(f"{output}: -o and --json name the same file, expected two")
-    registry = registry_with(own)
-    measurements, base = read_inputs(data, model_file, registry, diameter, width)
+    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
     standing = [] if model_file is None else standing_contenders([model_file], own)
     with tqdm(desc="comparing", unit="fit", disable=None, leave=False) as bar:
 

@@ -137,9 +137,11 @@ def _errors(session: Session, view: View) -> Table:
         rows.append([how.label, *cells[:2], f"{fall:.0f} %" if view.names else "-", *cells[2:]])
     header = ["held-out RMSE", "without effects", "with", "fall", "± s.e.", "bias", "noise floor",
               "repeats differ by"]  # fmt: skip
-    seen = f" (as seen with {listed(session.floor_with)} in)" if session.floor_with else ""
-    caption = f"Noise floor: the held-out error that the true model would leave{seen}."
-    return Table(header, rows, caption, numbers=range(1, 8))
+    caption = "Noise floor: the held-out error that the true model would leave"
+    if session.floor_with:
+        seen = listed(session.floor_with)
+        caption += f", as seen with {seen} in; lower, if something else is missing still"
+    return Table(header, rows, caption + ".", numbers=range(1, 8))
 
 
 def _parameters(view: View) -> Table:
@@ -150,8 +152,9 @@ def _parameters(view: View) -> Table:
         about = known.get(p.owner, {}).get(p.name)
         published = about.published if about is not None else None
         owner = f"{words(p.owner)} ({forms[p.owner]})" if p.owner in forms else p.owner
+        unit = "" if p.unit == "1" else p.unit.replace(" ", "\u00a0")  # on one line
         rows.append([
-            owner, p.name, number(p.value, 4), number(p.std), "" if p.unit == "1" else p.unit.replace(" ", "\u00a0"),
+            owner, p.name, number(p.value, 4), number(p.std), unit,
             "-" if published is None else f"{brief(published[0])} to {brief(published[1])}",
             _status(p),
         ])  # fmt: skip
