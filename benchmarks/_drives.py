@@ -12,7 +12,7 @@ from smallwheel_ros.simulate.sensors import EPOCH
 def measurements(drive: Drive) -> list[SinkageMeasurement]:
     """Everything as measured, noise included, put together by time and in its order.
 
-    Slip comes from wheel speed and odometry, as on a robot; below 0.05 m/s it is 0.
+    Slip comes from wheel speed and odometry, as on a robot; below 0.05 m/s it is not known.
     """
     odometry, joints = drive.odometry, drive.joints
     t_odometry, t_joints = ((s.stamp - EPOCH) / 1e9 for s in (odometry, joints))
@@ -31,7 +31,7 @@ def measurements(drive: Drive) -> list[SinkageMeasurement]:
         own = speed - wheel.y * yaw
         rim = np.interp(time, t_joints, joints.velocity[:, j]) * wheel.diameter / 2
         faster = np.maximum(np.abs(own), np.abs(rim))
-        slip = np.where(faster > 0.05, (rim - own) / np.maximum(faster, 0.05), 0.0)
+        slip = np.where(faster > 0.05, (rim - own) / np.maximum(faster, 0.05), np.nan)
         at = np.maximum.accumulate(np.interp(time, t_odometry, way))
         rows = zip(time, sinkage.sinkage, sinkage.variance, carried, at, slip, own, strict=True)
         found += [
@@ -45,7 +45,7 @@ def measurements(drive: Drive) -> list[SinkageMeasurement]:
                 wheel.diameter,
                 wheel.width,
                 d,
-                float(np.clip(s, -1.0, 1.0)),
+                None if np.isnan(s) else float(np.clip(s, -1.0, 1.0)),
                 abs(u),
             )
             for t, z, v, w, d, s, u in ((float(x) for x in row) for row in rows)

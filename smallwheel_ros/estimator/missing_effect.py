@@ -41,8 +41,8 @@ _IN_A_ROW = 2  # tests over `_RAISE`
 _APART = 12.0  # between the best effect and one that is no rival
 _LEFT = 0.5  # least share of a column that n and m cannot imitate
 _LEAST_CHANGE = 0.3  # of a column, in standard deviations of a change (root mean square)
+_KNOWN = 0.5  # least share of the changes for which a covariate is known
 _STEP = 0.02  # of n and m
-_LARGEST_SHARE = 0.9  # of a parameter's bounds
 _NOT_TESTED = ("contact_geometry", "sinkage_offset")  # no change from piece to piece shows them
 
 
@@ -184,11 +184,15 @@ def _scores(
     soil: Soil, effects: Sequence[Effect], forms: Sequence[type[Effect]], changes: Changes
 ) -> tuple[EffectScore, ...]:
     """Score every family, the best first."""
-    covariates = {
-        name: column
-        for name, column in (("slip", changes.slip), ("speed", changes.speed))
-        if np.isfinite(column).all()
-    }
+    covariates = {}
+    usable = np.ones(changes.later.size, dtype=bool)
+    for name, column in (("slip", changes.slip), ("speed", changes.speed)):
+        known_here = np.isfinite(column)
+        both = known_here[changes.later] & known_here[changes.earlier]
+        # Not known where a wheel stands: those pieces are left out, not the covariate.
+        if both.mean() > _KNOWN:
+            covariates[name] = np.where(known_here, column, np.median(column[known_here]))
+            usable &= both
     rolling = np.full(changes.load.size, ROLLING)
     conditions = Conditions(
         changes.load, changes.diameter, changes.width, rolling, None, covariates
@@ -205,7 +209,7 @@ def _scores(
     missed = change(changes.log_sinkage - plain)
     others = (replace(soil, n=soil.n + _STEP), replace(soil, m=soil.m + _STEP))
     known = np.column_stack([change(log_sinkage(law) - plain) / _STEP for law in others])
-    usable = np.isfinite(missed) & np.isfinite(known).all(axis=1)
+    usable &= np.isfinite(missed) & np.isfinite(known).all(axis=1)
     missed, known = missed[usable], known[usable]
     known = known[:, _size(known) > 1e-3]
     base = robust_fit(missed, known)
@@ -266,6 +270,6 @@ def _score(
     found = neutral + float(fit.coefficients[-1])
     low, high = first.bounds
     gain = 2.0 * (fit.log_likelihood - base.log_likelihood)
-    if not low <= found <= low + (high - low) / _LARGEST_SHARE or not math.isfinite(gain):
+    if not low <= found <= high or not math.isfinite(gain):
         return replace(untested, reason="its strength would be outside of its bounds")
     return replace(untested, statistic=max(gain, 0.0), strength=found)

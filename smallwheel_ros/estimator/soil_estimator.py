@@ -61,6 +61,7 @@ __all__ = [
 
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
+_STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
 _LEAST_VARIANCE = (1e-5) ** 2  # m^2: no sinkage is measured better; keeps the covariance sound
 
 
@@ -118,6 +119,8 @@ class SoilEstimator:
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
         """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
+        if measurement.slip is None:
+            measurement = self._in_its_rut(measurement)
         problem = find_problem(measurement, self._needs) or self._out_of_order(measurement)
         if problem is None:
             try:
@@ -127,6 +130,13 @@ class SoilEstimator:
         reason, message = problem
         self.refused[reason] = self.refused.get(reason, 0) + 1
         return UpdateResult(Outcome.REFUSED, reason, message)
+
+    def _in_its_rut(self, given: SinkageMeasurement) -> SinkageMeasurement:
+        """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
+        wheel = self._wheels.get(given.wheel)
+        if wheel is None or wheel.slip is None or given.distance - wheel.slip_at > _STANDS:
+            return given
+        return replace(given, slip=wheel.slip)
 
     def _out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
         wheel = self._wheels.get(given.wheel)
@@ -239,6 +249,8 @@ class SoilEstimator:
             wheel = WheelTrack(spot, given.time, given.distance, self._soils.current)
             self._wheels[given.wheel] = wheel
         wheel.time, wheel.distance = given.time, given.distance
+        if given.slip is not None and wheel.slip != given.slip:
+            wheel.slip, wheel.slip_at = given.slip, given.distance
         return wheel
 
     def estimate(self) -> SoilEstimate:

@@ -58,6 +58,8 @@ class WheelTrack:
     soil: KnownSoil
     load: LoadLevel = field(default_factory=LoadLevel)
     carried: float = 0.0  # N, the newest load without its noise
+    slip: float | None = None  # the newest that was known
+    slip_at: float = 0.0  # m, where that was
     surprises: int = 0
     surprised_at: float = 0.0
 

@@ -58,6 +58,12 @@ class Changes(NamedTuple):
     deviation: Array
 
 
+def _mean(values: tuple[float, ...]) -> float:
+    """Mean of those that are known, NaN without any."""
+    known = [value for value in values if not math.isnan(value)]
+    return fmean(known) if known else math.nan
+
+
 class WayPieces:
     """Collects pieces of `length` (m), and keeps those of the last `window` (m)."""
 
@@ -112,8 +118,8 @@ class WayPieces:
                 fmean(columns[2]),
                 diameter,
                 width,
-                fmean(columns[3]),
-                fmean(columns[4]),
+                _mean(columns[3]),
+                _mean(columns[4]),
             )
         )
         while done[-1].distance - done[0].distance > self._window:
