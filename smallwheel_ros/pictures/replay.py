@@ -106,6 +106,7 @@ def _draw_events(axes: Axes, columns: Mapping[str, Array], events: Sequence[Even
         marker, word = {
             "soil_change": ("o", "another soil"),
             "digging_in": ("X", "digging in"),
+            "missing_effect": ("*", "missing effect"),
         }.get(event.kind, ("d", "time went back"))
         i = int(np.argmin(np.abs(columns["time"] - event.time)))
         axes.plot(

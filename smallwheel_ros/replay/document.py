@@ -70,7 +70,15 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
             "reference_sinkage": soil.reference_sinkage,
             "reference_diameter": soil.reference_diameter,
             "status": list(soil.status),
-            "changes": soil.soil_changes,
+            "changes": record.soil_changes,
+            "missing_effect": None
+            if soil.missing_effect is None
+            else {
+                "effect": soil.missing_effect.effect,
+                "rivals": list(soil.missing_effect.rivals),
+                "follows": soil.missing_effect.follows,
+                "text": soil.missing_effect.message,
+            },
         },
         "events": [
             {"time": e.time, "travel": e.travel, "kind": e.kind, "text": e.text}

@@ -133,6 +133,8 @@ class _Session:
         self, spec: ReplaySpec, settings: NodeSettings, notes: list[str], reader: BagReader
     ) -> None:
         onboard = Onboard(settings.onboard)
+        if settings.soil_file:
+            notes = [*notes, "soil_file is not read: a replay begins with the configured soil"]
         self._feed = Feed(onboard, settings)
         inputs = inputs_of(self._feed.topics, spec.remaps)
         topics = reader.topics

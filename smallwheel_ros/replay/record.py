@@ -115,7 +115,8 @@ class Record:
         self._accepted = self._changes = 0
         self._last_pressure = onboard.soil.reference_pressure
         self._digging: set[str] = set()
-        self._warned: set[str] = set()
+        self._missing = ""
+        self.soil_changes = 0
         self.travel = 0.0
 
     def add(self, result: Result, place: Place) -> None:
@@ -144,9 +145,10 @@ class Record:
             course.add(_point(result, place, time, used))
 
     def _watch(self, result: Result, time: float) -> None:
-        """Note changes of soil and wheels that begin to dig in."""
+        """Note changes of soil, wheels that begin to dig in, and effects that the model lacks."""
         found, soil = result.mobility, result.soil
         if soil.soil_changes > self._changes:
+            self.soil_changes += 1
             ratio = soil.reference_pressure / self._last_pressure
             self._event(
                 time,
@@ -164,6 +166,10 @@ class Record:
             self._digging.add(found.wheel)
         elif not found.digging_in:
             self._digging.discard(found.wheel)
+        alarm = soil.missing_effect
+        if alarm is not None and alarm.effect != self._missing:
+            self._event(time, soil.distance, "missing_effect", alarm.message)
+        self._missing = alarm.effect if alarm is not None else ""
 
     def _event(self, time: float, travel: float, kind: str, text: str) -> None:
         if len(self.events) < _MOST_EVENTS:

@@ -108,6 +108,11 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
     if soil["changes"] == 0 and not digging:
         headline = "One soil throughout, and no wheel dug itself in."
     blocks.append(Callout(headline, lines, "warning" if digging else "result"))
+    alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
+    if alarms:
+        texts = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
+        texts.append("`smallwheel diagnose measurements.csv` takes all of the drive into account.")
+        blocks.append(Callout("The model misses something", texts, "warning"))
     if summary["missing"]:
         blocks.append(Callout("Inputs that the bag lacks", summary["missing"], "warning"))
     return blocks
@@ -210,7 +215,11 @@ def _events(summary: dict[str, Any]) -> list[Block]:
         for event in summary["events"]
     ]
     if not rows:
-        return [Text("No change of the soil, no wheel that digs in, no jump of time.")]
+        return [
+            Text(
+                "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
+            )
+        ]
     header = ["time [s]", "way [m]", "what"]
     blocks: list[Block] = [Table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
