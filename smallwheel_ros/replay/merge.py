@@ -23,7 +23,7 @@ def _cell(kind: Kind, text: str) -> Any:
         return float(text)
     if kind == "integer":
         return int(text)
-    return bool(int(text)) if kind == "truth" else text
+    return text == "True" if kind == "truth" else text
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:

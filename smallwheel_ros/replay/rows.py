@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
@@ -31,6 +32,7 @@ _VALID = {
     "margin_valid": ("mobility_margin", "steepest_slope"),
     "energy_valid": ("energy_per_metre",),
 }
+_SPREADS = tuple(f"soil_{name}_standard_deviation" for name in "knm")
 
 
 class Place(NamedTuple):
@@ -55,6 +57,16 @@ def _fields(message: str) -> tuple[tuple[str, Kind], ...]:
 
 
 @cache
+def _soil_fields() -> tuple[str, ...]:
+    return tuple(name for name, _ in _fields(SOIL))
+
+
+@cache
+def _soil_names() -> tuple[str, ...]:
+    return tuple(f"soil_{name}" for name in _soil_fields())
+
+
+@cache
 def columns() -> dict[str, Kind]:
     """Return the table's columns in their order."""
     first: dict[str, Kind] = {
@@ -70,7 +82,7 @@ def columns() -> dict[str, Kind]:
     }
     own = {name: kind for name, kind in _fields(MOBILITY) if name not in _VALID}
     soil = {f"soil_{name}": kind for name, kind in _fields(SOIL)}
-    after: dict[str, Kind] = {f"soil_{name}_standard_deviation": "number" for name in "knm"}
+    after: dict[str, Kind] = dict.fromkeys(_SPREADS, "number")
     return {**first, **own, "status": "text", **soil, **after, "soil_changes": "integer"}
 
 
@@ -112,20 +124,23 @@ def estimate_of(result: Result, place: Place, start: int) -> Estimate:
     for flag, names in _blanks().items():
         if not row[flag]:
             row.update(dict.fromkeys(names))
-    for name, value in soil.items():
-        row[f"soil_{name}"] = value
+    row.update(zip(_soil_names(), map(soil.__getitem__, _soil_fields()), strict=True))
     spread = result.soil.covariance.diagonal()
-    for i, name in enumerate("knm"):
-        row[f"soil_{name}_standard_deviation"] = max(float(spread[i]), 0.0) ** 0.5
+    for i, name in enumerate(_SPREADS):
+        row[name] = max(float(spread[i]), 0.0) ** 0.5
     row["soil_changes"] = result.soil.soil_changes
     return Estimate(row, mobility, soil)
 
 
-def _header(stamp: int, frame: str) -> Any:
-    time = message_type("builtin_interfaces/msg/Time")(sec=stamp // SECOND, nanosec=stamp % SECOND)
-    return message_type("std_msgs/msg/Header")(stamp=time, frame_id=frame)
+@cache
+def _classes(kind: str) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    names = (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    message, header, time = (message_type(name) for name in names)
+    return message, header, time
 
 
 def as_message(kind: str, fields: dict[str, Any], stamp: int, frame: str) -> Any:
     """Return a message of this package with a header and these fields."""
-    return message_type(kind)(header=_header(stamp, frame), **fields)
+    message, header, time = _classes(kind)
+    seconds, rest = divmod(stamp, SECOND)
+    return message(header=header(stamp=time(sec=seconds, nanosec=rest), frame_id=frame), **fields)

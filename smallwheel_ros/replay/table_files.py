@@ -6,6 +6,7 @@ import contextlib
 import csv
 from collections.abc import Mapping
 from io import TextIOWrapper
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,14 +16,6 @@ from smallwheel_ros.replay.rows import Kind
 
 _BATCH = 2000  # rows; what a replay that is killed loses at most
 _PART = ".part"
-
-
-def _cell(value: Any) -> Any:
-    if value is None:
-        return ""
-    if value is True or value is False:
-        return int(value)
-    return value
 
 
 class TableFiles:
@@ -47,7 +40,8 @@ class TableFiles:
     def __init__(self, stem: Path, columns: Mapping[str, Kind]) -> None:
         self._stem, self._columns = stem, dict(columns)
         self._names = list(columns)
-        self._rows: list[Mapping[str, Any]] = []
+        self._cells = itemgetter(*columns)
+        self._rows: list[tuple[Any, ...]] = []
         self.rows = 0
         self._text: TextIOWrapper | None = None
         self._parquet: Any = None
@@ -98,7 +92,7 @@ class TableFiles:
 
     def add(self, row: Mapping[str, Any]) -> None:
         """Add a row; None is a blank cell."""
-        self._rows.append(row)
+        self._rows.append(self._cells(row))
         if len(self._rows) >= _BATCH:
             self._write()
 
@@ -107,15 +101,18 @@ class TableFiles:
         rows, self._rows = self._rows, []
         if not rows:
             return
-        names = self._names
         try:
-            self._writer.writerows([_cell(row[name]) for name in names] for row in rows)
+            self._writer.writerows(rows)  # None becomes a blank cell
             self._text.flush()
             if self._parquet is not None:
                 import pyarrow
 
-                values = {name: [row[name] for row in rows] for name in names}
-                self._parquet.write_table(pyarrow.table(values, schema=self._schema))
+                columns = zip(*rows, strict=True)
+                arrays = [
+                    pyarrow.array(column, field.type)
+                    for column, field in zip(columns, self._schema, strict=True)
+                ]
+                self._parquet.write_batch(pyarrow.record_batch(arrays, schema=self._schema))
         except OSError as error:
             raise self._failed(error) from error
         self.rows += len(rows)
