@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 
 from smallwheel_ros.compare.scores import UNITS
+from smallwheel_ros.diagnosis.pipeline import FEWEST_RUNS
 from smallwheel_ros.display import brief, column_display, display, number, words
 from smallwheel_ros.explore.pictures import view_picture
 from smallwheel_ros.explore.session import CLEAR, Session, View
@@ -82,7 +83,7 @@ def view_html(session: Session, view: View, over: str) -> str:
     )
     notes = [said(note) for note in view.fit.notes]
     blocks: list[Block] = [
-        _headline(view),
+        _headline(session, view),
         _errors(session, view),
         picture,
         _parameters(view),
@@ -97,15 +98,21 @@ def problem_html(message: str) -> str:
     return Callout("This cannot be shown", [said(message)], "warning").html()
 
 
-def _headline(view: View) -> Callout:
+def _headline(session: Session, view: View) -> Callout:
+    few = []
+    if session.runs < FEWEST_RUNS:
+        few.append(
+            f"{session.runs} runs: under {FEWEST_RUNS} nothing can be told from the scatter of the soil"
+        )
     if not view.names:
-        return Callout("The base model, without any effect",
-                       ["Set an effect on the left: everything is fitted and drawn anew."])  # fmt: skip
+        lines = ["Set an effect on the left: everything is fitted and drawn anew."]
+        return Callout("The base model, without any effect", [*lines, *few],
+                       "warning" if few else "result")  # fmt: skip
     before, after = view.before.rmse(), view.after.rmse()
     falls = ", ".join(
         f"{words(c)} {shown_value(c, before[c])} → {shown_value(c, after[c])}" for c in before
     )
-    lines = [
+    lines = few + [
         f"the fitted strength of {words(name)} is at a bound or outside the published range"
         for name in view.implausible
     ]

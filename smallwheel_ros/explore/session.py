@@ -29,6 +29,7 @@ from smallwheel_ros.model_file import write_model
 from smallwheel_ros.physics.soil import nearest
 
 CLEAR = 10.0  # gain of -2 log likelihood that chance rarely makes
+_FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _MOST_FOR_FLOOR = 3  # effects that are added to find the noise floor
 
 Progress = Callable[[str], None]
@@ -64,9 +65,9 @@ class Session:
     """One table and everything that was fitted to it. Not to be used by two threads at once.
 
     families: every effect by name, with the reason where it cannot be tested. present: those that
-    stay in the model. chosen: those to begin with. drivers: settings that vary. floor_with: effects
-    that were in the model from which the noise floor is known.
-    Raises FittingError where nothing usable was measured.
+    stay in the model. chosen: those to begin with. runs: how many have usable rows. drivers: settings
+    that vary. floor_with: effects that were in the model from which the noise floor is known.
+    Raises FittingError where nothing usable was measured, ExploreError where all is of one run.
     """
 
     def __init__(
@@ -79,6 +80,12 @@ class Session:
         self.measurements = measurements
         base = base_physics(base, measurements, registry)
         observations = observe(measurements)
+        self.runs = int(np.unique(observations.run).size)
+        if self.runs < 2:
+            raise ExploreError(
+                f"{measurements.source or 'the measurements'}: all usable rows are of one run, so "
+                "nothing can be held out: measure more runs"
+            )
         responses = measured_forces(measurements.units)
         families = list_families(observations, (), base.geometry, registry, responses)
         testable = [f.name for f in families if not f.blocked]
@@ -138,8 +145,11 @@ class Session:
         if chosen not in self._views:
             try:
                 self._views[chosen] = self._view(chosen)
-            except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-                raise ExploreError(f"the fit with {', '.join(chosen)} failed: {error}") from error
+            except _FAILURES as error:
+                what = (
+                    f"the fit with {', '.join(chosen)}" if chosen else "the fit of the base model"
+                )
+                raise ExploreError(f"{what} failed: {error}") from error
         return self._views[chosen]
 
     def model_file(self, names: Sequence[str]) -> bytes:
@@ -206,8 +216,11 @@ class Session:
             lead = next(iter(self._leads(explanation)), None)
             if lead is None or lead.gain < CLEAR:
                 break
-            names = self.choose((*explanation.families, lead.family))
-            further = self._explain(names)
+            start = {lead.family: lead.strength}
+            try:
+                further = self.workbench.fit((*explanation.forms, lead.form), explanation, start)
+            except _FAILURES:  # said when it is asked for
+                break
             if cost(further) > cost(explanation) - CLEAR:
                 break
             explanation = further
