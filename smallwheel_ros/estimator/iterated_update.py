@@ -65,9 +65,11 @@ def line_at(
         + c * (mean[2] - x[2])
         + d * (mean[3] - x[3])
     )
-    first, second, third, fourth = (
-        p * a + q * b + r * c + s * d for p, q, r, s in belief.covariance
-    )
+    one, two, three, four = belief.covariance
+    first = one[0] * a + one[1] * b + one[2] * c + one[3] * d
+    second = two[0] * a + two[1] * b + two[2] * c + two[3] * d
+    third = three[0] * a + three[1] * b + three[2] * c + three[3] * d
+    fourth = four[0] * a + four[1] * b + four[2] * c + four[3] * d
     spread = a * first + b * second + c * third + d * fourth
     chi_square = (measured - expected) ** 2 / (spread + point.noise)
     return Line(
@@ -91,9 +93,20 @@ def linearise(
     share, last = 1.0, math.inf
     for _ in range(_ITERATIONS):
         gain = (measured - line.expected) / (line.spread + line.noise)
-        step = [m + gain * by - now for m, by, now in zip(mean, line.by, x, strict=True)]
+        by, row = line.by, line.row
+        step = (
+            mean[0] + gain * by[0] - x[0],
+            mean[1] + gain * by[1] - x[1],
+            mean[2] + gain * by[2] - x[2],
+            mean[3] + gain * by[3] - x[3],
+        )
         # Sinkage is nearly exponential in the state: what a straight line misses over this step.
-        change = sum(abs(slope * s) for slope, s in zip(line.row, step, strict=True))
+        change = (
+            abs(row[0] * step[0])
+            + abs(row[1] * step[1])
+            + abs(row[2] * step[2])
+            + abs(row[3] * step[3])
+        )
         bend = 0.5 * change * change / max(abs(value), 1e-6)
         if bend < _TOLERANCE * math.sqrt(line.noise):
             break

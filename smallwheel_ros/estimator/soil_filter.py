@@ -121,10 +121,12 @@ class SoilFilter:
             self.state = before
             return False
         # Rounding must not add up to an asymmetry over millions of updates.
-        ekf.P = 0.5 * (ekf.P + ekf.P.T)
-        factor, failed = dpotrf(ekf.P, lower=1)
+        covariance = ekf.P + ekf.P.T
+        covariance *= 0.5
+        ekf.P = covariance
+        factor, failed = dpotrf(covariance, lower=1, clean=0)
         # What is not finite anywhere in the covariance arrives at the last pivot.
-        if failed or not factor[-1, -1] > 0.0 or not math.isfinite(sum(ekf.x.tolist())):
+        if failed or not factor[-1, -1] > 0.0 or not math.isfinite(ekf.x.sum()):
             self.state = before
             return False
         return True

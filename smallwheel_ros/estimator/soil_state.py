@@ -211,7 +211,10 @@ class SoilState:
         before = self._filter.state
         if not self._filter.update(reading.measured, line.expected, row, line.noise):
             raise ArithmeticError("the update would leave the covariance unsound")
-        first, q, m = (self._mean + self._filter.deviation[:_LAW]).tolist()
+        deviation, mean = self._filter.deviation, self._mean
+        first = float(mean[_FIRST] + deviation[_FIRST])
+        q = float(mean[_EXPONENT] + deviation[_EXPONENT])
+        m = float(mean[_M] + deviation[_M])
         low, high = _EXPONENT_LIMITS
         if abs(first) > _PRESSURE_LIMIT or not low < q < high or abs(m) > _M_LIMIT:
             self._filter.state = before
