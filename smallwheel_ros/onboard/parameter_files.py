@@ -143,8 +143,10 @@ def reference() -> str:
         "has the same as a file to start from. In ROS parameter files a number for a `double`",
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",
-        "Parameters are read when the node is configured: to change one later, deactivate and",
-        "clean up the node, set it, configure and activate. Those marked *at start* can only",
+        "All of them can be changed while the node runs (`ros2 param set`); a change is checked",
+        "together with all other values, refused with a reason or applied at once. Changes of",
+        "`soil.*` (but `soil.file`), `estimator.*`, `model_file`, `effects_file` and `noise.sinkage`",
+        "let the soil start over, those of `cost.*` the cost map. Those marked *at start* can only",
         "come from a file or the command line.",
         "",
     ]
