@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import click
 import matplotlib.image
 import numpy as np
 import pytest
@@ -373,6 +374,30 @@ def test_the_command_prints_the_address_and_ends_with_ctrl_c(rig: Path, reposito
     assert running.returncode == 0, errors
     assert rest == ""
     assert "Traceback" not in errors
+
+
+def test_what_the_page_of_documentation_says_to_type_can_be_typed(
+    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (repository / "docs" / "explore.md").read_text()
+    typed = re.findall(r"^\$ (?:ssh .* )?smallwheel (.*)$", text, re.MULTILINE)
+    assert {line.split()[0] for line in typed} == {"simulate", "explore", "diagnose", "report"}
+    monkeypatch.chdir(tmp_path)
+    for line in typed:
+        name, *arguments = line.split()
+        command = cli.main.get_command(click.Context(cli.main), name)
+        assert command is not None
+        if name == "simulate":
+            assert CliRunner().invoke(cli.main, [name, *arguments]).exit_code == 0
+            assert Path("rig.csv").is_file()
+        else:
+            command.make_context(name, list(arguments))  # refuses what it does not know
+    options = set(re.findall(r"`(--[a-z-]+)", text.split("## Options")[1].split("## ")[0]))
+    explore = cli.main.get_command(click.Context(cli.main), "explore")
+    assert explore is not None
+    assert options == {o for p in explore.params for o in p.opts if o.startswith("--")}
+    picture = repository / "docs" / re.findall(r"\]\((images/.*?)\)", text)[0]
+    assert 20e3 < picture.stat().st_size < 200e3
 
 
 # In a browser

@@ -38,7 +38,8 @@ def whole_page(
         f"<h1>{name}</h1><p>{rows} rows, {runs} runs</p>"
         f"<fieldset><legend>Effects</legend>{_effects(session, names, worth)}</fieldset>"
         "<p class=hint>The number: what the effect is worth beside the others that are set, as a "
-        f"fall of -2 log likelihood. Up to about {CLEAR:g} may be chance.</p>"
+        f"fall of -2 log likelihood (estimated until it is set). Up to about {CLEAR:g} may be "
+        "chance.</p>"
         f"<label>Residuals over<select name=over>{over_options}</select></label>"
         "<noscript><button>Show</button></noscript>"
         '<button formaction="model.yaml">Save this model file</button>'
