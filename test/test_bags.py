@@ -397,3 +397,34 @@ def test_a_topic_of_a_foreign_type_is_copied_with_its_definition(tmp_path):
             writer.write_bytes(channel, raw.log_time, convert(raw.data))
     with BagReader(tmp_path / "copy") as reader:
         assert [m.message.x for m in reader.messages()] == [10.0 * i for i in range(10)]
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1", "storage", "file", "message"])
+def test_damage_anywhere_is_a_bag_error_and_never_another(tmp_path, kind):
+    rng = np.random.default_rng(0)
+    example = write_example(tmp_path / "drive", "sqlite3" if kind == "sqlite3" else "mcap", 200)
+    if kind == "ros1":
+        bag = file = ros1_copy(example, tmp_path / "old.bag")
+    else:
+        packed = kind in ("storage", "file", "message")
+        bag = compressed_copy(example, tmp_path / "packed", "mcap", kind) if packed else example
+        file = next(f for f in bag.iterdir() if f.suffix != ".yaml")
+    whole = file.read_bytes()
+    for _ in range(25):
+        content = bytearray(whole)
+        at = int(rng.integers(len(content)))
+        if rng.random() < 0.5:
+            for place in rng.integers(len(content), size=int(rng.choice([1, 5, 30]))):
+                content[place] = int(rng.integers(256))
+        elif rng.random() < 0.5:
+            content[at : at + 2000] = bytes(len(content[at : at + 2000]))
+        else:
+            content[at:at] = rng.bytes(9)
+        file.write_bytes(content)
+        read = []
+        try:
+            with BagReader(bag, salvage=True) as reader:
+                read.extend(reader.messages())
+        except BagError as error:
+            assert error.messages_read == len(read)
+            assert error.path == bag

@@ -6,6 +6,7 @@ Message types, their bytes, and the bag formats themselves.
 from __future__ import annotations
 
 import bz2
+import contextlib
 import sys
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -55,7 +56,7 @@ __all__ = [
     "unpack_zstd",
 ]
 
-_HEADER = "std_msgs/msg/Header"
+_PIECE = 1 << 14  # bytes that are decompressed at once
 _IDL_SEPARATOR = "=" * 80 + "\n"
 # Jazzy has the same messages under another name.
 _RENAMED = {"rosgraph_msgs/msg/Log": "rcl_interfaces/msg/Log"}
@@ -216,19 +217,28 @@ def latched() -> Qos:
 
 
 def decompressed(data: bytes, method: str) -> bytes:
-    """Return what can be decompressed of data that may be cut off.
+    """Return what can be decompressed of data that may be cut off or damaged.
 
-    Raises ValueError for an unknown method, and whatever the library raises for damaged data.
+    Raises ValueError for an unknown method.
     """
     if method in ("", "none"):
         return data
-    if method == "zstd":
-        return bytes(zstd.ZstdDecompressor().decompress(data))
-    if method == "lz4":
-        return bytes(LZ4FrameDecompressor().decompress(data))
-    if method == "bz2":
-        return bz2.BZ2Decompressor().decompress(data)
-    raise ValueError(f"compression {method!r} is not known here")
+    makers: dict[str, Callable[[], Any]] = {
+        "zstd": zstd.ZstdDecompressor,
+        "lz4": LZ4FrameDecompressor,
+        "bz2": bz2.BZ2Decompressor,
+    }
+    if method not in makers:
+        raise ValueError(f"compression {method!r} is not known here")
+    decompressor = makers[method]()
+    parts = []
+    # In small pieces: what comes before the damage is good.
+    with contextlib.suppress(Exception):
+        for at in range(0, len(data), _PIECE):
+            if decompressor.eof:
+                break
+            parts.append(decompressor.decompress(data[at : at + _PIECE]))
+    return b"".join(parts)
 
 
 def unpack_zstd(source: BinaryIO, target: BinaryIO) -> None:
@@ -238,14 +248,14 @@ def unpack_zstd(source: BinaryIO, target: BinaryIO) -> None:
     what could be decompressed is in `target` then.
     """
     decompressor = zstd.ZstdDecompressor()
-    while block := source.read(1 << 18):
+    while block := source.read(_PIECE):
         while block:
             target.write(decompressor.decompress(block))
             block = b""
             if decompressor.eof:
                 block = decompressor.unused_data
                 decompressor = zstd.ZstdDecompressor()
-                block = block or source.read(1 << 18)
+                block = block or source.read(_PIECE)
                 if not block:
                     return
     raise EOFError("it ends too early")

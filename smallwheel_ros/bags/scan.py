@@ -6,6 +6,7 @@ What is given is what the file holds up to its damage; `ScanDamage` then says wh
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +31,20 @@ class Scanned(NamedTuple):
     channel: ScanChannel
     log_time: int
     data: bytes
+
+
+def by_log_time(chunk: Iterator[Scanned]) -> Iterator[Scanned]:
+    """Give the messages of a chunk by log time, all that come before an error, then the error."""
+    found: list[Scanned] = []
+    damage: Exception | None = None
+    try:
+        found.extend(chunk)
+    except Exception as error:
+        damage = error
+    # `extend` keeps what came before the error.
+    yield from sorted(found, key=attrgetter("log_time"))
+    if damage is not None:
+        raise damage
 
 
 def scan(path: Path, kind: str) -> Iterator[Scanned]:

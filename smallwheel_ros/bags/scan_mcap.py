@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from smallwheel_ros.bags.library import decompressed
-from smallwheel_ros.bags.scan import ScanChannel, ScanDamage, Scanned
+from smallwheel_ros.bags.scan import ScanChannel, ScanDamage, Scanned, by_log_time
 
 _MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0F
@@ -60,7 +60,7 @@ class _Scanner:
                 return
             whole = length <= size - file.tell()
             if code == _CHUNK:
-                yield from sorted(self._chunk(file.read(length), whole, start), key=_log_time)
+                yield from by_log_time(self._chunk(file.read(length), whole, start))
             elif whole:
                 yield from self._record(code, file.read(length))
             if not whole:
@@ -91,27 +91,19 @@ class _Scanner:
             return
         head = _Record(data)
         head.at = 28  # times, size and checksum, which are not needed
+        size = struct.unpack_from("<Q", data, 16)[0]
         method, _ = head.text(), head.number("<Q")
-        try:
-            content = decompressed(data[head.at :], method)
-        except Exception as error:
-            raise ScanDamage(
-                f"the chunk at byte {start} cannot be decompressed ({error})"
-            ) from error
+        content = decompressed(data[head.at :], method)
         at = 0
         while at + _PREFIX.size <= len(content):
             code, length = _PREFIX.unpack_from(content, at)
             at += _PREFIX.size
             if at + length > len(content):
-                if whole:
-                    raise ScanDamage(f"the chunk at byte {start} is damaged")
-                return
+                break
             yield from self._record(code, content[at : at + length])
             at += length
-
-
-def _log_time(scanned: Scanned) -> int:
-    return scanned.log_time
+        if whole and (at < len(content) or len(content) < size):
+            raise ScanDamage(f"the chunk at byte {start} is damaged")
 
 
 def scan(path: Path) -> Iterator[Scanned]:

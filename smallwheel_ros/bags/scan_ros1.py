@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from smallwheel_ros.bags.library import decompressed
-from smallwheel_ros.bags.scan import ScanChannel, ScanDamage, Scanned
+from smallwheel_ros.bags.scan import ScanChannel, ScanDamage, Scanned, by_log_time
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
@@ -47,12 +47,10 @@ class _Scanner:
             if code == _CHUNK:
                 data, whole = self._chunk_data(file, size, start)
                 method = fields.get("compression", b"none").decode()
-                try:
-                    content = decompressed(data, method)
-                except Exception as error:
-                    text = f"the chunk at byte {start} cannot be decompressed ({error})"
-                    raise ScanDamage(text) from error
-                yield from sorted(self._chunk(content), key=lambda scanned: scanned.log_time)
+                content = decompressed(data, method)
+                yield from by_log_time(self._chunk(content))
+                if whole and len(content) < _number(fields.get("size", b"")):
+                    raise ScanDamage(f"the chunk at byte {start} is damaged")
                 if not whole:
                     raise ScanDamage(f"it ends at byte {size}, inside the chunk at byte {start}")
                 continue

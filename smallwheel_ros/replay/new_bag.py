@@ -27,6 +27,8 @@ class NewBag:
         the node's own estimates already.
     left_out
         Topics that are not copied, since nobody knows their type.
+    damaged
+        Messages that are not copied, since they cannot be converted.
     """
 
     def __init__(
@@ -50,7 +52,7 @@ class NewBag:
                 self._channels[topic.name, topic.type] = channel
         self._soil_sent: int | None = None
         self._soil_waits: tuple[Estimate, int] | None = None
-        self.estimates = 0
+        self.estimates = self.damaged = 0
 
     def __enter__(self) -> NewBag:
         self._writer.__enter__()
@@ -71,7 +73,12 @@ class NewBag:
         found = self._channels.get(key)
         if found is not None:
             channel, convert = found
-            self._writer.write_bytes(channel, log_time, convert(data))
+            try:
+                converted = convert(data)
+            except Exception:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
+                self.damaged += 1
+                return
+            self._writer.write_bytes(channel, log_time, converted)
 
     def write(self, estimate: Estimate, log_time: int, frame: str) -> None:
         """Write an estimate; frame: that of odometry."""

@@ -165,7 +165,7 @@ class _Session:
         self.result = Replayed(
             spec=spec,
             settings=settings,
-            notes=notes,
+            notes=list(notes),
             inputs=inputs,
             missing=missing,
             topics=topics,
@@ -213,6 +213,8 @@ class _Session:
         result.blocks.finish()
         result.end = max(time, result.start) if result.state != "complete" else result.end
         result.prefix, result.left_out = bag.prefix, bag.left_out
+        if bag.damaged:
+            result.notes.append(f"{bag.damaged} damaged messages are not in the new bag")
         lost = {entry.input.stream for entry in result.missing}
         result.missing += [
             Missing(item, "never in a message")

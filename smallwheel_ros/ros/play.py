@@ -64,6 +64,13 @@ def _keeps_last(reader: BagReader, topic: BagTopic) -> bool:
     return found is not None and any(q.durability.name == "TRANSIENT_LOCAL" for q in found[0].qos)
 
 
+def _converted(raw: RawMessage, convert: Callable[[bytes], bytes | memoryview]) -> RawMessage:
+    try:
+        return raw._replace(data=bytes(convert(raw.data)))
+    except Exception as error:  # damaged bytes make rosbags raise as it likes
+        raise PlayError(f"topic {raw.topic}: a message is damaged ({error})") from error
+
+
 class Player:
     """Publishes the messages of one bag in their order; use it in a `with` statement.
 
@@ -153,7 +160,7 @@ class Player:
                 }
                 for raw in reader.raw_messages(list(self.topics), start=start):
                     found = converters.get((raw.topic, raw.type))
-                    yield raw if found is None else raw._replace(data=bytes(found[1](raw.data)))
+                    yield raw if found is None else _converted(raw, found[1])
             if not self.settings.loop:
                 return
 
