@@ -153,6 +153,16 @@ def test_of_a_few_runs_it_is_said_that_they_are_few(tmp_path: Path) -> None:
     assert "2 runs: under 6 nothing can be told" in view_html(opened, view, "load")
 
 
+def test_without_repeats_no_noise_floor_is_claimed(tmp_path: Path) -> None:
+    table = simulate_rig(RigSettings(seed=3, runs=16, hidden=("slip_sinkage",))).table
+    write_table(table.groupby("run").head(1), tmp_path / "once.csv")
+    opened = open_session(tmp_path / "once.csv")
+    view = opened.view(["slip_sinkage"])
+    assert view.floor == {}
+    assert opened.repeats == {}
+    assert "not known here, since no setting was repeated" in view_html(opened, view, "slip")
+
+
 # The server, over real HTTP
 
 

@@ -140,13 +140,22 @@ def _errors(session: Session, view: View) -> Table:
         how = display(channel, UNITS[channel])
         std, repeats = stds[channel], session.repeats.get(channel)
         fall = 100.0 * (1.0 - after[channel] / before[channel]) if before[channel] > 0 else 0.0
-        scaled = (before[channel], after[channel], std, bias[channel], view.floor[channel], repeats)
+        scaled = (
+            before[channel],
+            after[channel],
+            std,
+            bias[channel],
+            view.floor.get(channel),
+            repeats,
+        )
         cells = [number(None if v is None else v * how.scale) for v in scaled]
         rows.append([how.label, *cells[:2], f"{fall:.0f} %" if view.names else "-", *cells[2:]])
     header = ["held-out RMSE", "without effects", "with", "fall", "± s.e.", "bias", "noise floor",
               "repeats differ by"]  # fmt: skip
     caption = "Noise floor: the held-out error that the true model would leave"
-    if session.floor_with:
+    if not view.floor:
+        caption += "; not known here, since no setting was repeated and no noise is stated"
+    elif session.floor_with:
         seen = listed(session.floor_with)
         caption += f", as seen with {seen} in; lower, if something else is missing still"
     return Table(header, rows, caption + ".", numbers=range(1, 8))

@@ -35,7 +35,7 @@ def view_picture(session: Session, view: View, over: str) -> Figure:
     for (left, right), channel in zip(panels, channels, strict=True):
         rows = _thinned(np.flatnonzero(observations.of_channel(channel)))
         how = display(channel, UNITS[channel])
-        floor = 2.0 * view.floor[channel] * how.scale
+        floor = 2.0 * view.floor.get(channel, 0.0) * how.scale
         _against(left, observations.value[rows] * how.scale, shown, rows, how.scale, floor)
         style(left, f"predicted {how.label}", f"measured {how.label}")
         right.axhspan(-floor, floor, color="#eceef1", linewidth=0)

@@ -43,7 +43,8 @@ class ExploreError(SmallwheelError):
 class View:
     """The model with some effects. before, after: held-out errors without any and with them.
 
-    fit: the model as it is saved. floor: held-out error that the true model would leave, m or N.
+    fit: the model as it is saved. floor: held-out error that the true model would leave, m or N, of
+    the channels of which it is known.
     fall, sigmas: of the error, relative and over its standard error. worth: what each effect that is
     set takes off -2 log likelihood, and what each other one would. implausible: effects whose
     strength is at a bound or outside the published range.
@@ -173,7 +174,7 @@ class Session:
             result_of(fit),
             before,
             after,
-            noise_floor(self.workbench, known),
+            self._floor(known),
             fall,
             sigmas,
             self._worth(explanation, names),
@@ -190,6 +191,15 @@ class Session:
         for name in names[:-1]:
             explanation = best_form(self.workbench, explanation, self.families[name])
         return explanation
+
+    def _floor(self, explanation: Explanation) -> dict[str, float]:
+        """By channel; none where the noise is only what a fit leaves: misfit would pass for it."""
+        noise = self.workbench.calibration.noise.channels
+        return {
+            name: floor
+            for name, floor in noise_floor(self.workbench, explanation).items()
+            if noise[name].source in ("repeats", "declared")
+        }
 
     def _worth(self, explanation: Explanation, names: tuple[str, ...]) -> dict[str, float]:
         worth = {lead.family: lead.gain for lead in self._leads(explanation)}
