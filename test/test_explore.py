@@ -512,6 +512,14 @@ def test_a_click_draws_everything_anew(server: ExploreServer, tmp_path: Path) ->
     browser.wait("location.search.endsWith('over=load') && !document.querySelector('.busy')")
     assert browser.run("document.querySelector('main img').src") != second
     after = browser.picture(tmp_path / "after.png")
+    browser.run("for (const name of ['multipass', 'sinkage_offset', 'multipass'])"
+                "document.querySelector(`input[value=${name}]`).click()")  # fmt: skip
+    browser.wait(
+        "document.querySelector('main').innerText.includes('With sinkage offset and slip sinkage')"
+    )
+    assert browser.run("location.search") == (
+        "?effects=sinkage_offset&effects=slip_sinkage&over=load"
+    )
     blue = np.array([0x00, 0x72, 0xB2]) / 255
     drawn = [int((np.abs(p - blue).max(axis=-1) < 0.02).sum()) for p in (before, after)]
     assert drawn[1] > drawn[0] + 300, "the curves of the model with the effect are not there"

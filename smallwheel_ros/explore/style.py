@@ -36,23 +36,33 @@ main figure { margin: .6rem 0 1rem; }
 """
 )
 
-# Whatever comes late is thrown away: only the answer to the last change is shown.
+# One question at a time: what is clicked meanwhile is asked together, when the answer is there.
 SCRIPT = """
 const form = document.querySelector('form'), main = document.querySelector('main');
-let last = 0;
+let asking = false, changed = false;
 async function show() {
-  const query = new URLSearchParams(new FormData(form)), turn = ++last;
-  history.replaceState(null, '', '?' + query);
+  changed = true;
+  if (asking) return;
+  asking = true;
   main.classList.add('busy');
-  let answer;
+  while (changed) {
+    changed = false;
+    const query = new URLSearchParams(new FormData(form));
+    history.replaceState(null, '', '?' + query);
+    draw(await answer(query));
+  }
+  main.classList.remove('busy');
+  asking = false;
+}
+async function answer(query) {
   try {
     const reply = await fetch('view?' + query);
-    answer = reply.ok ? await reply.json() : {error: await reply.text()};
+    return reply.ok ? await reply.json() : {error: await reply.text()};
   } catch {
-    answer = {error: 'The server has ended. Start smallwheel explore again, and reload this page.'};
+    return {error: 'The server has ended. Start smallwheel explore again.'};
   }
-  if (turn !== last) return;
-  main.classList.remove('busy');
+}
+function draw(answer) {
   if (answer.error) { main.textContent = answer.error; return; }
   main.innerHTML = answer.html;
   for (const bar of form.querySelectorAll('[data-effect]')) {
