@@ -15,11 +15,14 @@ from smallwheel_ros.compare.scores import score
 from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.mixed import Padding, RunEffects
+from smallwheel_ros.fitting.observations import Observations
 from smallwheel_ros.fitting.solve import Weights, solve
 
 Array = NDArray[np.float64]
 
 _FOLDS = 10
+_WEIGHINGS = 3
+_MUCH = 1.5  # growth of a variance that makes weighing again worth while
 
 
 @dataclass(frozen=True)
@@ -88,10 +91,13 @@ def one_step(workbench: Workbench, explanation: Explanation) -> Errors:
 
 
 def _errors(workbench: Workbench, error: Array) -> Errors:
-    observations = workbench.observations
+    observations, effects = workbench.observations, workbench.effects
+    crude = np.sum(
+        (effects.loadings * effects.least) ** 2, axis=1
+    )  # of a law, whatever repeats say
     return Errors(
         error,
-        workbench.effects.variance,
+        effects.variance + crude,
         observations.run,
         observations.channel,
         observations.channels,
@@ -99,23 +105,46 @@ def _errors(workbench: Workbench, error: Array) -> Errors:
 
 
 def refitted(workbench: Workbench, explanation: Explanation) -> Errors:
-    """Held-out errors of fits that were made without each tenth of the runs."""
+    """Held-out errors of fits that were made without each tenth of the runs.
+
+    Where the model misses something, its error is no noise, and a row that is measured well must not
+    count for more than the others: what the error has beyond noise is added to every row alike.
+    """
     observations, effects = workbench.observations, workbench.effects
     fold = _folds(observations.run, _FOLDS)
     error = np.full(len(observations), np.nan)
+    variance = effects.variance
+    start, residual = explanation.theta, explanation.residual
+    predictor, tau = Predictor(observations, explanation.layout), explanation.fit.scatter.tau
+    for _ in range(_WEIGHINGS):
+        variance = effects.variance + _beyond_noise(effects, tau, observations, residual)
+        if np.all(variance <= _MUCH * effects.variance):
+            break
+        whole = RunEffects(variance, effects.loadings, effects.names, effects.padding)
+        found = solve(predictor, observations.value, Weights(whole, tau), start)
+        start, residual = found.theta, observations.value - found.predicted
     for number in range(int(fold.max()) + 1):
         out = fold == number
         part = observations.take(~out)
         kept = RunEffects(
-            effects.variance[~out], effects.loadings[~out], effects.names, Padding.of(part.run)
+            variance[~out], effects.loadings[~out], effects.names, Padding.of(part.run)
         )
-        weights = Weights(kept, explanation.fit.scatter.tau)
         found = solve(
-            Predictor(part, explanation.layout), part.value, weights, explanation.theta, steps=8
+            Predictor(part, explanation.layout), part.value, Weights(kept, tau), start, steps=8
         )
         held = observations.take(out)
         error[out] = held.value - Predictor(held, explanation.layout)(found.theta)
     return _errors(workbench, error)
+
+
+def _beyond_noise(
+    effects: RunEffects, tau: Array, observations: Observations, residual: Array
+) -> Array:
+    """Mean square of each channel's residual beyond noise and the runs' scatter, for each row."""
+    known = effects.variance + np.sum((effects.loadings * tau) ** 2, axis=1)
+    count = np.maximum(np.bincount(observations.channel), 1)
+    more = np.bincount(observations.channel, residual**2 - known) / count
+    return np.asarray(np.maximum(more, 0.0)[observations.channel])
 
 
 def noise_floor(workbench: Workbench, explanation: Explanation) -> dict[str, float]:

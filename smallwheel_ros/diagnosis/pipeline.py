@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from smallwheel_ros.diagnosis.apply import without_corrections
+from smallwheel_ros.diagnosis.blocks import condense
 from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_forces
 from smallwheel_ros.diagnosis.document import (
     SCHEMA,
@@ -22,7 +23,7 @@ from smallwheel_ros.diagnosis.held_out import Errors, noise_floor, refitted
 from smallwheel_ros.diagnosis.next_measurement import Proposal, propose
 from smallwheel_ros.diagnosis.ranking import Row, rank
 from smallwheel_ros.diagnosis.regions import where_it_fails
-from smallwheel_ros.diagnosis.search import Search, search
+from smallwheel_ros.diagnosis.search import ALARM, Search, search
 from smallwheel_ros.diagnosis.ties import Tie, drivers, find_ties
 from smallwheel_ros.diagnosis.verdict import Finding, decide
 from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
@@ -31,6 +32,7 @@ from smallwheel_ros.fitting.calibrate import Calibration, calibrate
 from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.measurements.noise_floor import noise_floor as repeatability
 from smallwheel_ros.measurements.table import Measurements
 
 FEWEST_RUNS = 6
@@ -99,6 +101,7 @@ def diagnose(
         Where nothing usable was measured.
     """
     base = base or Base()
+    measurements = condense(measurements)
     observations = observe(measurements)
     present = [effect.id for effect in base.effects]
     families = list_families(
@@ -131,17 +134,25 @@ def diagnose(
     steps = _steps(workbench, found, finding)
     progress("ranking")
     rows = rank(found, families, finding)
-    regions = where_it_fails(workbench.observations, steps[0].errors, seed)
+    lack_of_fit = _lack_of_fit(found)
+    regions = where_it_fails(
+        workbench.observations,
+        steps[0].errors,
+        seed,
+        measured_forces(measurements.units),
+        certain=lack_of_fit["p_value"] < ALARM,
+    )
     proposals = _proposals(workbench, found, finding, families, ties)
     floors = noise_floor(workbench, found.best)
+    repeats = {name: floor.value for name, floor in repeatability(measurements).items()}
     document = {
         "schema": SCHEMA,
         "verdict": finding.verdict,
         "reason": "; ".join(finding.reasons),
         "missing_effects": list(finding.named),
         "candidates": list(finding.candidates),
-        "channels": _channels(calibration, steps[0].errors, floors),
-        "lack_of_fit": _lack_of_fit(found),
+        "channels": _channels(calibration, steps[0].errors, floors, repeats),
+        "lack_of_fit": lack_of_fit,
         "where_it_fails": [region_entry(region) for region in regions],
         "ranking": [ranking_entry(row) for row in rows],
         "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
@@ -195,7 +206,7 @@ def _too_little(
     ]
     document = insufficient(
         reason,
-        _channels(calibration, errors, {}),
+        _channels(calibration, errors, {}, {}),
         errors.rmse(),
         rows,
         notes,
@@ -251,7 +262,10 @@ def _proposals(
 
 
 def _channels(
-    calibration: Calibration, errors: Errors, floors: dict[str, float]
+    calibration: Calibration,
+    errors: Errors,
+    floors: Mapping[str, float],
+    repeats: Mapping[str, float | None],
 ) -> dict[str, dict[str, Any]]:
     rmse, bias = errors.rmse(), errors.bias()
     found = {}
@@ -264,6 +278,7 @@ def _channels(
             "bias": bias[name],
             "noise_floor": floors.get(name) if known else None,
             "noise_floor_source": noise.source if known and name in floors else None,
+            "repeatability": repeats.get(name),
             "noise": {"absolute": noise.absolute, "relative": noise.relative},
         }
     return found

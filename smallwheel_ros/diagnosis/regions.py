@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 _FEWEST_RUNS = 3  # on each side of a cut
 _PERMUTATIONS = 499
 _SHOWN = 0.05
+_NOISE = 0.5  # of the variance of a standardised error: how far under its noise is no matter
 _MOST = 6
 
 
@@ -33,15 +35,23 @@ class Region:
     p: float
 
 
-def where_it_fails(observations: Observations, errors: Errors, seed: int) -> list[Region]:
+def where_it_fails(
+    observations: Observations,
+    errors: Errors,
+    seed: int,
+    results: Sequence[str] = (),
+    *,
+    certain: bool = False,
+) -> list[Region]:
     """The worst cut of each channel by each setting, as far as it is more than chance.
 
-    A cut splits the runs by one setting; its statistic is the difference of the mean standardised error of
-    the two sides over its standard error, the largest over all cuts of all settings. Its law comes
-    from permuting the runs' errors.
+    A cut splits the runs by one setting; its statistic is the difference of the two sides' error (its mean,
+    or the logarithm of its size) over its standard error, the largest over all cuts of all settings.
+    Its law comes from permuting the runs' errors. results: columns that are no settings.
+    certain: it does fail somewhere; then the worst cut is given even if few runs cannot confirm it.
     """
     generator = np.random.default_rng([seed, 13])
-    columns = drivers(observations)
+    columns = _cut_by(observations, results)
     found: list[Region] = []
     for c, channel in enumerate(observations.channels):
         mask = observations.channel == c
@@ -49,28 +59,47 @@ def where_it_fails(observations: Observations, errors: Errors, seed: int) -> lis
         group = group.reshape(-1)
         count = np.bincount(group)
         scaled = errors.error[mask] / np.sqrt(errors.variance[mask])
-        mean = np.bincount(group, scaled) / count
-        if mean.size < 2 * _FEWEST_RUNS:
+        if count.size < 2 * _FEWEST_RUNS:
             continue
-        order = np.array([generator.permutation(mean.size) for _ in range(_PERMUTATIONS)])
-        values = np.vstack([mean, mean[order]])
+        # What a run's error is on average, and how large it is either way.
+        scores = [
+            np.bincount(group, scaled) / count,
+            0.5 * np.log(np.bincount(group, scaled**2) / count + _NOISE),
+        ]
+        order = np.array([generator.permutation(count.size) for _ in range(_PERMUTATIONS)])
+        values = [np.vstack([x, x[order]]) for x in scores]
         settings = {
-            name: np.bincount(group, settings_of(observations)[name][observations.row[mask]])
-            / count
-            for name in columns
+            name: np.bincount(group, column[observations.row[mask]]) / count
+            for name, column in columns.items()
         }
-        found_cuts = {name: _worst_cut(x, values) for name, x in settings.items()}
-        cuts = {name: cut for name, cut in found_cuts.items() if cut is not None}
+        found_cuts = [(name, _worst_cut(x, v)) for name, x in settings.items() for v in values]
+        cuts = [(name, *cut) for name, cut in found_cuts if cut is not None]
         if not cuts:
             continue
-        null = np.max([cut[0][1:] for cut in cuts.values()], axis=0)
-        for name, (statistic, threshold) in cuts.items():
+        null = np.max([cut[1][1:] for cut in cuts], axis=0)
+        best = {name: max(c[1][0] for c in cuts if c[0] == name) for name, _, _ in cuts}
+        for name, statistic, threshold in cuts:
+            if statistic[0] < best[name]:
+                continue
             p = float((1 + np.sum(null >= statistic[0])) / (1 + null.size))
-            if p <= _SHOWN:
-                column = settings_of(observations)[name][observations.row[mask]]
+            if p <= _SHOWN or certain:
+                column = columns[name][observations.row[mask]]
                 found.append(_region(name, threshold, column, errors.error[mask], channel, p))
     found.sort(key=lambda r: (r.p, -r.rmse / max(r.rmse_elsewhere, 1e-300)))
-    return found[:_MOST]
+    sure = [region for region in found if region.p <= _SHOWN]
+    return sure[:_MOST] or found[:1]
+
+
+def _cut_by(observations: Observations, results: Sequence[str]) -> dict[str, Array]:
+    """What is cut: the settings that vary, and the size of one that has both signs."""
+    columns = {}
+    for name in drivers(observations):
+        if name in results:
+            continue
+        column = columns[name] = settings_of(observations)[name]
+        if np.nanmin(column) < 0.0 < np.nanmax(column):
+            columns[f"|{name}|"] = np.abs(column)
+    return columns
 
 
 def _worst_cut(setting: Array, values: Array) -> tuple[Array, float] | None:

@@ -193,7 +193,7 @@ def scores(
         slope,
         1.0 / np.sqrt(length),
         np.sqrt(np.clip(length / np.maximum(np.diag(inner)[p:], 1e-300), 0.0, 1.0)),
-        rest / np.sqrt(np.outer(length, length)),
+        rest / np.outer(np.sqrt(length), np.sqrt(length)),
     )
 
 

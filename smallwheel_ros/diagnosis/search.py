@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.diagnosis.bend import bent
 from smallwheel_ros.diagnosis.candidates import Family, Form
 from smallwheel_ros.diagnosis.held_out import better, one_step
 from smallwheel_ros.diagnosis.table import Lead, Table, look
@@ -25,10 +26,12 @@ ALARM = 0.02  # p-value under which something is missing
 _FURTHER = 0.005  # the same, of each effect where there are several: more was looked at
 _MOST_EFFECTS = 3
 _BEAM = 3
-RIVAL_GAP = 7.0  # of -2 log likelihood
+RIVAL_GAP = 6.0  # of -2 log likelihood: 20 to 1
 _RIVAL_SHARE = 0.9  # of the improvement
 _DRAWS = 999
 _LATER_DRAWS = 499
+_WORSE_ALONE = 40.0  # of -2 log likelihood: how much worse a form may be without the second effect
+_AS_GOOD = 15.0  # of -2 log likelihood: a form that might be the true one
 _LEAST_FALL = 0.05  # of a channel's held-out error
 
 
@@ -89,19 +92,23 @@ def _with(workbench: Workbench, explanation: Explanation, lead: Lead) -> Explana
     return workbench.fit((*explanation.forms, lead.form), near=explanation, strengths=start)
 
 
-def nuisance(workbench: Workbench, explanation: Explanation) -> Array:
-    """What other forms of the effects that are in would change: shape (observations, columns)."""
+def nuisance(workbench: Workbench, explanation: Explanation, families: Sequence[Family]) -> Array:
+    """What the effects that are in may do otherwise than their best form: (observations, columns).
+
+    Other forms of theirs that were fitted, and the law bent over its own driver.
+    """
+    predicted = explanation.fit.solution.predicted
     columns = []
     for other in workbench.known():
-        if other.families == explanation.families or sorted(other.families) == sorted(
-            explanation.families
-        ):
-            apart = other.fit.solution.predicted - explanation.fit.solution.predicted
+        same = sorted(other.families) == sorted(explanation.families)
+        if same and cost(other) - cost(explanation) < _AS_GOOD:
+            apart = other.fit.solution.predicted - predicted
             if np.any(np.abs(apart) > 1e-6 * np.abs(other.fit.solution.predicted)):
                 columns.append(apart)
+    columns = columns[:8] + bent(explanation, families)
     if not columns:
         return np.zeros((len(workbench.observations), 0))
-    return np.column_stack(columns[:8])
+    return np.column_stack(columns)
 
 
 def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Search:
@@ -110,10 +117,12 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
     first = look(workbench, base, families, draws=_DRAWS, seed=seed, generic=True)
     found = Search(workbench, families, seed, base, first, base, first)
     beam, table = [base], first
-    while (
-        table.p_any < _threshold(len(beam[0].forms) + 1) and len(found.best.forms) < _MOST_EFFECTS
-    ):
+    while len(found.best.forms) < _MOST_EFFECTS:
+        if table.p_any >= _threshold(len(found.best.forms) + 1):
+            beam = _other_forms(found)
         pool = _extend(found, beam, first.critical)
+        if table.p_any >= _threshold(len(found.best.forms) + 1):
+            pool = [e for e in pool if cost(found.best) - cost(e) > 2.0 * first.critical]
         if not pool:
             break
         best = pool[0]
@@ -134,7 +143,7 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
             families,
             draws=_LATER_DRAWS,
             seed=seed,
-            nuisance=nuisance(workbench, best),
+            nuisance=nuisance(workbench, best, families),
             generic=True,
         )
         found.last = table
@@ -144,6 +153,20 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
 
 def _threshold(effects: int) -> float:
     return ALARM if effects < 2 else _FURTHER
+
+
+def _other_forms(found: Search) -> list[Explanation]:
+    """The best explanation's effects in other forms: two effects may only show together.
+
+    A form that fits worse alone may be the true one once the second effect is in.
+    """
+    best = found.best
+    if not best.forms:
+        return []
+    wanted = sorted(best.families)
+    others = [e for e in found.workbench.known() if sorted(e.families) == wanted and e is not best]
+    near = [e for e in others if cost(e) - cost(best) < _WORSE_ALONE and _all_plausible(e)]
+    return sorted(near, key=cost)[: 2 * _BEAM]
 
 
 def _extend(found: Search, beam: Sequence[Explanation], critical: float) -> list[Explanation]:
@@ -220,18 +243,19 @@ def _judge(found: Search) -> None:
 def _member(found: Search, name: str) -> Member:
     workbench, best = found.workbench, found.best
     rest = workbench.fit(best.without(name), near=_shrunk(found, name))
-    gain = cost(rest) - cost(best)
+    without = min(rest, _shrunk(found, name), key=cost)
+    gain = cost(without) - cost(best)
     table = look(
         workbench,
         rest,
         found.families,
         draws=_LATER_DRAWS,
         seed=found.seed,
-        nuisance=nuisance(workbench, rest) if rest.forms else None,
+        nuisance=nuisance(workbench, rest, found.families) if rest.forms else None,
     )
     lead = table.lead(name)
     p = lead.p_any if lead is not None else 1.0
-    fall, sigmas = better(one_step(workbench, rest), one_step(workbench, best))
+    fall, sigmas = better(one_step(workbench, without), one_step(workbench, best))
     objection = ""
     if p >= _threshold(len(best.forms)):
         objection = f"a gain this large comes by chance (p {p:.2g})"

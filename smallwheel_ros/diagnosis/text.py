@@ -66,6 +66,8 @@ def _steps(document: Mapping[str, Any]) -> list[str]:
         path = [_shown(name, step["held_out_rmse"].get(name)) for step in document["steps"]]
         floor = channel.get("noise_floor")
         known = "" if floor is None else f"; noise floor {_shown(name, floor)}"
+        if channel.get("repeatability") is not None:
+            known += f" (repeats of one run differ by {_shown(name, channel['repeatability'])})"
         lines.append(f"  {words(name)}, {channel['rows']} rows: {' -> '.join(path)}{known}")
     return lines
 
@@ -76,10 +78,12 @@ def _regions(document: Mapping[str, Any]) -> list[str]:
     lines = ["", "Where the base model fails"]
     for region in document["where_it_fails"]:
         channel = region["channel"]
+        p = region["p_value"]
+        doubt = f"; too few runs to be sure (p {p:.2g})" if p > 0.05 else ""
         lines.append(
             f"  {words(channel)} where {region['region']} ({region['rows']} rows): error "
             f"{_shown(channel, region['rmse'])}, elsewhere {_shown(channel, region['rmse_elsewhere'])}, "
-            f"measured - predicted {_shown(channel, region['bias'])} on average"
+            f"measured - predicted {_shown(channel, region['bias'])} on average{doubt}"
         )
     return lines
 

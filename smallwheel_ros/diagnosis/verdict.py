@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from smallwheel_ros.diagnosis.candidates import Family
+from smallwheel_ros.diagnosis.held_out import one_step
 from smallwheel_ros.diagnosis.search import ALARM, Member, Search
 from smallwheel_ros.diagnosis.ties import Tie, partners
 
@@ -19,6 +20,7 @@ Verdict = Literal[
 _SURE = 0.005  # p-value of a misfit that no effect explains
 _LEFT_OVER = 0.001  # p-value of what the best explanation leaves
 _LEFT_SHARE = 0.7  # of the weakest effect's gain
+_MOST_EXPLAINED = 0.9  # of the error: beyond it, what is left cannot be what made a name look right
 _LEAST_REMOVED = 0.02  # of the standardised error, for such a misfit to matter
 
 
@@ -58,14 +60,16 @@ def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> F
     """The verdict of a search."""
     accepted = [m for m in search.members if not m.objection]
     left = _more_left_than_explained(search, accepted)
-    left = left or _better_without_physics(search, accepted, families)
-    if left:
-        return Finding("unknown_effect", (), (), (left,))
+    explained = _explained(search) if left else 0.0
+    curve = _better_without_physics(search, accepted, families)
+    if curve or (left and explained < _MOST_EXPLAINED):
+        why = curve or f"{left}, and it may be what made that effect look right"
+        return Finding("unknown_effect", (), (), (why,))
     taken = [m.family for m in accepted]
     named: list[str] = []
     open_sets: list[str] = []
     pairs: list[tuple[str, str]] = []
-    reasons: list[str] = []
+    reasons: list[str] = [left] if left else []
     for member in accepted:
         rivals = [name for name, _ in member.rivals]
         tied = _tied_families(member, families, ties, taken)
@@ -103,9 +107,15 @@ def _more_left_than_explained(search: Search, accepted: Sequence[Member]) -> str
         return ""
     return (
         f"with {_listed([m.family for m in accepted])} in, which explains the data best, the error "
-        f"still follows {last.generic} (p {last.p_generic:.2g}): something else is missing, and it "
-        "may be what made that effect look right"
+        f"still follows {last.generic} (p {last.p_generic:.2g}): something else is missing"
     )
+
+
+def _explained(search: Search) -> float:
+    """Share of the squared standardised held-out error beyond noise that the best explanation removes."""
+    before = one_step(search.workbench, search.base).standardised() ** 2 - 1.0
+    after = one_step(search.workbench, search.best).standardised() ** 2 - 1.0
+    return 1.0 - max(after, 0.0) / max(before, 1e-9)
 
 
 def _better_without_physics(
@@ -126,7 +136,8 @@ def _better_without_physics(
     own = {driver for f in families if f.name in names for driver in f.drivers}
     if channel == "sinkage" and setting in own:
         return ""
-    if first.generic_gain < max(lead.gain for lead in leads):
+    together = search.base.cost - search.best.cost if len(accepted) > 1 else 0.0
+    if first.generic_gain < max(together, *(lead.gain for lead in leads)):
         return ""
     return (
         f"the error is described better by {first.generic} alone than by {_listed(names)}: an effect "

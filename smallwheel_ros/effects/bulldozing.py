@@ -13,6 +13,8 @@ import numpy as np
 from smallwheel_ros.effects.base import Array, Effect, WheelState, constant, parameter
 from smallwheel_ros.physics.conditions import Conditions
 
+_REFERENCE = 0.02  # m
+
 
 @dataclass(frozen=True)
 class _Bulldozing(Effect):
@@ -74,3 +76,17 @@ class Cohesionless(_Bulldozing):
     def resistance(self, depth: Array, width: Array) -> Array:
         passive = np.tan(np.pi / 4.0 + self.friction_angle / 2.0) ** 2
         return np.asarray(width * 0.5 * self.unit_weight * depth**2 * passive)
+
+
+@dataclass(frozen=True)
+class Power(_Bulldozing):
+    formula = "R = s b g h0^2 Kp / 2 (z / h0)^p, h0 = 0.02 m, Kp = tan^2(45 deg + phi/2)"
+    source = "empirical, between a wall of friction (p = 2) and one of cohesion (p = 1)"
+
+    scale: float = parameter(1.0, (0.0, 100.0), "factor on the resistance at depth h0")
+    p: float = parameter(1.5, (0.7, 3.0), "exponent of the depth", neutral=None)
+
+    def resistance(self, depth: Array, width: Array) -> Array:
+        passive = np.tan(np.pi / 4.0 + self.friction_angle / 2.0) ** 2
+        at_reference = 0.5 * self.unit_weight * _REFERENCE**2 * passive
+        return np.asarray(width * at_reference * (depth / _REFERENCE) ** self.p)

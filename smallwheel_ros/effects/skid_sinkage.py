@@ -6,6 +6,7 @@ Kept apart from slip_sinkage: that the same law holds for both signs has no evid
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,7 +24,7 @@ class _SkidSinkage(Effect):
     id = "skid_sinkage"
     summary = "A braked wheel that skids ploughs in: sinkage grows with |slip| below zero."
     source = "empirical, no standard law; on rig data steeper than linear"
-    needs = ("slip",)
+    needs: ClassVar[tuple[str, ...]] = ("slip",)
 
     def growth(self, slip: Array) -> Array:
         raise NotImplementedError
@@ -72,3 +73,18 @@ class DugQuadratic(Quadratic):
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
+
+
+@dataclass(frozen=True)
+class FadingQuadratic(DugQuadratic):
+    formula = "z = z0 (1 + s [(1 - q) |i| + q i^2] cos^p beta), i < 0; compaction resistance at z0"
+    source = "empirical: at a slip angle, skid along the wheel's plane counts for less"
+    needs = ("slip", "slip_angle")
+    channels = ("sinkage", "drawbar_pull")
+
+    p: float = parameter(1.0, (0.0, 12.0), "how fast it fades with the slip angle", neutral=None)
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        fading = np.maximum(np.cos(conditions["slip_angle"]), 1e-6) ** self.p
+        grown = self.growth(skid(conditions))
+        return np.asarray(sinkage * (1.0 + (grown - 1.0) * fading))

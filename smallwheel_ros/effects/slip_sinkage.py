@@ -7,6 +7,7 @@ Whether soil that the wheel dug away also costs compaction work is not settled: 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +26,7 @@ def driven_slip(conditions: Conditions) -> Array:
 class _SlipSinkage(Effect):
     id = "slip_sinkage"
     summary = "A driven wheel that slips digs: sinkage grows with slip."
-    needs = ("slip",)
+    needs: ClassVar[tuple[str, ...]] = ("slip",)
 
     def growth(self, slip: Array) -> Array:
         raise NotImplementedError
@@ -94,6 +95,20 @@ class LugDigging(_SlipSinkage):
 
 
 @dataclass(frozen=True)
+class AddedDepth(_SlipSinkage):
+    formula = "z = z0 + a D [(1 - q) i + q i^2], i > 0"
+    source = "empirical: a slipping rim carries soil away, whatever the load; a depth over D"
+
+    a: float = parameter(0.05, (0.0, 0.5), "depth dug at slip 1, over the diameter")
+    q: float = parameter(0.0, (-2.0, 1.5), "curvature of the growth", neutral=None)
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        slip = driven_slip(conditions)
+        dug = self.a * conditions.diameter * slip * (1.0 - self.q + self.q * slip)
+        return np.asarray(sinkage + dug)
+
+
+@dataclass(frozen=True)
 class ExponentShift(Effect):
     id = "slip_sinkage"
     summary = _SlipSinkage.summary
@@ -123,3 +138,17 @@ class DugQuadratic(Quadratic):
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
+
+
+@dataclass(frozen=True)
+class FadingQuadratic(Quadratic):
+    formula = "z = z0 (1 + s [(1 - q) i + q i^2] cos^p beta), i > 0"
+    source = "empirical: at a slip angle, slip along the wheel's plane counts for less"
+    needs = ("slip", "slip_angle")
+
+    p: float = parameter(1.0, (0.0, 12.0), "how fast it fades with the slip angle", neutral=None)
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        fading = np.maximum(np.cos(conditions["slip_angle"]), 1e-6) ** self.p
+        grown = self.growth(driven_slip(conditions))
+        return np.asarray(sinkage * (1.0 + (grown - 1.0) * fading))

@@ -13,6 +13,7 @@ from smallwheel_ros.fitting.noise import Noise, estimate_noise, reference_level
 from smallwheel_ros.fitting.observations import FittingError, Observations
 from smallwheel_ros.fitting.parameters import Layout
 from smallwheel_ros.fitting.solve import MixedFit, Weights, solve, solve_mixed
+from smallwheel_ros.physics.conditions import ROLLING
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,13 +56,17 @@ def run_effects(
         if not slot.of_effect and slot.field == "log_reference_pressure"
     ]
     columns = {"ln k": slopes[:, firmness].sum(axis=1) * share}
-    repeated = np.bincount(observations.run * 8 + observations.channel).max() > 1
+    repeats = ~observations.swept
+    repeated = (
+        np.bincount((observations.run * 8 + observations.channel)[repeats]).max(initial=0) > 1
+    )
     for c, name in enumerate(observations.channels):
         size = noise.level
         if name == "drawbar_pull":  # of the load: its law is crude whatever repeats say
             size = observations.conditions.load[observations.row]
         if name == "drawbar_pull" or (len(observations.channels) > 1 and repeated):
-            columns[name] = np.where(observations.channel == c, size, 0.0)
+            own = (observations.channel == c) & (repeats | (name == "drawbar_pull"))
+            columns[name] = np.where(own, size, 0.0)
     loadings = np.column_stack(list(columns.values()))
     # In a long curve a run's effect would only bend the model to what it misses.
     loadings[observations.curves] = 0.0
@@ -105,14 +110,49 @@ def robust_noise(
 
 
 def _less_its_run(observations: Observations, residual: Array, level: Array) -> Array:
-    """Residuals of swept runs less their run's own share: a firmer soil moves a whole curve."""
+    """Residuals of swept runs less what is no noise: their run's own share, and what follows a setting.
+
+    A firmer soil moves a whole run; and while an effect is missing, the error follows its driver.
+    """
     left = residual.copy()
-    for run in np.unique(observations.run[observations.swept]):
-        for channel in range(len(observations.channels)):
-            rows = (observations.run == run) & (observations.channel == channel)
-            if rows.any():
-                left[rows] -= level[rows] * np.median(residual[rows] / level[rows])
+    rolling = observations.conditions.contact[observations.row] == ROLLING
+    for channel in range(len(observations.channels)):
+        rows = np.flatnonzero(observations.swept & (observations.channel == channel))
+        if rows.size == 0:
+            continue
+        run = np.unique(observations.run[rows], return_inverse=True)[1].reshape(-1)
+        share = residual[rows] / level[rows]
+        middle = np.array([np.median(share[run == g]) for g in range(run.max() + 1)])
+        share = share - middle[run]
+        roll = rolling[rows]
+        if roll.any():
+            design = _within_runs(observations, rows[roll], run[roll])
+            if design.shape[1] and rows[roll].size > 3 * design.shape[1]:
+                share[roll] -= design @ np.linalg.lstsq(design, share[roll], rcond=None)[0]
+        left[rows] = level[rows] * share
     return left
+
+
+def _within_runs(
+    observations: Observations, rows: NDArray[np.intp], run: NDArray[np.intp]
+) -> Array:
+    """Settings and their squares and cubes, less their mean in each run."""
+    conditions = observations.conditions
+    columns = [conditions.load, conditions.diameter, conditions.width]
+    columns += list(conditions.covariates.values())
+    count = np.maximum(np.bincount(run), 1)
+    found = []
+    for column in columns:
+        x = column[observations.row[rows]]
+        if np.ptp(x) <= 1e-6 * np.max(np.abs(x), initial=0.0):
+            continue
+        x = (x - x.mean()) / x.std()
+        for power in (1, 2, 3):
+            y = x**power
+            y = y - (np.bincount(run, y, minlength=count.size) / count)[run]
+            if np.std(y) > 1e-3:
+                found.append(y)
+    return np.asarray(np.column_stack(found)) if found else np.zeros((rows.size, 0))
 
 
 def conditional_residuals(effects: RunEffects, tau: Array, residual: Array) -> Array:

@@ -62,7 +62,10 @@ def reference_level(observations: Observations, predicted: Array) -> Array:
     ends = np.flatnonzero(np.diff(group.reshape(-1)[order])) + 1
     for rows in np.split(order, ends):
         apart = observations.value[rows] - predicted[rows]
-        level[rows] = predicted[rows] + rows.size / (rows.size + 1.0) * np.median(apart)
+        if observations.swept[rows[0]]:
+            level[rows] = predicted[rows] + 0.5 * apart
+        else:
+            level[rows] = predicted[rows] + rows.size / (rows.size + 1.0) * np.median(apart)
     size = np.abs(observations.value)
     floor = np.zeros(len(observations))
     for name in observations.channels:

@@ -18,7 +18,16 @@ Index = NDArray[np.intp]
 
 ROWS_OF_A_CURVE = 20  # as many as a curve counts for
 _ACROSS = 0.18  # rad
-_SWEPT = 1.5  # largest over smallest load of a run
+# A run in which a setting differs by more than this ratio and this much is no run of repeats.
+_STEADY = {
+    "load": (1.5, 0.0),
+    "diameter": (1.02, 0.0),
+    "width": (1.02, 0.0),
+    "slip": (1.0, 0.1),
+    "slip_angle": (1.0, 0.1),
+    "speed": (1.5, 0.0),
+    "pass_number": (1.0, 0.5),
+}
 
 
 class FittingError(SmallwheelError):
@@ -47,18 +56,24 @@ class Observations:
 
     @cached_property
     def swept(self) -> NDArray[np.bool_]:
-        """Observations of a run in which the load was swept: its rows are no repeats."""
-        load = self.conditions.load[self.row]
-        low, high = np.full(len(self.runs), np.inf), np.zeros(len(self.runs))
-        np.minimum.at(low, self.run, load)
-        np.maximum.at(high, self.run, load)
-        return np.asarray((high > _SWEPT * low)[self.run])
+        """Observations of a run in which a setting was changed: its rows are no repeats."""
+        found = np.zeros(len(self.runs), dtype=bool)
+        for name, (ratio, apart) in _STEADY.items():
+            if name not in self.conditions:
+                continue
+            column = self.conditions[name][self.row]
+            low, high = np.full(len(self.runs), np.inf), np.full(len(self.runs), -np.inf)
+            np.fmin.at(low, self.run, column)
+            np.fmax.at(high, self.run, column)
+            found |= (high - low > apart) & (high > ratio * low)  # all blank: inf, never swept
+        return np.asarray(found[self.run])
 
     @cached_property
     def curves(self) -> NDArray[np.bool_]:
-        """Observations of a swept run of many rows: neighbours say nearly the same."""
+        """Observations of a long run of a body pressed down: neighbours say nearly the same."""
         rows = np.bincount(self.run, minlength=len(self.runs))
-        return np.asarray(self.swept & (rows[self.run] > ROWS_OF_A_CURVE))
+        pressed = self.conditions.contact[self.row] != ROLLING
+        return np.asarray(self.swept & pressed & (rows[self.run] > ROWS_OF_A_CURVE))
 
     def __len__(self) -> int:
         return int(self.value.size)

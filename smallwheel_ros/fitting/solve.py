@@ -98,6 +98,9 @@ def solve(
                 block + (damping * np.diag(block) + 1e-12) * np.eye(block.shape[0]), gradient[free]
             )
             trial = np.clip(theta + step, low, high)
+            if not np.all(np.isfinite(trial)):
+                damping *= 6.0
+                continue
             # Slopes with it at once: nearly every step is taken.
             trial_predicted, trial_slopes = predictor.with_slopes(trial)
             trial_form = weights.form(np.column_stack([trial_slopes, observed - trial_predicted]))
