@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smallwheel_ros import cli
+from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
@@ -67,6 +68,34 @@ def test_json_on_standard_output_is_nothing_but_json(few: Path, tmp_path: Path) 
     text = page.read_text()
     assert "too small or too uniform" in text
     assert "step by step" not in text
+
+
+def test_a_model_with_effects_and_effects_of_ones_own(few: Path, tmp_path: Path) -> None:
+    (tmp_path / "warm.py").write_text(
+        "from dataclasses import dataclass\n"
+        "import numpy as np\n"
+        "from smallwheel_ros.effects import Effect, parameter\n"
+        "@dataclass(frozen=True)\n"
+        "class Warm(Effect):\n"
+        "    id = 'warm'\n"
+        "    summary = 'Warm sand is softer.'\n"
+        "    needs = ('speed',)\n"
+        "    a: float = parameter(0.1, (0.0, 8.0), 'loss of ln k per m/s')\n"
+        "    def modulus_factor(self, conditions):\n"
+        "        return np.exp(-self.a * conditions['speed'])\n"
+    )
+    own = default_registry().with_file(tmp_path / "warm.py").effect("warm")
+    model, page = tmp_path / "model.yaml", tmp_path / "report.html"
+    effects = (effect("slip_sinkage"), own)
+    write_model(model, CalibratedModel(Model(Soil("rig_soil", 3e6, 0.9), effects=effects)))
+    options = ("report", few, "--model", model, "-o", page)
+    without = smallwheel(*options)
+    assert without.exit_code == 2
+    assert "--effects FILE" in without.stderr
+    assert not page.exists()
+    done = smallwheel(*options, "--effects", tmp_path / "warm.py")
+    assert done.exit_code == 0, done.output
+    assert "slip_sinkage, warm" in page.read_text()
 
 
 @pytest.mark.parametrize(
