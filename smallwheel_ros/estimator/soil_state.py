@@ -28,7 +28,7 @@ Reason = Literal["accepted", "gate", "out_of_range"]
 _FIRST, _EXPONENT, _M = 0, 1, 2  # places in the state
 _LAW = 3  # as many components are the soil's law
 # Beyond these the model means nothing.
-_PRESSURE_LIMIT, _M_LIMIT = 40.0, 3.0
+_FIRST_LIMITS, _M_LIMIT = (-16.0, 3.0), 3.0  # sinkage of the reference wheel: 0.1 um to 20 m
 _EXPONENT_LIMITS = (-0.12, 3.12)  # n from 0.004 to 2.996
 _TELLS_NOTHING = 1e-4  # variance of the prediction over the measurement's
 _PASSES = 8
@@ -174,12 +174,14 @@ class SoilState:
         reason: Reason = "gate"
         if line.chi_square <= gate:
             before = self._mean, self._filter.state, self._coordinates
-            if isinstance(self._coordinates, Direct):
-                self._choose_reference(reading.observe.wheel, np.array(x[:_LAW]))
-                line = self._linearise(reading, self.belief(spot))[2]
-            reason = self._correct(line, reading, spot)
-            if reason != "accepted":
-                self._mean, self._filter.state, self._coordinates = before
+            try:
+                if isinstance(self._coordinates, Direct):
+                    self._choose_reference(reading.observe.wheel, np.array(x[:_LAW]))
+                    line = self._linearise(reading, self.belief(spot))[2]
+                reason = self._correct(line, reading, spot)
+            finally:
+                if reason != "accepted":
+                    self._mean, self._filter.state, self._coordinates = before
         if reason == "accepted" and self._opening.going_on:
             self._keep(reading, spot, point.value)
         return Taken(reason, point.value, variance, first.noise, line.chi_square)
@@ -200,7 +202,10 @@ class SoilState:
 
     def _linearise_prior(self, coordinates: OfReference, soil: Array) -> None:
         there, jacobian = coordinates.from_direct(soil)
-        self._mean = there + jacobian @ (self._prior_mean - soil)
+        mean = there + jacobian @ (self._prior_mean - soil)
+        if not _in_range(float(mean[_FIRST])):  # drift would lead back to there
+            raise ArithmeticError("the soil that this would mean is outside of the model's range")
+        self._mean = mean
         self._filter.renew(self._widened * jacobian @ self._prior @ jacobian.T)
 
     def _correct(self, line: Line, reading: Reading, spot: int) -> Reason:
@@ -216,7 +221,7 @@ class SoilState:
         q = float(mean[_EXPONENT] + deviation[_EXPONENT])
         m = float(mean[_M] + deviation[_M])
         low, high = _EXPONENT_LIMITS
-        if abs(first) > _PRESSURE_LIMIT or not low < q < high or abs(m) > _M_LIMIT:
+        if not _in_range(first) or not low < q < high or abs(m) > _M_LIMIT:
             self._filter.state = before
             return "out_of_range"
         return "accepted"
@@ -272,6 +277,11 @@ class SoilState:
         if self._opening.travelled > travelled:
             self._filter.travel(self._opening.travelled - travelled)
         return True
+
+
+def _in_range(log_sinkage: float) -> bool:
+    low, high = _FIRST_LIMITS
+    return low < log_sinkage < high
 
 
 def _slope_share(belief: Belief) -> float:
