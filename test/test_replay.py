@@ -559,6 +559,22 @@ def test_a_bag_that_was_not_closed_is_read_from_its_folder(bag, rover, usual, tm
 # --- On from a drive
 
 
+def test_changes_of_soil_are_told_where_they_are(rover, tmp_path):
+    path = tmp_path / "drive"
+    drive = simulate_drive(DriveSettings(seed=2, distance=25.0, wheels="two_sizes"))
+    write_drive_bag(drive, path)
+    smallwheel("replay", path, "--config", rover, "-o", tmp_path / "out", "--copy", "none")
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    places = [e["travel"] for e in summary["events"] if e["kind"] == "soil_change"]
+    true = [stretch.start for stretch in drive.stretches[1:]]
+    assert len(true) == 2
+    assert summary["soil"]["changes"] == len(places) == 2
+    # Within the rover's length and some turns of its wheels.
+    np.testing.assert_allclose(places, true, atol=2.5)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The soil changed twice" in page
+
+
 def test_the_measurements_are_a_table_for_the_bench(rover, tmp_path):
     path = tmp_path / "drive"
     write_drive_bag(simulate_drive(DriveSettings(seed=2, distance=25.0, wheels="two_sizes")), path)
@@ -574,8 +590,7 @@ def test_the_measurements_are_a_table_for_the_bench(rover, tmp_path):
         of_wheel = estimates[estimates["wheel"] == row["wheel"]]
         assert of_wheel["sinkage_measured"].min() <= row["sinkage [m]"]
         assert row["sinkage [m]"] <= of_wheel["sinkage_measured"].max()
-    changes = json.loads((folder / "replay.json").read_text())["soil"]["changes"]
-    assert rows["soil"].nunique() <= changes + 1
+    assert rows["soil"].nunique() <= estimates["soil_changes"].max() + 1
     smallwheel("compare", folder / "measurements.csv")
 
 

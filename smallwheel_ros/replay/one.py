@@ -210,6 +210,7 @@ class _Session:
         self._take(self._onboard.flush(), time)
         bag.finish(self._feed.odometry_frame)
         result.record.take_problems(time)
+        result.record.finish()
         result.blocks.finish()
         result.end = max(time, result.start) if result.state != "complete" else result.end
         result.prefix, result.left_out = bag.prefix, bag.left_out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -100,6 +101,18 @@ class Drop:
     first_time: float | None = None
 
 
+@dataclass
+class _Change:
+    """A change of soil that is under way: until no more jumps come for a turn of a wheel."""
+
+    time: float
+    travel: float
+    wheel: str
+    before: float  # reference pressures, Pa
+    pressure: float = 0.0
+    until: float = 0.0
+
+
 class Record:
     """Takes results and problems as they come."""
 
@@ -114,6 +127,8 @@ class Record:
         self._examples: dict[tuple[str, str], tuple[str, float]] = {}
         self._accepted = self._changes = 0
         self._last_pressure = onboard.soil.reference_pressure
+        self._turn = math.pi * max(wheel.diameter for wheel in onboard.settings.wheels)
+        self._change: _Change | None = None
         self._digging: set[str] = set()
         self._missing = ""
         self.soil_changes = 0
@@ -148,18 +163,16 @@ class Record:
         """Note changes of soil, wheels that begin to dig in, and effects that the model lacks."""
         found, soil = result.mobility, result.soil
         if soil.soil_changes > self._changes:
-            self.soil_changes += 1
-            ratio = soil.reference_pressure / self._last_pressure
-            self._event(
-                time,
-                soil.distance,
-                "soil_change",
-                f"another soil: reference pressure {soil.reference_pressure / 1e3:.3g} kPa,"
-                f" {ratio:.2g} times that before (noticed by wheel {found.wheel})",
-            )
-        if soil.soil_changes == self._changes or self._accepted <= 1:
+            if self._change is None:
+                self._change = _Change(time, soil.distance, found.wheel, self._last_pressure)
+            self._change.until = soil.distance + self._turn
+        elif self._change is None:
             self._last_pressure = soil.reference_pressure
         self._changes = soil.soil_changes
+        if self._change is not None:
+            self._change.pressure = soil.reference_pressure
+            if soil.distance > self._change.until:
+                self._note_change()
         if found.digging_in and found.wheel not in self._digging:
             text = f"wheel {found.wheel} digs itself in: slip and sinkage grow, it slows down"
             self._event(time, soil.distance, "digging_in", text)
@@ -171,22 +184,39 @@ class Record:
             self._event(time, soil.distance, "missing_effect", alarm.message)
         self._missing = alarm.effect if alarm is not None else ""
 
+    def _note_change(self) -> None:
+        """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
+        change, self._change = self._change, None
+        if change is None:
+            return
+        self.soil_changes += 1
+        self._event(
+            change.time,
+            change.travel,
+            "soil_change",
+            f"another soil: reference pressure {change.before / 1e3:.3g} kPa before,"
+            f" {change.pressure / 1e3:.3g} kPa after (noticed by wheel {change.wheel})",
+        )
+
+    def finish(self) -> None:
+        """Note what still goes on: nothing more will come."""
+        self._note_change()
+        self.events.sort(key=lambda event: event.time)
+
     def _event(self, time: float, travel: float, kind: str, text: str) -> None:
         if len(self.events) < _MOST_EVENTS:
             self.events.append(Event(time, travel, kind, text))
         else:
             self.unlisted_events += 1
 
-    def take_problems(self, log_time: int) -> bool:
-        """Note what could not be used since the last call; return whether time went back."""
-        jumped = False
+    def take_problems(self, log_time: int) -> None:
+        """Note what could not be used since the last call."""
         time = (log_time - self._start) / SECOND
         for problem in self._onboard.take_problems():
             self._examples.setdefault((problem.stream, problem.reason), (problem.text, time))
             if problem.reason == "time_jump":
-                jumped = True
+                self._note_change()
                 self._event(time, self.travel, "time_jump", problem.text)
-        return jumped
 
     def drops(self) -> dict[tuple[str, str], Drop]:
         """Return what could not be used, by stream and reason."""

@@ -7,6 +7,7 @@ from typing import Any
 from smallwheel_ros.tables import text_table
 
 _MOST_LINES = 12
+_MOST_ALARMS = 2
 
 
 def _share(part: int, whole: int) -> str:
@@ -21,11 +22,15 @@ def summary_text(summary: dict[str, Any]) -> str:
     ]
     lines += [f"missing: {text}" for text in summary["missing"]]
     lines += [f"note: {text}" for text in summary["notes"]]
+    alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
+    lines += [f"after {event['travel']:.0f} m: {event['text']}" for event in alarms[:_MOST_ALARMS]]
     lines += ["", wheels_text(summary), "", *soil_lines(summary)]
     events = summary["events"]
     if events:
         lines += ["", "What happened"]
-        lines += [f"  {e['time']:8.1f} s {e['travel']:7.1f} m  {e['text']}" for e in events[:12]]
+        lines += [
+            f"  {e['time']:8.1f} s {e['travel']:7.1f} m  {e['text']}" for e in events[:_MOST_LINES]
+        ]
         if len(events) > _MOST_LINES:
             lines.append(f"  and {len(events) - _MOST_LINES} more, see the report")
     drops = summary["not_used"]
