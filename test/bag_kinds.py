@@ -69,8 +69,8 @@ def split_copy(bag: Path, target: Path, storage: str, parts: int = 3) -> Path:
     return target
 
 
-def ros1_copy(bag: Path, target: Path) -> Path:
-    """The same messages in a bag of ROS 1."""
+def ros1_copy(bag: Path, target: Path, compression: str = "") -> Path:
+    """The same messages in a bag of ROS 1; compression: BZ2 or LZ4, of its chunks."""
     store = get_typestore(Stores.ROS1_NOETIC)
     own = {}
     for name, text in message_definitions().items():
@@ -89,7 +89,10 @@ def ros1_copy(bag: Path, target: Path) -> Path:
             values["seq"] = 7
         return store.types[kind](**values)
 
-    with BagReader(bag) as reader, Writer1(target) as writer:
+    old = Writer1(target)
+    if compression:
+        old.set_compression(Writer1.CompressionFormat[compression])
+    with BagReader(bag) as reader, old as writer:
         connections = {
             topic.name: writer.add_connection(topic.name, topic.type, typestore=store)
             for topic in reader.topics

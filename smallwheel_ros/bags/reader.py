@@ -18,7 +18,7 @@ from smallwheel_ros.bag_files import (
     reason,
 )
 from smallwheel_ros.bags.library import Channel
-from smallwheel_ros.bags.salvage import SalvageSource
+from smallwheel_ros.bags.salvage import SalvageSource, unfinished_log
 from smallwheel_ros.bags.source import RosbagsSource, Source
 
 
@@ -50,6 +50,8 @@ class BagReader:
         # A damaged file makes rosbags raise almost anything (struct.error, IndexError, KeyError,
         # AssertionError, database errors), so everything that is an Exception is meant here.
         try:
+            if unfinished_log(self.path):
+                raise EOFError(f"{unfinished_log(self.path)} holds messages of a killed recorder")
             self._source = RosbagsSource(self.path)
         except Exception as error:
             # One foreign definition that rosbags does not understand is no damage: a scan reads it.

@@ -41,6 +41,15 @@ def storage_files(path: Path) -> tuple[list[Path], list[str]]:
     return [file for file in files if file.exists()], missing
 
 
+def unfinished_log(path: Path) -> Path | None:
+    """Return the write-ahead log that a killed recorder left beside its sqlite3 file, if any.
+
+    rosbags opens such a file without it, and the newest messages would be lost without a word.
+    """
+    files = path.glob("*.db3-wal") if path.is_dir() else [path.with_name(f"{path.name}-wal")]
+    return next((file for file in files if file.exists() and file.stat().st_size), None)
+
+
 class SalvageSource:
     """The readable messages of a bag, found by reading all of it once before."""
 
