@@ -14,6 +14,7 @@ from smallwheel_ros.estimator.bounded_exponent import (
     exponent_slope,
 )
 from smallwheel_ros.estimator.coordinates import OfReference
+from smallwheel_ros.estimator.identifiability import before_driving
 from smallwheel_ros.estimator.load_level import LoadLevel
 from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
 from smallwheel_ros.estimator.soil_estimator import (
@@ -206,3 +207,31 @@ def test_what_cannot_be_computed_does_not_block_what_can() -> None:
             assert refused.reason == "numerical"
             assert e.update(replace(GOOD, time=time - 1.0)).outcome is Outcome.ACCEPTED
         assert e.estimate().refused == {"numerical": 2}
+
+
+# ---- What is determined
+
+
+def test_verdicts_and_directions_tell_what_the_data_knows() -> None:
+    e = estimator()
+    assert all(
+        words.startswith("not determined: 100 %") for words in e.estimate().verdicts.values()
+    )
+    drive_on(e, np.full(500, 60.0), 0.0, np.random.default_rng(6))
+    estimate = e.estimate()
+    assert estimate.verdicts["reference_pressure"].startswith("determined")
+    assert estimate.verdicts["n"].startswith("not determined")
+    assert estimate.remaining["m"] == pytest.approx(1.0, abs=1e-6)
+    best, *others = estimate.directions
+    assert best.remaining < 0.1
+    assert all(one.remaining > 0.9 for one in others)
+    weights = np.array([[d.log_pressure, d.n, d.m] for d in estimate.directions])
+    np.testing.assert_allclose(weights @ weights.T, np.eye(3), atol=1e-12)
+
+
+def test_one_wheel_size_is_said_before_driving() -> None:
+    assert before_driving([0.25, 0.4]) == ()
+    assert before_driving([]) == ()
+    (words,) = before_driving([0.25, 0.25, 0.251])
+    assert "one diameter (0.25 m)" in words
+    assert "m stays" in words
