@@ -59,10 +59,14 @@ def map_of_way(courses: Mapping[str, Course], events: Sequence[Event]) -> Figure
     sinkage = 1e3 * _mean(index, deep, even, _STEPS)
     margin = 100.0 * _mean(index, columns["margin"], columns["load"], _STEPS)
     at = np.isfinite(x)
-    wide = np.ptp(x[at]) >= np.ptp(y[at])
-    shape = (2, 1) if wide else (1, 2)
-    figure = Figure(figsize=(9.2, 7.4 if wide else 6.2), layout="constrained")
-    first, second = np.ravel(figure.subplots(*shape))
+    across, along = float(np.ptp(x[at])), float(np.ptp(y[at]))
+    wide = across >= along
+    # As high as the way needs at the width that there is.
+    height = 2 * np.clip(8.0 * along / max(across, 1e-9) + 0.9, 2.1, 4.6)
+    if not wide:
+        height = np.clip(4.0 * along / max(across, 1e-9) + 0.8, 4.0, 9.0)
+    figure = Figure(figsize=(9.2, float(height)), layout="constrained")
+    first, second = np.ravel(figure.subplots(*((2, 1) if wide else (1, 2))))
     _draw_way(figure, first, (x[at], y[at], sinkage[at]), "sinkage, mean of the wheels [mm]", False)
     _draw_way(figure, second, (x[at], y[at], margin[at]), "drawbar margin [% of load]", True)
     for axes in (first, second):
@@ -94,7 +98,8 @@ def _draw_way(
     axes.plot(x, y, color="#c8c8c8", linewidth=7.0, solid_capstyle="round", zorder=1)
     lines.set_zorder(2)
     axes.add_collection(lines)
-    bar = figure.colorbar(lines, ax=axes, label=label, extend="both" if signed else "max")
+    bar = figure.colorbar(lines, ax=axes, extend="both" if signed else "max")
+    axes.set_title(label, fontsize=10, loc="left")
     if not signed:
         bar.ax.invert_yaxis()  # deeper is lower
 

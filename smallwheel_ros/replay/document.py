@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.replay.inputs import Input
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.tables import plain
@@ -24,6 +25,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
     """
     record, soil = result.record, result.onboard.soil
     received = result.onboard.received
+    rolling = {w.name for w in result.settings.onboard.wheels if w.contact == ROLLING}
     spread = soil.covariance.diagonal() ** 0.5
     modulus, modulus_std = soil.effective_modulus()
     known = soil.identifiable
@@ -47,6 +49,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
         "statuses": dict(record.statuses),
         "wheels": {
             name: {
+                "rolls": name in rolling,
                 "estimates": counts.results,
                 "with_sinkage": counts.with_sinkage,
                 "with_load": counts.with_load,

@@ -58,7 +58,7 @@ def wheels_text(summary: dict[str, Any]) -> str:
                 name,
                 str(count),
                 _share(wheel["with_load"], count),
-                _share(wheel["with_slip"], count),
+                _share(wheel["with_slip"], count) if wheel["rolls"] else "-",
                 _share(wheel["used_for_soil"], count),
                 "-" if rms is None else f"{1e3 * rms:.2f}",
             ]

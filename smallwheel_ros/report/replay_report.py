@@ -170,7 +170,7 @@ def _match_rates(summary: dict[str, Any]) -> Table:
                 name,
                 str(count),
                 _share(wheel["with_load"], count),
-                _share(wheel["with_slip"], count),
+                _share(wheel["with_slip"], count) if wheel["rolls"] else "-",
                 _share(wheel["used_for_soil"], count),
                 "-" if rms is None else number(1e3 * rms),
             ]
