@@ -163,7 +163,10 @@ def processes(wheels: int, folder: Path) -> Iterator[dict[str, int]]:
         for process in started.values():
             process.terminate()
         for process in started.values():
-            process.wait(10)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
 def processor_seconds(pid: int) -> float:

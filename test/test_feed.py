@@ -305,6 +305,15 @@ class TestApply:
         assert learnt > 10
         assert not onboard.apply(replace(settings, standstill_speed=0.02))
         assert onboard.soil.accepted == learnt
+        # The way goes on from where it was, or nothing more would be accepted.
+        way = onboard.soil.distance
+        for i in range(30, 60):
+            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+        onboard.flush()
+        assert onboard.soil.accepted > learnt + 20
+        assert onboard.soil.distance == pytest.approx(way + 0.29, abs=0.02)
         assert onboard.apply(
             replace(settings, estimator=replace(settings.estimator, process_noise=0.03))
         )

@@ -51,10 +51,10 @@ class Feed:
     topics: one entry for each topic. odometry_frame: frame of the newest odometry, or empty.
     """
 
-    def __init__(self, onboard: Onboard, settings: NodeSettings) -> None:
+    def __init__(self, onboard: Onboard, settings: NodeSettings, odometry_frame: str = "") -> None:
         self.onboard = onboard
         self.settings = settings
-        self.odometry_frame = ""
+        self.odometry_frame = odometry_frame
         self._by_joint: dict[str, str] = {}  # wheel speed
         self._by_load_joint: dict[str, str] = {}
         self.topics: tuple[Topic, ...] = tuple(self._topics())

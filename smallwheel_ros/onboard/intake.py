@@ -60,6 +60,8 @@ class Intake:
         self.time_jumps = 0
         self._order = {wheel.name: i for i, wheel in enumerate(settings.wheels)}
         self._waiting: list[_Waiting] = []
+        self._memory = Memory(settings)
+        self._released = [0] * len(settings.wheels)  # newest stamp that was answered
         self.apply(settings)
 
     def apply(self, settings: OnboardSettings) -> None:
@@ -73,17 +75,22 @@ class Intake:
             nanoseconds(timing.maximum_age),
             nanoseconds(timing.jump_tolerance),
         )
-        self._memory = Memory(settings)
-        self.start_over("settings were changed")
+        # Way and time go on: the estimate takes no measurement from behind the newest one.
+        released = self._released
+        self._begin(Memory(settings, self._memory.distance), "settings were changed")
+        self._released = released
 
     def start_over(self, why: str) -> None:
         """Forget what was collected; the counts go on, and measurements that waited are counted."""
+        self._begin(Memory(self.settings), why)
+
+    def _begin(self, memory: Memory, why: str) -> None:
         for measurement in self._waiting:
             if measurement.sinkage is not None:
                 name = self.settings.wheels[measurement.order].name
                 self.problems.add(f"{name}/sinkage", "dropped_by_reset", f"not used: {why}")
         self._waiting.clear()
-        self._memory.clear()
+        self._memory = memory
         self._newest: int | None = None
         self.newest.clear()
         self._first = 0

@@ -20,9 +20,16 @@ class Memory:
         One series for each wheel; of the sinkages only the stamps.
     odometer, velocity
         Of the vehicle; velocity is that of a sensor of its own: speed and yaw rate.
+    distance
+        Way so far, m.
+
+    Parameters
+    ----------
+    distance
+        Way before anything that is kept here, m.
     """
 
-    def __init__(self, settings: OnboardSettings) -> None:
+    def __init__(self, settings: OnboardSettings, distance: float = 0.0) -> None:
         self.settings = settings
         timing = settings.timing
         self._gap = nanoseconds(timing.maximum_gap)
@@ -35,16 +42,9 @@ class Memory:
         self.odometer = Odometer(horizon, self._gap, settings.standstill_speed)
         self.velocity = Series(horizon)
         self._static = [settings.static_loads.get(wheel.name) for wheel in wheels]
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything."""
-        for series in (*self.loads, *self.speeds, *self.sinkages, self.velocity):
-            series.clear()
-        self.odometer.clear()
+        self.distance = self._before = distance
         self._deepest = [0.0] * len(self.settings.wheels)
         self._pressed_way = 0.0
-        self._distance = 0.0
 
     def newest_of(self, order: int) -> list[int | None]:
         """Newest stamp of each stream that a measurement of that wheel is put together from."""
@@ -120,5 +120,6 @@ class Memory:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_way += max(0.0, sinkage.value - self._deepest[order])
             self._deepest[order] = max(self._deepest[order], sinkage.value)
-        self._distance = max(self._distance, self.odometer.way(stamp) + self._pressed_way)
-        return self._distance
+        way = self._before + self.odometer.way(stamp) + self._pressed_way
+        self.distance = max(self.distance, way)
+        return self.distance

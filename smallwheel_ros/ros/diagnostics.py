@@ -123,24 +123,31 @@ def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     return status(name, OK, text, values)
 
 
-def alarm_status(
-    name: str, onboard: Onboard, estimates: Iterable[MobilityEstimate]
-) -> DiagnosticStatus:
-    """What somebody should act on now."""
+def alarms(onboard: Onboard, estimates: Iterable[MobilityEstimate]) -> list[str]:
+    """What somebody should act on now, in words."""
     digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
     words = []
     if digging:
         words.append(f"{', '.join(digging)}: digging in (slip and sinkage up, speed down): stop")
+    if onboard.missing_effect is not None:
+        words.append(onboard.missing_effect.message)
+    return words
+
+
+def alarm_status(
+    name: str, onboard: Onboard, estimates: Iterable[MobilityEstimate]
+) -> DiagnosticStatus:
+    """The alarms, and what they rest on."""
+    estimates = list(estimates)
+    digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
     missing = onboard.missing_effect
     values = {"digging in": ", ".join(digging) or "no", "missing effect": "none shows"}
-    level = ERROR if digging else OK
     if missing is not None:
-        words.append(missing.message)
         values["missing effect"] = ", ".join((missing.effect, *missing.rivals))
         values["follows"] = missing.follows
         values["evidence"] = f"{missing.statistic:.0f}"
-        level = max(level, WARN)
-    return status(name, level, "; ".join(words) or "none", values)
+    level = ERROR if digging else WARN if missing is not None else OK
+    return status(name, level, "; ".join(alarms(onboard, estimates)) or "none", values)
 
 
 def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:

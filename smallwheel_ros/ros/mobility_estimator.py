@@ -11,12 +11,11 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import (
@@ -29,8 +28,8 @@ from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
-from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, entries, status
+from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, alarms, entries, status
 from smallwheel_ros.ros.listening import Listening
 from smallwheel_ros.ros.node_parameters import NodeParameters
 from smallwheel_ros.ros.outputs import Outputs
@@ -68,7 +67,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._reporter = Reporter(self, [])
         self._listening = Listening(self)
         self._ticking: list[Timer] = []
-        self._time_jumps = 0
+        self._alarm = ""  # the newest, in words
         self._last_arrival = time.monotonic()
         self.problem = ""  # why it could not be configured
         self._table = NodeParameters(
@@ -103,7 +102,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         values = ", ".join(f"{k}={v}" for k, v in self._table.values().items() if v is not None)
         self.get_logger().info(f"effective parameters: {values}")
         self._onboard = Onboard(self._settings.onboard)
-        self._feed_with(self._settings)
+        self._time_jumps = 0
+        self._feed_with(Feed(self._onboard, self._settings))
         self._outputs = Outputs(self, self._settings, self._report)
         self._soil_file = SoilFile(self._settings.soil_file)
         restored = self._soil_file.restore(self._onboard)
@@ -154,19 +154,26 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def _on_parameters(self, changes: str) -> None:
         """Go by parameters that were changed while they are in use; they have been checked."""
         assert self._onboard is not None
-        before, self._settings = self._settings, self._table.settings()
+        try:
+            before, self._settings = self._settings, self._table.settings()
+        except ParametersError as error:  # a file that they name has changed since the check
+            self.get_logger().error(f"parameters not changed: {error}")
+            return
         if before == self._settings:
             return
-        self._publish(self._onboard.flush())
+        active = self._listening.on
+        if active:
+            self._publish(self._onboard.flush())
         words = [f"parameters changed: {changes}"]
         if before.onboard != self._settings.onboard and self._onboard.apply(self._settings.onboard):
             words.append("the soil starts over")
-            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+            if active:
+                self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
         self._soil_file = SoilFile(self._settings.soil_file)
-        self._feed_with(self._settings)
+        self._feed_with(Feed(self._onboard, self._settings, self._feed.odometry_frame))
         if self._outputs.apply(self._settings):
             words.append("the cost map starts over")
-        if self._listening.on:
+        if active:
             self._stop_listening()
             self._listen()
         self.get_logger().info("; ".join(words))
@@ -187,7 +194,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             return response
         self._onboard.reset()
         self._outputs.start_over()
-        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        if self._listening.on:
+            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
         response.success = True
         response.message = "soil, cost map and buffers start over; the counts go on"
         self.get_logger().info(f"reset: {response.message}")
@@ -195,21 +203,22 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Topics
 
-    def _feed_with(self, settings: NodeSettings) -> None:
-        assert self._onboard is not None
-        self._feed = Feed(self._onboard, settings)
+    def _feed_with(self, feed: Feed) -> None:
+        self._feed = feed
         self._reporter.inputs = {i.stream: i for i in inputs_of(self, self._feed.topics)}
 
     def _listen(self) -> None:
         self._last_arrival = time.monotonic()
-        self._listening.start(self._feed.topics, self._take, self._on_classes)
+        classes = partial(self._safely, self._outputs.cost.on_classes)
+        self._listening.start(self._feed.topics, self._take, classes)
         self._ticking = [
-            self.create_timer(0.5, self._flush, clock=self._wall),
-            self.create_timer(_WAITING_EVERY, self._say_what_is_missing, clock=self._wall),
-            self.create_timer(
-                self._settings.cost.period, self._outputs.publish_cost, clock=self._wall
-            ),
-            self.create_timer(_MARKERS_EVERY, self._publish_markers, clock=self._wall),
+            self.create_timer(period, partial(self._safely, work), clock=self._wall)
+            for period, work in (
+                (0.5, self._flush),
+                (_WAITING_EVERY, self._say_what_is_missing),
+                (self._settings.cost.period, self._outputs.publish_cost),
+                (_MARKERS_EVERY, self._publish_markers),
+            )
         ]
 
     def _stop_listening(self) -> None:
@@ -221,19 +230,23 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     # --- Messages: feed them, publish what comes of it
 
     def _take(self, topic: Topic, message: Any) -> None:
-        if self._onboard is None:
-            return
-        self._last_arrival = time.monotonic()
-        try:
-            self._publish(topic.handle(message, self.get_clock().now().nanoseconds))
-        except Exception:
-            # A defect of this package must not take a robot's node down; it is loud all the same.
-            text = f"a message of {topic.type} failed:\n{traceback.format_exc()}"
-            self._report(topic.name, "internal_error", text)
-        self._reporter.log_problems(self._onboard.take_problems())
+        if self._onboard is not None:
+            self._last_arrival = time.monotonic()
+            self._safely(self._handle, topic, message)
+            self._reporter.log_problems(self._onboard.take_problems())
 
-    def _on_classes(self, message: OccupancyGrid) -> None:
-        self._outputs.cost.on_classes(message)
+    def _handle(self, topic: Topic, message: Any) -> None:
+        self._publish(topic.handle(message, self.get_clock().now().nanoseconds))
+
+    def _safely(self, work: Callable[..., None], *values: Any) -> None:
+        """Do something of which a defect must not take a robot's node down; it is loud all the same."""
+        try:
+            work(*values)
+        except Exception:
+            if not rclpy.ok():
+                raise
+            name = getattr(work, "__name__", "callback")
+            self._report(name, "internal_error", f"{name} failed:\n{traceback.format_exc()}")
 
     def _report(self, topic: str, reason: str, text: str) -> None:
         if self._onboard is not None:
@@ -266,6 +279,15 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def _publish_markers(self) -> None:
         self._outputs.publish_markers(self._feed.odometry_frame)
 
+    def _say_alarms(self) -> None:
+        """Log an alarm when it is new: not everybody looks at diagnostics."""
+        assert self._onboard is not None
+        newest = [result.mobility for result in self._outputs.newest.values()]
+        alarm = "; ".join(alarms(self._onboard, newest))
+        if alarm and alarm != self._alarm:
+            self.get_logger().error(alarm)
+        self._alarm = alarm
+
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
         if self.problem:
@@ -274,6 +296,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             text = "not active: it waits for a lifecycle manager"
             found = [status(f"{name}: inputs", OK, text)]
         else:
+            self._say_alarms()
             newest = [result.mobility for result in self._outputs.newest.values()]
             found = entries(name, self._onboard, self._reporter, newest, self._outputs.cost)
             if self._soil_file.problem:

@@ -113,8 +113,9 @@ class Reporter:
         """Say of each topic that had messages, that it has none any more."""
         now = time.monotonic()
         return [
-            f"{self.inputs[stream].topic}: no message for {now - last:.0f} s"
-            for stream, (last, count) in self._seen.items()
+            f"{item.topic}: no message for {now - last:.0f} s"
+            for stream, item in self.inputs.items()
+            for last, count in (self._seen.get(stream, (now, 0)),)
             if count and now - last > _SILENT_AFTER
         ]
 
