@@ -41,6 +41,7 @@ from smallwheel_ros.report import (
     whole_report,
     write_page,
 )
+from smallwheel_ros.report.residual_picture import failing_settings
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 DOCUMENT: dict[str, Any] = json.loads(
@@ -247,6 +248,15 @@ def test_with_too_little_data_no_error_is_called_held_out() -> None:
 
 
 # Both in one
+
+
+def test_the_settings_in_which_it_fails_are_found_whatever_they_are_called() -> None:
+    regions = ["slip > 0.3", "|slip| > 0.5", "slip_angle > 0.2", f"wet{EVIL} < 0.2", "soil x"]
+    document = {"where_it_fails": [{"region": r, "channel": "sinkage"} for r in regions]}
+    settings = ["load", "slip", "slip_angle", f"wet{EVIL}"]
+    assert failing_settings(document, settings) == [
+        ("sinkage", "slip"), ("sinkage", "slip_angle"), ("sinkage", f"wet{EVIL}")]  # fmt: skip
+    assert failing_settings({}, settings) == []
 
 
 def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> None:

@@ -13,10 +13,18 @@ from smallwheel_ros.commands.inputs import data_options, read_inputs
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.compare.document import comparison_document
 from smallwheel_ros.diagnosis.apply import base_physics
-from smallwheel_ros.diagnosis.pictures import residual_panels
-from smallwheel_ros.diagnosis.pipeline import diagnose
+from smallwheel_ros.diagnosis.candidates import settings_of
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.display import words
 from smallwheel_ros.output import OutputError, check_target
 from smallwheel_ros.report import Picture, whole_report, write_page
+from smallwheel_ros.report.residual_picture import (
+    AFTER,
+    BEFORE,
+    Shown,
+    failing_settings,
+    residual_panels,
+)
 from smallwheel_ros.tables import write_json
 
 _STEPS = 5  # that a diagnosis tells of
@@ -66,12 +74,7 @@ def report(
             bar.update()
 
         diagnosis = diagnose(measurements, base, registry=registry, progress=step)
-    panels = residual_panels(diagnosis)
-    caption = "Held-out errors with a smooth and its 95 % band" + (
-        ", before and after what was added." if len(diagnosis.steps) > 1 else "."
-    )
-    pictures = {} if panels is None else {"steps": [Picture(panels, caption)]}
-    html = whole_report(comparison, diagnosis.document, pictures)
+    html = whole_report(comparison, diagnosis.document, _pictures(diagnosis))
     document = {
         "schema": 1,
         "comparison": comparison_document(comparison),
@@ -81,3 +84,20 @@ def report(
     if json_file is not None:
         write_json(json_file, document)
     click.echo(f"written: {', '.join(str(target) for target in targets)}", err=json_file == "-")
+
+
+def _pictures(diagnosis: Diagnosis) -> dict[str, list[Picture]]:
+    """What the base leaves in the places where it fails, before and after what was added."""
+    if diagnosis.workbench is None:
+        return {}
+    observations = diagnosis.workbench.observations
+    first, *added = diagnosis.steps
+    shown = [Shown(first.errors, BEFORE, "base model")]
+    caption = "Held-out errors with a smooth and its 95 % band"
+    if added:
+        names = ", ".join(words(step.added or "") for step in added)
+        shown.append(Shown(added[-1].errors, AFTER, f"with {names}"))
+        caption += ", before and after what was added"
+    pairs = failing_settings(diagnosis.document, settings_of(observations))
+    figure = residual_panels(diagnosis.measurements, observations, shown, pairs)
+    return {"steps": [Picture(figure, caption + ".")]}

@@ -74,15 +74,13 @@ def whole_report(
 
 
 def _repeatability(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, float]:
-    """What repeats of one run differ by, by channel: of the diagnosis, else of the repeated rows."""
+    """What repeats of one run differ by, by channel; none where nothing was repeated."""
     known = document.get("channels") or {}
     found = {}
     for name, floor in comparison.noise.items():
-        value = known.get(name, {}).get("repeatability")
-        if value is None and floor.source == "repeats":
-            value = floor.value
-        if value is not None:
-            found[name] = float(value)
+        if floor.source == "repeats":
+            value = known.get(name, {}).get("repeatability")
+            found[name] = float(floor.value or 0.0) if value is None else float(value)
     return found
 
 
