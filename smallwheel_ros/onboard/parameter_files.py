@@ -144,10 +144,11 @@ def reference() -> str:
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",
         "All of them can be changed while the node runs (`ros2 param set`); a change is checked",
-        "together with all other values, refused with a reason or applied at once. Changes of",
-        "`soil.*` (but `soil.file`), `estimator.*`, `model_file`, `effects_file` and `noise.sinkage`",
-        "let the soil start over, those of `cost.*` the cost map. Those marked *at start* can only",
-        "come from a file or the command line.",
+        "together with all other values, refused with a reason or applied at once. What the estimate",
+        "starts from and goes by lets the soil start over: `soil.name`, `k`, `n`, `m` and their",
+        "deviations, `model_file`, `effects_file`, `estimator.*`, `noise.sinkage`, `load.source`.",
+        "`cost.*` lets the cost map start over. Those marked *at start* can only come from a file or",
+        "the command line.",
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):
