@@ -8,6 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.bulldozing import Rankine
+from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.bounded_exponent import (
     coordinate_of,
     exponent_of,
@@ -17,6 +20,7 @@ from smallwheel_ros.estimator.coordinates import OfReference
 from smallwheel_ros.estimator.identifiability import before_driving
 from smallwheel_ros.estimator.load_level import LoadLevel
 from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
+from smallwheel_ros.estimator.sinkage_observation import resistance_observation
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorSettings,
     Outcome,
@@ -24,8 +28,10 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     SoilPrior,
 )
-from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.simulate.truth import static_sinkage
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil, soil
+from smallwheel_ros.simulate.truth import motion_resistance, static_sinkage
 
 GOOD = SinkageMeasurement(
     time=1.0,
@@ -235,3 +241,79 @@ def test_one_wheel_size_is_said_before_driving() -> None:
     (words,) = before_driving([0.25, 0.25, 0.251])
     assert "one diameter (0.25 m)" in words
     assert "m stays" in words
+
+
+# ---- Resistance
+
+
+def test_resistance_determines_n_under_one_load() -> None:
+    """Sinkage says how much the soil carries, resistance how the pressure rises to that."""
+    rng = np.random.default_rng(9)
+    count, sand, n = 300, soil("dry_sand"), 0.55
+    k = 0.6 * sand.k * np.exp(0.06 * rng.standard_normal(count)) * 0.2**sand.m
+    modulus = (k * 0.01 ** (sand.n - n))[:, None]
+    full = np.ones(count)
+    z = static_sinkage(lambda depth: modulus * depth**n, 60.0 * full, 0.2 * full, 0.1 * full)
+    resistance = motion_resistance(lambda depth: modulus * depth**n, 0.2 * full, 0.1 * full, z)
+    e = estimator()
+    outcomes = []
+    for i in range(count):
+        one = replace(
+            GOOD,
+            time=float(i),
+            distance=0.5 * i,
+            sinkage=float(z[i] * np.exp(0.03 * rng.standard_normal())),
+            variance=float((0.03 * z[i]) ** 2),
+            load_variance=0.0,
+            resistance=float(resistance[i] * np.exp(0.03 * rng.standard_normal())),
+            resistance_variance=float((0.03 * resistance[i]) ** 2),
+        )
+        outcomes.append(e.update(one).resistance.outcome)
+    assert outcomes.count(Outcome.ACCEPTED) > 0.98 * count
+    estimate = e.estimate()
+    assert estimate.identifiable.n
+    assert not estimate.identifiable.m
+    deviation = math.sqrt(estimate.log_covariance[1, 1])
+    assert deviation < 0.1
+    assert abs(estimate.n - n) < 3.0 * deviation
+
+
+def test_resistance_that_cannot_be_used_leaves_the_sinkage() -> None:
+    for value, variance, reason in (
+        (math.nan, 1.0, "resistance_not_finite"),
+        (5.0, 0.0, "resistance_variance_not_positive"),
+        (5.0, math.nan, "resistance_variance_not_positive"),
+    ):
+        e = estimator()
+        result = e.update(replace(GOOD, resistance=value, resistance_variance=variance))
+        assert result.outcome is Outcome.ACCEPTED
+        assert result.resistance.reason == reason
+        assert e.estimate().refused == {reason: 1}
+    e = estimator()
+    for i in range(20):
+        e.update(replace(GOOD, time=float(i)))
+    result = e.update(replace(GOOD, time=30.0, resistance=500.0, resistance_variance=0.1))
+    assert result.resistance.reason == "gate"
+    assert "500.00 N measured" in result.resistance.message
+    assert (e.resistance_outliers, e.outliers, e.soil_changes) == (1, 0, 0)
+    pressed = replace(GOOD, time=31.0, contact="pressed", sinkage=0.008, resistance=5.0)
+    assert e.update(pressed).resistance is None
+
+
+@pytest.mark.parametrize("effects", [(), (Exponential(a=0.7),), (Rankine(),)])
+def test_resistance_is_the_model(effects: tuple[Effect, ...]) -> None:
+    observe = resistance_observation(effects, 70.0, 0.25, 0.08, 0.2, 0.15)
+
+    def shown(s: float, n: float, load: float) -> float:
+        law = Soil("one", math.exp(s - n * math.log(0.01)), n)
+        conditions = Conditions.of(load, 0.25, 0.08, slip=0.2, speed=0.15)
+        return float(predict(Model(law, effects=effects), conditions).resistance[0])
+
+    got, step = observe(10.2, 0.8), 1e-4
+    assert got.value == pytest.approx(shown(10.2, 0.8, 70.0), rel=1e-8)
+    for slope, at in (
+        (got.by_pressure, lambda h: shown(10.2 + h, 0.8, 70.0)),
+        (got.by_exponent, lambda h: shown(10.2, 0.8 + h, 70.0)),
+        (got.by_load, lambda h: shown(10.2, 0.8, 70.0 * math.exp(h))),
+    ):
+        assert slope == pytest.approx((at(step) - at(-step)) / (2 * step), rel=1e-3)

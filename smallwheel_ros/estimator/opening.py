@@ -49,12 +49,12 @@ class Opening:
         self.records: list[Record] = []
         self.travelled = 0.0
         self.going_on = True
-        self._last: dict[int, Record] = {}
+        self._last: dict[tuple[int, str], Record] = {}
         self._due = 2
 
-    def at(self, spot: int) -> Record | None:
-        """The newest record of a wheel, if it still stands there."""
-        last = self._last.get(spot)
+    def at(self, spot: int, channel: str) -> Record | None:
+        """The newest record of a wheel in this channel, if it still stands there."""
+        last = self._last.get((spot, channel))
         if last is None or self.travelled - last.travelled > self._one_spot:
             return None
         return last
@@ -65,13 +65,13 @@ class Opening:
         here: predicted for it, m. there: predicted for the record `at` this spot; None without.
         """
         if there is not None and abs(there - here) <= _ALIKE * abs(here):
-            self._last[spot].merge(
+            self._last[spot, reading.channel].merge(
                 reading.measured + there - here, reading.noise, reading.load_noise
             )
             return False
         record = Record(self.travelled, spot, reading)
         self.records.append(record)
-        self._last[spot] = record
+        self._last[spot, reading.channel] = record
         if len(self.records) < self._due:
             return False
         self._due = int(_GROWTH * self._due) + 1

@@ -40,7 +40,12 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.sinkage_observation import Reading, observation
+from smallwheel_ros.estimator.sinkage_observation import (
+    Reading,
+    observation,
+    resistance_observation,
+)
+from smallwheel_ros.estimator.soil_state import Taken
 from smallwheel_ros.estimator.soils import Soils, WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 
@@ -99,7 +104,7 @@ class SoilEstimator:
         self._wheels: dict[str, WheelTrack] = {}
         self._watch.reset()
         self._distance = 0.0
-        self.accepted = self.outliers = 0
+        self.accepted = self.outliers = self.resistance_outliers = 0
         self.refused: dict[str, int] = {}
 
     @property
@@ -174,32 +179,59 @@ class SoilEstimator:
             raise
         if given.contact == ROLLING:
             self._look_for_missing_effects(given, wheel, reading)
+        resistance = None
         if reason in ("accepted", "soil_changed"):
             outcome, message = Outcome.ACCEPTED, ""
             self.accepted += 1
+            if given.resistance is not None and given.contact == ROLLING:
+                resistance = self._use_resistance(given, wheel, given.resistance, reading)
             wheel.soil.variety = wheel.soil.variety.with_wheel(
                 given.diameter, wheel.carried / given.width
             )
         else:
             outcome = Outcome.OUTLIER
             self.outliers += 1
-            message = (
-                f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.2f} mm measured, "
-                f"{1e3 * taken.expected:.2f} mm expected, standard deviation of the difference "
-                f"{1e3 * math.sqrt(taken.variance):.2f} mm"
+            message = _misfit(given.wheel, reading, taken, reason)
+        return _result(outcome, reason, message, reading, taken, resistance)
+
+    def _use_resistance(
+        self, given: SinkageMeasurement, wheel: WheelTrack, measured: float, sinkage: Reading
+    ) -> UpdateResult:
+        """Update by the resistance of a wheel whose sinkage fits.
+
+        One that does not fit is left out, and is no sign of another soil: the wheel's sinkage fits,
+        so it is the resistance that the model has not got right.
+        """
+        name = f"wheel '{given.wheel}'"
+        problem = None
+        if not math.isfinite(measured):
+            problem = "resistance_not_finite", f"{name}: resistance is {measured}"
+        elif not 0.0 < given.resistance_variance < math.inf:
+            problem = (
+                "resistance_variance_not_positive",
+                (
+                    f"{name}: resistance_variance is {given.resistance_variance:g} N^2, expected over 0"
+                ),
             )
-            if reason == "out_of_range":
-                message += "; the soil that this would mean is outside of the model's range"
-        return UpdateResult(
-            outcome,
-            reason,
-            message,
-            taken.expected,
-            taken.variance - reading.noise,
-            given.sinkage - taken.expected,
-            taken.variance,
-            taken.chi_square,
-        )
+        if problem is None:
+            observe = resistance_observation(
+                self.effects, wheel.carried, given.diameter, given.width, given.slip, given.speed
+            )
+            noise, load_noise = given.resistance_variance, sinkage.load_noise
+            reading = Reading(observe, measured, noise, load_noise, "resistance")
+            try:
+                taken = wheel.soil.state.take(reading, wheel.spot, self._gate)
+            except (ArithmeticError, ValueError) as error:
+                problem = "resistance_numerical", f"{name}: the model has no resistance ({error})"
+            else:
+                fits = taken.reason == "accepted"
+                self.resistance_outliers += not fits
+                outcome = Outcome.ACCEPTED if fits else Outcome.OUTLIER
+                words = "" if fits else _misfit(given.wheel, reading, taken, taken.reason)
+                return _result(outcome, taken.reason, words, reading, taken)
+        reason, message = problem
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+        return UpdateResult(Outcome.REFUSED, reason, message)
 
     def _reading(self, given: SinkageMeasurement, wheel: WheelTrack) -> Reading:
         noise = given.variance
@@ -334,6 +366,39 @@ class SoilEstimator:
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return prediction
+
+
+def _misfit(wheel: str, reading: Reading, taken: Taken, reason: str) -> str:
+    scale, unit = (1e3, "mm") if reading.channel == "sinkage" else (1.0, "N")
+    words = (
+        f"wheel '{wheel}': {reading.channel} {scale * reading.measured:.2f} {unit} measured, "
+        f"{scale * taken.expected:.2f} {unit} expected, standard deviation of the difference "
+        f"{scale * math.sqrt(taken.variance):.2f} {unit}"
+    )
+    if reason == "out_of_range":
+        words += "; the soil that this would mean is outside of the model's range"
+    return words
+
+
+def _result(
+    outcome: Outcome,
+    reason: str,
+    message: str,
+    reading: Reading,
+    taken: Taken,
+    resistance: UpdateResult | None = None,
+) -> UpdateResult:
+    return UpdateResult(
+        outcome,
+        reason,
+        message,
+        taken.expected,
+        taken.variance - reading.noise,
+        reading.measured - taken.expected,
+        taken.variance,
+        taken.chi_square,
+        resistance,
+    )
 
 
 def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:

@@ -228,7 +228,7 @@ class SoilState:
 
     def _keep(self, reading: Reading, spot: int, here: float) -> None:
         opening = self._opening
-        last = opening.at(spot)
+        last = opening.at(spot, reading.channel)
         there = None
         if last is not None:
             belief = self.belief(spot)
@@ -305,14 +305,13 @@ def _point(coordinates: Coordinates, reading: Reading, x: Four, belief: Belief) 
     seen = reading.observe(pressure.value + across * m, n)
     by_s = seen.by_pressure
     return Point(
-        seen.sinkage,
+        seen.value,
         (
             by_s * pressure.by_first,
             (seen.by_exponent + by_s * pressure.by_exponent) * exponent_slope(q),
             by_s * across,
             by_s * pressure.by_spot * scale,
         ),
-        # Load and pressure enter as their ratio, so the slope by ln load is minus the one by s.
-        reading.noise + by_s * by_s * share * reading.load_noise,
+        reading.noise + seen.by_load**2 * share * reading.load_noise,
         seen.sunk_to_axle,
     )
