@@ -29,6 +29,7 @@ from std_srvs.srv import Trigger
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, alarms, entries, status
 from smallwheel_ros.ros.listening import Listening
 from smallwheel_ros.ros.node_parameters import NodeParameters
@@ -209,15 +210,15 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _listen(self) -> None:
         self._last_arrival = time.monotonic()
-        classes = partial(self._safely, self._outputs.cost.on_classes)
+        classes = partial(self._safely, TERRAIN_CLASSES, self._outputs.cost.on_classes)
         self._listening.start(self._feed.topics, self._take, classes)
         self._ticking = [
-            self.create_timer(period, partial(self._safely, work), clock=self._wall)
-            for period, work in (
-                (0.5, self._flush),
-                (_WAITING_EVERY, self._say_what_is_missing),
-                (self._settings.cost.period, self._outputs.publish_cost),
-                (_MARKERS_EVERY, self._publish_markers),
+            self.create_timer(period, partial(self._safely, name, work), clock=self._wall)
+            for name, period, work in (
+                ("flush", 0.5, self._flush),
+                ("inputs", _WAITING_EVERY, self._say_what_is_missing),
+                ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
+                ("~/markers", _MARKERS_EVERY, self._publish_markers),
             )
         ]
 
@@ -232,21 +233,23 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def _take(self, topic: Topic, message: Any) -> None:
         if self._onboard is not None:
             self._last_arrival = time.monotonic()
-            self._safely(self._handle, topic, message)
+            self._safely(topic.name, self._handle, topic, message)
             self._reporter.log_problems(self._onboard.take_problems())
 
     def _handle(self, topic: Topic, message: Any) -> None:
         self._publish(topic.handle(message, self.get_clock().now().nanoseconds))
 
-    def _safely(self, work: Callable[..., None], *values: Any) -> None:
-        """Do something of which a defect must not take a robot's node down; it is loud all the same."""
+    def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
+        """Do something of which a defect must not take a robot's node down; it is loud all the same.
+
+        name: what to count a defect under.
+        """
         try:
             work(*values)
         except Exception:
             if not rclpy.ok():
                 raise
-            name = getattr(work, "__name__", "callback")
-            self._report(name, "internal_error", f"{name} failed:\n{traceback.format_exc()}")
+            self._report(name, "internal_error", f"failed:\n{traceback.format_exc()}")
 
     def _report(self, topic: str, reason: str, text: str) -> None:
         if self._onboard is not None:
