@@ -521,6 +521,8 @@ def test_a_folder_of_somebody_else_is_left_alone(bag, rover, tmp_path):
     text = smallwheel("replay", bag, "--config", rover, "-o", tmp_path / "out", code=2).stderr
     assert "which no replay has made" in text
     assert (tmp_path / "out" / "estimates.csv").read_text() == "mine"
+    text = smallwheel("replay", bag, "--config", rover, "-o", bag, code=2).stderr
+    assert "is the bag itself" in text
 
 
 # --- Damaged bags

@@ -52,7 +52,7 @@ class NewBag:
                 self._channels[topic.name, topic.type] = channel
         self._soil_sent: int | None = None
         self._soil_waits: tuple[Estimate, int] | None = None
-        self.estimates = self.damaged = 0
+        self.damaged = 0
 
     def __enter__(self) -> NewBag:
         self._writer.__enter__()
@@ -85,7 +85,6 @@ class NewBag:
         stamp, wheel = estimate.row["stamp"], estimate.row["wheel"]
         message = as_message(MOBILITY, estimate.mobility, stamp, wheel)
         self._writer.write(f"{self.prefix}/mobility", MOBILITY, log_time, message)
-        self.estimates += 1
         sent = self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
             self._write_soil(estimate, log_time, frame)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import signal
-import threading
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +34,7 @@ from smallwheel_ros.replay.record import Record
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.rows import columns, estimate_of
 from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.stop import Stop
 from smallwheel_ros.replay.table_files import TableFiles
 from smallwheel_ros.replay.topics import proposal_text
 from smallwheel_ros.replay.track import Track
@@ -49,32 +47,6 @@ _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
     " would refuse them; with --no-clock stamps are judged only by each other"
 )
-
-
-class _Stop:
-    """Whether somebody asked to stop, by Ctrl-C or SIGTERM; asked twice it stops at once."""
-
-    def __init__(self) -> None:
-        self.asked = ""
-
-    @contextmanager
-    def listening(self) -> Iterator[None]:
-        """Take signals meanwhile; only the main thread can."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        signals = (signal.SIGINT, signal.SIGTERM)
-        before = [signal.signal(number, self._take) for number in signals]
-        try:
-            yield
-        finally:
-            for number, handler in zip(signals, before, strict=True):
-                signal.signal(number, handler)
-
-    def _take(self, number: int, _frame: object) -> None:
-        if self.asked:
-            raise KeyboardInterrupt
-        self.asked = signal.Signals(number).name
 
 
 def replay(
@@ -107,10 +79,12 @@ def replay(
         If nothing can be estimated from the bag, or a file cannot be written.
     """
     settings, notes = spec.settings()
-    places, stop = Places(spec), _Stop()
+    places, stop = Places(spec), Stop()
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():
         session = _Session(spec, settings, notes, reader)
-        places.begin()
+        if places.begin():
+            text = "an earlier replay into this folder was not finished; it is done anew"
+            session.result.notes.append(text)
         with TableFiles(places.estimates, columns()) as table:
             bag = NewBag(places.bag, _storage(spec), reader, session.copied)
             with bag:
@@ -178,7 +152,7 @@ class _Session:
         )
 
     def run(
-        self, table: TableFiles, bag: NewBag, stop: _Stop, progress: Callable[[int, int], None]
+        self, table: TableFiles, bag: NewBag, stop: Stop, progress: Callable[[int, int], None]
     ) -> None:
         """Read the bag to its end, its damage, or a signal."""
         result, total = self.result, self.result.message_count
@@ -224,7 +198,6 @@ class _Session:
         ]
         if result.spec.clock and self._most_are_refused_by_the_clock():
             result.notes.append(_HINT)
-        result.has_parquet = table.has_parquet
         progress(result.messages_read, total)
 
     def _most_are_refused_by_the_clock(self) -> bool:

@@ -74,11 +74,16 @@ class Places:
         self.estimates = self._folder / ESTIMATES
         self.bag = self._folder / BAG
         self.report = self._folder / REPORT
-        self.unfinished_before = False
 
-    def begin(self) -> None:
-        """Make the folder, or clear it of an earlier replay; note that one is under way."""
+    def begin(self) -> bool:
+        """Make the folder, or clear it of an earlier replay; note that one is under way.
+
+        Returns whether the earlier one was killed in its midst.
+        """
         folder = self._folder
+        killed = False
+        if folder.resolve() == self._spec.bag.resolve():
+            raise ReplayError(f"folder {folder} is the bag itself: give another one with -o")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             before = read_summary(folder)
@@ -90,7 +95,7 @@ class Places:
                         " folder, or remove it"
                     )
             else:
-                self.unfinished_before = before.get("state") == "running"
+                killed = before.get("state") == "running"
                 for name in _FILES:
                     (folder / name).unlink(missing_ok=True)
                 # The second: what a replay that was killed had written of its bag.
@@ -101,6 +106,7 @@ class Places:
             raise ReplayError(
                 f"folder {folder} cannot be used: {error.strerror or error}"
             ) from error
+        return killed
 
     def _write(self, content: dict[str, Any]) -> None:
         write_bytes(self._folder / SUMMARY, json_text(content).encode())

@@ -44,4 +44,3 @@ class Replayed:
     messages_read: int = 0
     prefix: str = ""
     left_out: list[BagTopic] = field(default_factory=list)
-    has_parquet: bool = False

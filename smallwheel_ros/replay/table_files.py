@@ -42,7 +42,6 @@ class TableFiles:
         self._names = list(columns)
         self._cells = itemgetter(*columns)
         self._rows: list[tuple[Any, ...]] = []
-        self.rows = 0
         self._text: TextIOWrapper | None = None
         self._parquet: Any = None
         self._schema: Any = None
@@ -115,7 +114,6 @@ class TableFiles:
                 self._parquet.write_batch(pyarrow.record_batch(arrays, schema=self._schema))
         except OSError as error:
             raise self._failed(error) from error
-        self.rows += len(rows)
 
     def __exit__(
         self,
