@@ -149,6 +149,6 @@ def test_an_effect_of_the_model_is_not_looked_for() -> None:
         settings = one.load, one.diameter, one.width
         due = watch.add(one.wheel, one.distance, one.sinkage, 1e-7, settings, one.slip, one.speed)
         if due:
-            watch.test(soil("dry_sand"), one.distance)
+            watch.test(soil("dry_sand"), (1.6e6, 0.8, 0.39), one.distance)
     assert watch.scores
     assert "slip_sinkage" not in {score.effect for score in watch.scores}

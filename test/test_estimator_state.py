@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -317,3 +318,12 @@ def test_resistance_is_the_model(effects: tuple[Effect, ...]) -> None:
         (got.by_load, lambda h: shown(10.2, 0.8, 70.0 * math.exp(h))),
     ):
         assert slope == pytest.approx((at(step) - at(-step)) / (2 * step), rel=1e-3)
+
+
+def test_the_example_of_the_documentation_runs(
+    repository: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (repository / "docs" / "estimator.md").read_text(encoding="utf-8")
+    code = text.split("```python\n")[1].split("```")[0]
+    exec(compile(code, "docs/estimator.md", "exec"), {})
+    assert "ACCEPTED" in capsys.readouterr().out

@@ -140,13 +140,15 @@ class MissingEffectWatch:
             self._next = distance + EVERY
         return distance >= self._next
 
-    def test(self, soil: Soil, distance: float) -> None:
-        """Test every family about a soil; see `alarm` and `scores`."""
+    def test(self, soil: Soil, law: tuple[float, float, float], distance: float) -> None:
+        """Test every family about a soil with this k, n and m; see `alarm` and `scores`."""
         self._next = distance + EVERY
         changes = self._pieces.changes()
         if changes is None or changes.later.size < _ENOUGH:
             return
         try:
+            k, n, m = law
+            soil = replace(soil, k=k, n=n, m=m)
             self.scores = _scores(soil, self._effects, self._forms, changes)
         except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
             return  # a soil in which the wheels have no sinkage: nothing to compare

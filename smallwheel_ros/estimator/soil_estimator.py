@@ -31,6 +31,13 @@ from smallwheel_ros.estimator.missing_effect import (
     MissingEffect,
     MissingEffectWatch,
 )
+from smallwheel_ros.estimator.outcomes import (
+    no_sinkage,
+    resistance_problem,
+    resistance_reading,
+    result_of,
+    sinkage_reading,
+)
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
@@ -40,12 +47,7 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.sinkage_observation import (
-    Reading,
-    observation,
-    resistance_observation,
-)
-from smallwheel_ros.estimator.soil_state import Taken
+from smallwheel_ros.estimator.sinkage_observation import Reading, observation
 from smallwheel_ros.estimator.soils import Soils, WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 
@@ -67,7 +69,6 @@ __all__ = [
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
 _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
-_LEAST_VARIANCE = (1e-5) ** 2  # m^2: no sinkage is measured better; keeps the covariance sound
 
 
 class SoilEstimator:
@@ -124,17 +125,18 @@ class SoilEstimator:
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
         """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
-        if measurement.slip is None:
-            measurement = self._in_its_rut(measurement)
-        problem = find_problem(measurement, self._needs) or self._out_of_order(measurement)
-        if problem is None:
-            try:
-                return self._use(measurement)
-            except (ArithmeticError, ValueError) as error:
-                problem = "numerical", _no_sinkage(measurement, error)
-        reason, message = problem
-        self.refused[reason] = self.refused.get(reason, 0) + 1
-        return UpdateResult(Outcome.REFUSED, reason, message)
+        given = measurement if measurement.slip is not None else self._in_its_rut(measurement)
+        problem = find_problem(given, self._needs) or self._out_of_order(given)
+        if problem is not None:
+            return self._refuse(*problem)
+        try:
+            result = self._use(given)
+        except (ArithmeticError, ValueError) as error:
+            return self._refuse("numerical", no_sinkage(given, error))
+        if measurement.slip is not None:
+            wheel = self._wheels[given.wheel]
+            wheel.slip, wheel.slip_at = measurement.slip, given.distance
+        return result
 
     def _in_its_rut(self, given: SinkageMeasurement) -> SinkageMeasurement:
         """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
@@ -168,7 +170,9 @@ class SoilEstimator:
         before = None if known is None else (known.time, known.distance)
         wheel = self._arrive(given)
         try:
-            reading = self._reading(given, wheel)
+            wheel.load = wheel.level.follow(given.load, given.load_variance / given.load**2)
+            std = self.settings.sinkage_std
+            reading = sinkage_reading(self.effects, given, wheel.load, std)
             taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
         except (ArithmeticError, ValueError):
             # What could not be used does not stand in the way of an earlier one that can.
@@ -181,80 +185,43 @@ class SoilEstimator:
             self._look_for_missing_effects(given, wheel, reading)
         resistance = None
         if reason in ("accepted", "soil_changed"):
-            outcome, message = Outcome.ACCEPTED, ""
             self.accepted += 1
             if given.resistance is not None and given.contact == ROLLING:
-                resistance = self._use_resistance(given, wheel, given.resistance, reading)
+                resistance = self._use_resistance(given, wheel)
             wheel.soil.variety = wheel.soil.variety.with_wheel(
-                given.diameter, wheel.carried / given.width
+                given.diameter, wheel.load[0] / given.width
             )
         else:
-            outcome = Outcome.OUTLIER
             self.outliers += 1
-            message = _misfit(given.wheel, reading, taken, reason)
-        return _result(outcome, reason, message, reading, taken, resistance)
+        return result_of(given.wheel, reason, reading, taken, resistance)
 
-    def _use_resistance(
-        self, given: SinkageMeasurement, wheel: WheelTrack, measured: float, sinkage: Reading
-    ) -> UpdateResult:
+    def _use_resistance(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         """Update by the resistance of a wheel whose sinkage fits.
 
         One that does not fit is left out, and is no sign of another soil: the wheel's sinkage fits,
         so it is the resistance that the model has not got right.
         """
-        name = f"wheel '{given.wheel}'"
-        problem = None
-        if not math.isfinite(measured):
-            problem = "resistance_not_finite", f"{name}: resistance is {measured}"
-        elif not 0.0 < given.resistance_variance < math.inf:
-            problem = (
-                "resistance_variance_not_positive",
-                (
-                    f"{name}: resistance_variance is {given.resistance_variance:g} N^2, expected over 0"
-                ),
-            )
+        problem = resistance_problem(given)
         if problem is None:
-            observe = resistance_observation(
-                self.effects, wheel.carried, given.diameter, given.width, given.slip, given.speed
-            )
-            noise, load_noise = given.resistance_variance, sinkage.load_noise
-            reading = Reading(observe, measured, noise, load_noise, "resistance")
             try:
+                reading = resistance_reading(self.effects, given, wheel.load)
                 taken = wheel.soil.state.take(reading, wheel.spot, self._gate)
             except (ArithmeticError, ValueError) as error:
-                problem = "resistance_numerical", f"{name}: the model has no resistance ({error})"
+                words = f"wheel '{given.wheel}': the model has no resistance ({error})"
+                problem = "resistance_numerical", words
             else:
-                fits = taken.reason == "accepted"
-                self.resistance_outliers += not fits
-                outcome = Outcome.ACCEPTED if fits else Outcome.OUTLIER
-                words = "" if fits else _misfit(given.wheel, reading, taken, taken.reason)
-                return _result(outcome, taken.reason, words, reading, taken)
-        reason, message = problem
+                self.resistance_outliers += taken.reason != "accepted"
+                return result_of(given.wheel, taken.reason, reading, taken)
+        return self._refuse(*problem)
+
+    def _refuse(self, reason: str, message: str) -> UpdateResult:
         self.refused[reason] = self.refused.get(reason, 0) + 1
         return UpdateResult(Outcome.REFUSED, reason, message)
-
-    def _reading(self, given: SinkageMeasurement, wheel: WheelTrack) -> Reading:
-        noise = given.variance
-        if not (math.isfinite(noise) and noise > 0):
-            noise = self.settings.sinkage_std**2
-        wheel.carried, load_noise = wheel.load.follow(
-            given.load, given.load_variance / given.load**2
-        )
-        observe = observation(
-            self.effects,
-            wheel.carried,
-            given.diameter,
-            given.width,
-            given.contact,
-            given.slip,
-            given.speed,
-        )
-        return Reading(observe, given.sinkage, max(noise, _LEAST_VARIANCE), load_noise)
 
     def _look_for_missing_effects(
         self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
     ) -> None:
-        settings = wheel.carried, given.diameter, given.width
+        settings = wheel.load[0], given.diameter, given.width
         due = self._watch.add(
             given.wheel,
             given.distance,
@@ -266,8 +233,7 @@ class SoilEstimator:
         )
         if due:
             now = self.estimate()
-            law = replace(self.prior.soil, k=now.k, n=now.n, m=now.m)
-            self._watch.test(law, given.distance)
+            self._watch.test(self.prior.soil, (now.k, now.n, now.m), given.distance)
 
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
         """Bring filter and wheel to where the measurement was made."""
@@ -281,8 +247,6 @@ class SoilEstimator:
             wheel = WheelTrack(spot, given.time, given.distance, self._soils.current)
             self._wheels[given.wheel] = wheel
         wheel.time, wheel.distance = given.time, given.distance
-        if given.slip is not None and wheel.slip != given.slip:
-            wheel.slip, wheel.slip_at = given.slip, given.distance
         return wheel
 
     def estimate(self) -> SoilEstimate:
@@ -364,45 +328,5 @@ class SoilEstimator:
                 point.value, math.sqrt(max(variance, 0.0)), point.sunk_to_axle
             )
         except (ArithmeticError, ValueError) as error:
-            raise EstimatorError(_no_sinkage(given, error)) from None
+            raise EstimatorError(no_sinkage(given, error)) from None
         return prediction
-
-
-def _misfit(wheel: str, reading: Reading, taken: Taken, reason: str) -> str:
-    scale, unit = (1e3, "mm") if reading.channel == "sinkage" else (1.0, "N")
-    words = (
-        f"wheel '{wheel}': {reading.channel} {scale * reading.measured:.2f} {unit} measured, "
-        f"{scale * taken.expected:.2f} {unit} expected, standard deviation of the difference "
-        f"{scale * math.sqrt(taken.variance):.2f} {unit}"
-    )
-    if reason == "out_of_range":
-        words += "; the soil that this would mean is outside of the model's range"
-    return words
-
-
-def _result(
-    outcome: Outcome,
-    reason: str,
-    message: str,
-    reading: Reading,
-    taken: Taken,
-    resistance: UpdateResult | None = None,
-) -> UpdateResult:
-    return UpdateResult(
-        outcome,
-        reason,
-        message,
-        taken.expected,
-        taken.variance - reading.noise,
-        reading.measured - taken.expected,
-        taken.variance,
-        taken.chi_square,
-        resistance,
-    )
-
-
-def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:
-    return (
-        f"wheel '{given.wheel}': the model has no sinkage for load {given.load:g} N, diameter "
-        f"{given.diameter:g} m, width {given.width:g} m ({error}); check their units"
-    )

@@ -56,8 +56,8 @@ class WheelTrack:
     time: float
     distance: float
     soil: KnownSoil
-    load: LoadLevel = field(default_factory=LoadLevel)
-    carried: float = 0.0  # N, the newest load without its noise
+    level: LoadLevel = field(default_factory=LoadLevel)
+    load: tuple[float, float] = (0.0, 0.0)  # N without its noise, and variance of its logarithm
     slip: float | None = None  # the newest that was known
     slip_at: float = 0.0  # m, where that was
     surprises: int = 0
