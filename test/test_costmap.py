@@ -307,6 +307,16 @@ class TestCostMap:
         for x in np.arange(0.05, 1.9, resolution / 3):
             assert grid.cells[grid.cell(float(x), 0.01)] == 25, x
 
+    def test_of_several_crossed_cells_in_one_the_worst_counts(self) -> None:
+        for first, second in ((0.08, 0.01), (0.01, 0.08)):
+            cost_map = CostMap(CostSettings(size=10.0, resolution=0.1))
+            cost_map.take_classes(Grid("odom", 1.0, (-3.0, -3.0), np.full((6, 6), -1, np.int8)))
+            drive(cost_map, 0.9, Quantity(first, 0.0), y=0.2)
+            drive(cost_map, 0.9, Quantity(second, 0.0), y=0.7)
+            grid = cost_map.grid()
+            assert grid is not None
+            assert grid.cells[grid.cell(0.5, 0.5)] == cost(0.01, 0.0) > cost(0.08, 0.0)
+
     def test_classes_of_another_frame_are_said_and_stay_unknown(self) -> None:
         cost_map = CostMap(CostSettings())
         cost_map.take_classes(Grid("map", 0.5, (0.0, 0.0), np.zeros((4, 4), np.int8)))

@@ -14,7 +14,7 @@ import numpy as np
 
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.crossed_ground import CrossedGround
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, CostMapError, Grid
+from smallwheel_ros.costmap.grid import HIGHEST, CostMapError, Grid
 from smallwheel_ros.costmap.terrain_classes import TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -173,9 +173,10 @@ class CostMap:
 
 def _lay_over(costs: Grid, ground: Grid) -> None:
     """Write the known cells of a window into a grid of the same frame: of several, the worst."""
-    rows, columns = np.nonzero(ground.cells >= 0)
-    if rows.size == 0:
-        return
+    # The dearest last: of several that are written to one cell, the last one stays.
+    known = np.flatnonzero(ground.cells >= 0)
+    known = known[np.argsort(ground.cells.ravel()[known], kind="stable")]
+    rows, columns = np.divmod(known, ground.cells.shape[1])
     scale = ground.resolution / costs.resolution
     # Where the window's cells are the coarser ones, each covers several: look at their parts.
     count = math.ceil(scale)
@@ -187,6 +188,4 @@ def _lay_over(costs: Grid, ground: Grid) -> None:
     cost = np.broadcast_to(ground.cells[rows, columns][:, None, None], at_row.shape)
     inside = (at_row >= 0) & (at_row < costs.cells.shape[0])
     inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
-    at = at_row[inside], at_column[inside]
-    costs.cells[at] = UNKNOWN
-    np.maximum.at(costs.cells, at, cost[inside])
+    costs.cells[at_row[inside], at_column[inside]] = cost[inside]
