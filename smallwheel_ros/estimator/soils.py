@@ -173,6 +173,8 @@ class Soils:
             soil.state.reopen(4.0**soil.widenings)
             soil.fitted, soil.variety = 0, Variety()
             opened = soil
+        elif self.current is not soil and not self.current.settled:
+            opened = self.current  # another wheel has just come to it
         else:
             opened = KnownSoil(SoilState(self._prior, self._settings), distance, changed=True)
             for _ in range(self._spots):
