@@ -68,8 +68,16 @@ def test_a_column_that_nobody_has_a_law_for_is_named(tmp_path: Path) -> None:
 
 
 def test_what_follows_nothing_recorded_gets_no_name(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4003, hidden=("unrecorded",)))
-    assert document(tmp_path, rig.table)["missing_effects"] == []
+    rig = simulate_rig(RigSettings(seed=4003, hidden=("unrecorded",), strength=1.5))
+    found = document(tmp_path, rig.table)
+    assert found["missing_effects"] == []
+    assert found["verdict"] == "unknown_effect"
+    assert "not recorded" in found["reason"]
+
+
+def test_soil_that_scatters_as_prepared_soils_do_is_adequate(tmp_path: Path) -> None:
+    rig = simulate_rig(RigSettings(seed=4014, soil_scatter=0.10))
+    assert document(tmp_path, rig.table)["verdict"] == "adequate"
 
 
 def test_an_error_of_one_channel_over_one_column_is_unknown(tmp_path: Path) -> None:
