@@ -9,6 +9,7 @@ from smallwheel_ros.errors import SmallwheelError
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGES: tuple[Storage, ...] = ("mcap", "sqlite3")
+STORAGE_SUFFIXES = (".mcap", ".db3", ".bag")
 
 
 class BagError(SmallwheelError):
@@ -68,25 +69,40 @@ REPAIR = (
 
 def reason(error: Exception) -> str:
     """Text of an error, or its kind where it has none."""
-    text = str(error).strip().rstrip(".")
+    text = str(getattr(error, "strerror", None) or error).strip().rstrip(".")
     return text or type(error).__name__
 
 
-def check_is_bag(path: Path) -> None:
-    """Raise `BagError` unless there is something at `path` that can be a bag."""
+def storage_kind(path: Path) -> str | None:
+    """Format of a storage file by its name: .mcap, .db3 or .bag; None for anything else.
+
+    A rosbag2 file that is compressed as a whole has .zstd behind that.
+    """
+    name = path.name.removesuffix(".zstd")
+    kind = next((kind for kind in STORAGE_SUFFIXES if name.endswith(kind)), None)
+    return None if kind == ".bag" and name != path.name else kind
+
+
+def check_is_bag(path: Path, *, needs_metadata: bool = True) -> None:
+    """Raise `BagError` unless there is something at `path` that can be a bag.
+
+    needs_metadata: a folder must have a metadata.yaml; else storage files in it are enough.
+    """
     if not path.exists():
         raise BagError(path, "does not exist; give a rosbag2 folder, or a .mcap, .db3 or .bag file")
     if path.is_dir():
         if (path / "metadata.yaml").exists():
             return
-        inside = sorted(file for kind in ("*.mcap", "*.db3", "*.bag") for file in path.glob(kind))
+        inside = sorted(file for file in path.iterdir() if storage_kind(file))
+        if inside and not needs_metadata:
+            return
         mend = (
             f"run `ros2 bag reindex {path}`, or give the file {inside[0]} itself"
             if inside
             else "and no .mcap, .db3 or .bag file in it: this is not a bag"
         )
         raise BagError(path, f"the folder has no metadata.yaml; {mend}")
-    if path.suffix not in (".mcap", ".db3", ".bag"):
+    if storage_kind(path) is None:
         raise BagError(
             path, f"the suffix {path.suffix!r} is not that of a bag (.mcap, .db3 or .bag)"
         )

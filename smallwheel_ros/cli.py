@@ -26,8 +26,17 @@ COMMANDS = {
         "Calibrate soil and effects on measurements, write a model file.",
     ),
     "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
+    "report": ("commands.report:report", "The whole story of a table in one HTML page."),
+    "explore": (
+        "commands.explore:explore",
+        "Set and unset effects in a page, see the error at once.",
+    ),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
+    "replay": (
+        "commands.replay:replay",
+        "The node's estimator over recorded drives, without ROS.",
+    ),
     "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),
     "demo": (
         "commands.drive:demo",

@@ -12,13 +12,21 @@ import os
 import random
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
+if TYPE_CHECKING:
+    from node_peer import Peer
+
 ROOT = Path(__file__).resolve().parent.parent
+
+# For helpers that several tests share: `from node_peer import Peer`.
+sys.path.insert(0, str(ROOT / "test"))
 
 # Never a window, whatever the machine has.
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -100,3 +108,25 @@ def _own_ros(request: pytest.FixtureRequest) -> None:
     if request.node.get_closest_marker("dds"):
         pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
         request.getfixturevalue("ros_domain")
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    """The node's other side; use it only in tests over DDS."""
+    from node_peer import Peer
+
+    made = Peer()
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.fixture
+def one_wheel(tmp_path: Path) -> Path:
+    """A parameter file of the vehicle that `Peer` publishes for."""
+    from node_peer import ONE_WHEEL
+
+    path = tmp_path / "one_wheel.yaml"
+    path.write_text(ONE_WHEEL)
+    return path

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,14 @@ import pytest
 
 from smallwheel_ros.bags import BagError, BagReader, BagWriter, message_type
 from smallwheel_ros.errors import SmallwheelError
+
+_kinds = importlib.util.spec_from_file_location(
+    "bag_kinds", Path(__file__).with_name("bag_kinds.py")
+)
+bag_kinds = importlib.util.module_from_spec(_kinds)
+_kinds.loader.exec_module(bag_kinds)
+compressed_copy, split_copy = bag_kinds.compressed_copy, bag_kinds.split_copy
+ros1_copy, write_foreign = bag_kinds.ros1_copy, bag_kinds.write_foreign
 
 SECOND = 10**9
 EPOCH = 1_749_720_600 * SECOND
@@ -212,7 +222,7 @@ def test_rosbags_is_imported_in_one_module(repository):
         for file in package.rglob("*.py")
         if re.search(r"^\s*(from|import) rosbags\b", file.read_text(), re.MULTILINE)
     }
-    assert users == {"bags.py"}
+    assert users == {"bags/library.py"}
 
 
 def test_ros1_bag_with_a_vendor_message(shared_data):
@@ -240,3 +250,204 @@ def test_ros_itself_reads_what_is_written(tmp_path):
     assert [m.sinkage for m in read] == [0.0, 0.001, 0.002]
     assert [m.header.frame_id for m in read] == ["wheel"] * 3
     assert read[1].header.stamp.nanosec == SECOND // 10
+
+
+# --- Bags of every kind, whole and damaged
+
+
+def names_and_times(bag: Path, **options) -> list[tuple[str, int]]:
+    with BagReader(bag, **options) as reader:
+        return [(m.topic, m.log_time) for m in reader.messages()]
+
+
+@pytest.mark.parametrize(
+    ("storage", "how"),
+    [("mcap", "message"), ("mcap", "file"), ("mcap", "storage"), ("sqlite3", "message"),
+     ("sqlite3", "file")],
+)  # fmt: skip
+def test_compressed_bags_are_read(tmp_path, storage, how):
+    bag = write_example(tmp_path / "drive")
+    packed = compressed_copy(bag, tmp_path / "packed", storage, how)
+    assert names_and_times(packed) == names_and_times(bag)
+    if how == "file":
+        assert names_and_times(next(packed.glob("*.zstd"))) == names_and_times(bag)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_split_bags_are_read(tmp_path, storage):
+    bag = write_example(tmp_path / "drive")
+    split = split_copy(bag, tmp_path / "split", storage)
+    assert len(list(split.iterdir())) == 4
+    assert names_and_times(split) == names_and_times(bag)
+    (split / "metadata.yaml").unlink()
+    assert salvaged(split)[0] == names_and_times(bag)
+
+
+def test_a_bag_of_ros1_becomes_one_of_ros2(tmp_path):
+    bag = write_example(tmp_path / "drive")
+    old = ros1_copy(bag, tmp_path / "old.bag")
+    with BagReader(old) as reader, BagWriter(tmp_path / "new") as writer:
+        assert not reader.is_ros2
+        for raw in reader.raw_messages():
+            channel, convert = reader.as_channel(raw.topic, raw.type)
+            writer.write_bytes(channel, raw.log_time, convert(raw.data))
+    with BagReader(bag) as one, BagReader(tmp_path / "new") as other:
+        for a, b in zip(one.raw_messages(), other.raw_messages(), strict=True):
+            assert (a.topic, a.type, a.log_time, bytes(a.data)) == (*b[:3], bytes(b.data))
+
+
+def salvaged(bag: Path) -> tuple[list[tuple[str, int]], str]:
+    """What a damaged bag gives, and how it says that it is damaged."""
+    good = []
+    with BagReader(bag, salvage=True) as reader, pytest.raises(BagError) as caught:
+        good.extend((m.topic, m.log_time) for m in Collected(reader.messages(), good))
+    assert caught.value.messages_read == len(good)
+    return good, str(caught.value)
+
+
+class Collected:
+    """Iterates, and keeps what came before an error in a list."""
+
+    def __init__(self, source, into):
+        self.source, self.into = source, into
+
+    def __iter__(self):
+        for message in self.source:
+            self.into.append((message.topic, message.log_time))
+        return iter(())
+
+
+@pytest.mark.parametrize("how", ["", "storage", "file", "message"])
+def test_truncated_mcap_gives_what_it_holds(tmp_path, how):
+    bag = write_example(tmp_path / "drive", count=8000)  # more than one chunk
+    if how:
+        bag = compressed_copy(bag, tmp_path / "packed", "mcap", how)
+    whole = names_and_times(bag)
+    file = next(f for f in bag.iterdir() if f.suffix != ".yaml")
+    size = file.stat().st_size
+    counts = []
+    for share in (0.98, 0.6, 0.2):
+        os.truncate(file, int(size * share))
+        good, text = salvaged(bag)
+        assert good == whole[: len(good)]
+        assert re.search(r"damaged after \d+ messages, the last at .*\.mcap", text)
+        counts.append(len(good))
+    # A compressed chunk is lost as a whole where its end is missing, at worst.
+    assert counts[0] > (0.9 if how != "storage" else 0.5) * len(whole)
+    assert counts[0] > counts[1] > counts[2] >= 0
+    if how != "storage":
+        assert counts[1] > 0.55 * len(whole)
+
+
+def test_truncated_sqlite3_gives_what_it_holds(tmp_path):
+    bag = write_example(tmp_path / "drive", "sqlite3", count=4000)
+    whole = names_and_times(bag)
+    file = next(bag.glob("*.db3"))
+    size = file.stat().st_size
+    counts = []
+    for share in (0.98, 0.6, 0.2):
+        os.truncate(file, int(size * share))
+        good, text = salvaged(bag)
+        assert good == whole[: len(good)]
+        assert "drive.db3" in text
+        counts.append(len(good))
+    assert counts[0] > counts[1] > counts[2] > 0
+    assert counts[1] > 0.4 * len(whole)
+
+
+@pytest.mark.parametrize("compression", ["", "BZ2", "LZ4"])
+def test_truncated_ros1_bag_gives_what_it_holds(tmp_path, compression):
+    bag = write_example(tmp_path / "drive", count=6000)  # more than one chunk
+    old = ros1_copy(bag, tmp_path / "old.bag", compression)
+    whole = names_and_times(old)
+    size = old.stat().st_size
+    for share in (0.9, 0.5):
+        os.truncate(old, int(size * share))
+        good, text = salvaged(old)
+        assert good == whole[: len(good)]
+        assert len(good) > (0.3 if compression else 0.8) * share * len(whole)
+        assert "old.bag: it ends" in text
+
+
+def test_a_split_bag_lacks_a_file(tmp_path):
+    bag = write_example(tmp_path / "drive")
+    split = split_copy(bag, tmp_path / "split", "mcap")
+    (split / "split_1.mcap").unlink()
+    good, text = salvaged(split)
+    assert 60 <= len(good) <= 70
+    assert "file split_1.mcap is missing" in text
+
+
+def test_garbage_is_refused_with_salvage_too(tmp_path):
+    for suffix in (".mcap", ".db3", ".bag", ".mcap.zstd"):
+        for content in (b"", b"garbage " * 30):
+            wrong = tmp_path / f"wrong{suffix}"
+            wrong.write_bytes(content)
+            with (
+                pytest.raises(BagError, match=f"wrong{suffix}.*cannot be read"),
+                BagReader(wrong, salvage=True),
+            ):
+                pass
+
+
+def test_a_topic_of_a_foreign_type_is_copied_with_its_definition(tmp_path):
+    bag = write_foreign(tmp_path / "foreign", write_example(tmp_path / "drive"))
+    with BagReader(bag) as reader, BagWriter(tmp_path / "copy") as writer:
+        assert reader.as_channel("/vendor/nobody", "vendor_msgs/msg/Nobody") is None
+        for raw in reader.raw_messages({"/vendor/odd"}):
+            channel, convert = reader.as_channel(raw.topic, raw.type)
+            writer.write_bytes(channel, raw.log_time, convert(raw.data))
+    with BagReader(tmp_path / "copy") as reader:
+        assert [m.message.x for m in reader.messages()] == [10.0 * i for i in range(10)]
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1", "storage", "file", "message"])
+def test_damage_anywhere_is_a_bag_error_and_never_another(tmp_path, kind):
+    rng = np.random.default_rng(0)
+    example = write_example(tmp_path / "drive", "sqlite3" if kind == "sqlite3" else "mcap", 200)
+    if kind == "ros1":
+        bag = file = ros1_copy(example, tmp_path / "old.bag")
+    else:
+        packed = kind in ("storage", "file", "message")
+        bag = compressed_copy(example, tmp_path / "packed", "mcap", kind) if packed else example
+        file = next(f for f in bag.iterdir() if f.suffix != ".yaml")
+    whole = file.read_bytes()
+    for _ in range(25):
+        content = bytearray(whole)
+        at = int(rng.integers(len(content)))
+        if rng.random() < 0.5:
+            for place in rng.integers(len(content), size=int(rng.choice([1, 5, 30]))):
+                content[place] = int(rng.integers(256))
+        elif rng.random() < 0.5:
+            content[at : at + 2000] = bytes(len(content[at : at + 2000]))
+        else:
+            content[at:at] = rng.bytes(9)
+        file.write_bytes(content)
+        read, errors = [], []
+        try:
+            with BagReader(bag, salvage=True) as reader:
+                read.extend(reader.messages())
+        except BagError as error:
+            errors.append(error)
+        assert all(e.messages_read == len(read) and e.path == bag for e in errors)
+
+
+def test_what_a_killed_recorder_left_in_its_log_is_read(tmp_path):
+    import sqlite3
+
+    bag = write_example(tmp_path / "drive", "sqlite3")
+    whole = names_and_times(bag)
+    file = next(bag.glob("*.db3"))
+    database = sqlite3.connect(file)
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("PRAGMA wal_autocheckpoint = 0")
+    last = database.execute("SELECT MAX(id) FROM messages").fetchone()[0]
+    rows = "SELECT topic_id, timestamp + 10000000000, data FROM messages WHERE id > ?"
+    database.execute(f"INSERT INTO messages (topic_id, timestamp, data) {rows}", (last - 10,))
+    database.commit()
+    killed = tmp_path / "killed"
+    shutil.copytree(bag, killed)  # as it is on the disk, with its log, while the recorder runs
+    database.close()
+    (killed / "metadata.yaml").unlink()
+    good, _ = salvaged(killed)
+    assert good == whole + [(name, time + 10 * SECOND) for name, time in whole[-10:]]

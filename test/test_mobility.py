@@ -138,7 +138,7 @@ class TestForces:
     def test_an_effect_of_slip_is_in_the_margin(self) -> None:
         plain, deep = self.forces(), self.forces(effects=[Exponential(a=3.0)])
         assert deep.margin.value < plain.margin.value
-        at_reference = self.forces(slip=Quantity(0.2, 0.0), effects=[Exponential(a=3.0)])
+        at_reference = self.forces(slip=Quantity(0.4, 0.0), effects=[Exponential(a=3.0)])
         assert deep.margin.value == pytest.approx(at_reference.drawbar_pull.value / 60.0)
 
     def test_energy_needs_travel(self) -> None:

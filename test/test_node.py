@@ -6,118 +6,15 @@ import math
 import re
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from node_peer import ONE_WHEEL, Peer
 
 from smallwheel_ros.node_process import NodeProcess
 
 pytestmark = pytest.mark.dds
-
-ONE_WHEEL = """/**:
-  ros__parameters:
-    wheels: [front]
-    front:
-      diameter: 0.25
-      width: 0.1
-    timing:
-      reorder_time: 0.05
-      silent_after: 0.1
-"""
-
-
-class Peer:
-    """The other side: publishes and listens in this process."""
-
-    def __init__(self) -> None:
-        import rclpy
-        from diagnostic_msgs.msg import DiagnosticArray
-        from geometry_msgs.msg import WrenchStamped
-        from rclpy.node import Node
-        from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
-
-        rclpy.init(args=[])
-        self.rclpy = rclpy
-        self.node = Node("peer")
-        self.mobility: list[Any] = []
-        self.diagnostics: dict[str, Any] = {}
-        self.node.create_subscription(
-            MobilityEstimate, "/mobility_estimator/mobility", self.mobility.append, 100
-        )
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
-        self.load = self.node.create_publisher(WrenchStamped, "/front/load", 100)
-        self.sinkage = self.node.create_publisher(WheelSinkage, "/front/sinkage", 100)
-
-    def _diagnose(self, message: Any) -> None:
-        for status in message.status:
-            self.diagnostics[status.name] = status
-
-    def spin_until(self, done: Callable[[], bool], what: str, seconds: float = 25.0) -> None:
-        deadline = time.monotonic() + seconds
-        while not done():
-            assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-            self.rclpy.spin_once(self.node, timeout_sec=0.02)
-
-    def spin(self, seconds: float) -> None:
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            self.rclpy.spin_once(self.node, timeout_sec=0.02)
-
-    def now(self) -> int:
-        return int(self.node.get_clock().now().nanoseconds)
-
-    def send_load(self, force: float, stamp: int | None = None) -> int:
-        from geometry_msgs.msg import WrenchStamped
-
-        message = WrenchStamped()
-        stamp = self._stamp(message, stamp)
-        message.wrench.force.z = force
-        self.load.publish(message)
-        return stamp
-
-    def send_sinkage(self, sinkage: float, stamp: int | None = None, variance: float = 0.0) -> int:
-        from smallwheel_ros.msg import WheelSinkage
-
-        message = WheelSinkage(sinkage=sinkage, variance=variance)
-        stamp = self._stamp(message, stamp)
-        self.sinkage.publish(message)
-        return stamp
-
-    def _stamp(self, message: Any, stamp: int | None) -> int:
-        stamp = self.now() if stamp is None else stamp
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
-        return stamp
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        client = self.node.create_client(kind, f"/mobility_estimator/{service}")
-        self.spin_until(client.service_is_ready, f"service {service}")
-        future = client.call_async(request)
-        self.spin_until(future.done, f"answer of {service}")
-        return future.result()
-
-    def counts(self) -> dict[str, str]:
-        status = self.diagnostics.get("mobility_estimator: inputs")
-        return {} if status is None else {v.key: v.value for v in status.values}
-
-
-@pytest.fixture
-def peer() -> Iterator[Peer]:
-    made = Peer()
-    try:
-        yield made
-    finally:
-        made.node.destroy_node()
-        made.rclpy.try_shutdown()
-
-
-@pytest.fixture
-def one_wheel(tmp_path: Path) -> Path:
-    path = tmp_path / "one_wheel.yaml"
-    path.write_text(ONE_WHEEL)
-    return path
 
 
 def all_finite(message: Any) -> bool:
@@ -262,9 +159,11 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         assert set_parameter("front.width", 0.12).successful
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
-        refused = set_parameter("front.width", 0.13)
+        # Configured, a change is judged together with all others, and applied.
+        refused = set_parameter("front.sinkage_source", "Range")
         assert not refused.successful
-        assert "clean up the node first" in refused.reason
+        assert "front.range_height is missing" in refused.reason
+        assert set_parameter("front.width", 0.13).successful
 
         # The soil is latched: subscribed to before or after, the prior is there when active.
         soils: list[Any] = []

@@ -270,12 +270,14 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
     assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
 
 
-def test_play_refusals_need_no_node(tmp_path: Path) -> None:
+def test_play_refusals_need_no_node(bag: Path, tmp_path: Path) -> None:
     from smallwheel_ros.ros.play import PlayError, PlaySettings, play
 
     with pytest.raises(SmallwheelError, match="does not exist"):
         play(tmp_path / "nothing", PlaySettings(), lambda _: lambda: None)
     old = tmp_path / "old.bag"
     old.write_bytes(b"")
-    with pytest.raises(PlayError, match="is of ROS 1"):
+    with pytest.raises(SmallwheelError, match="cannot be read"):
         play(old, PlaySettings(), lambda _: lambda: None)
+    with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
+        play(bag, PlaySettings(start=1000.0, loop=True), lambda _: lambda: None)

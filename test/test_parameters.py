@@ -6,17 +6,26 @@ from pathlib import Path
 import pytest
 import yaml
 
+from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.effects.registry import effect_class
+from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings
+from smallwheel_ros.model import Model
+from smallwheel_ros.model_file import CalibratedModel, write_model
 from smallwheel_ros.onboard.parameter_files import read_parameters, reference, template
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
 from smallwheel_ros.onboard.parameters import (
+    LoadSource,
     ParametersError,
+    SinkageSource,
     parameters_for,
     problems,
     settings_from,
     unknown_parameters,
 )
-from smallwheel_ros.onboard.settings import SensorNoise, Timing
+from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing, VelocitySource
+from smallwheel_ros.physics.soil import soil
 
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
 
@@ -45,6 +54,9 @@ class TestTable:
             ("estimator", EstimatorSettings, {"sinkage_std"}),
             ("noise", SensorNoise, set()),
             ("timing", Timing, set()),
+            ("digging_in", DiggingInRules, set()),
+            ("cost", CostSettings, {"rules"}),
+            ("cost", CostRules, set()),
         ],
     )
     def test_every_setting_has_its_parameter(
@@ -69,6 +81,11 @@ class TestSettings:
         assert made.inputs["front"].joint == "front_joint"
         assert made.autostart
         assert made.onboard.prior.soil.name == "dry_sand"
+        assert made.onboard.effects == ()
+        assert made.onboard.static_loads == {}
+        assert made.onboard.velocity is VelocitySource.ODOMETRY
+        assert made.load_source is LoadSource.WRENCH
+        assert made.cost == CostSettings()
 
     def test_values_arrive(self) -> None:
         made = settings_from(
@@ -100,6 +117,36 @@ class TestSettings:
         assert onboard.without_sinkage == {"front"}
         assert made.load_sign == -1
 
+    def test_static_loads_are_the_weight_split_over_the_wheels(self) -> None:
+        two = {
+            "wheels": ["a", "b"],
+            **{f"{name}.{key}": 0.2 for name in "ab" for key in ("diameter", "width")},
+            "load.source": "static",
+            "load.mass": 20.0,
+        }
+        loads = settings_from(two).onboard.static_loads
+        assert loads["a"].value == loads["b"].value == pytest.approx(98.1)
+        assert loads["a"].standard_deviation == pytest.approx(0.3 * 98.1)
+        shared = {**two, "a.load_share": 0.6, "b.load_share": 0.4, "load.static_std": 0.1}
+        loads = settings_from(shared).onboard.static_loads
+        assert loads["b"].value == pytest.approx(0.4 * 196.2)
+        assert loads["b"].standard_deviation == pytest.approx(0.04 * 196.2)
+
+    def test_velocity_sources(self) -> None:
+        def source(**changes: object) -> VelocitySource:
+            return settings_from({**ONE_WHEEL, **changes}).onboard.velocity
+
+        assert source(velocity_topic="radar") is VelocitySource.TOPIC
+        assert source(odometry_from_wheels=True) is VelocitySource.NONE
+        assert source(odometry_from_wheels=True, velocity_topic="r") is VelocitySource.TOPIC
+
+    def test_a_range_sensor_has_its_height(self) -> None:
+        made = settings_from(
+            {**ONE_WHEEL, "front.sinkage_source": "Range", "front.range_height": 0.31}
+        )
+        assert made.inputs["front"].sinkage_source is SinkageSource.RANGE
+        assert made.inputs["front"].range_height == 0.31
+
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
@@ -120,7 +167,17 @@ class TestSettings:
             ({"load_sign": 0}, "load_sign is 0, expected 1 or -1"),
             ({"load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
             ({"autostart": 1}, "autostart is integer 1, expected a bool"),
-            ({"soil.name": "dry_snad"}, "soil.name is 'dry_snad', expected 'dry_sand' or "),
+            ({"soil.name": "dry_snad"}, "soil.name: no soil 'dry_snad': did you mean 'dry_sand'"),
+            ({"load.source": "static"}, "load.mass is missing: load.source static needs"),
+            ({"load.source": "scale"}, "load.source is 'scale', expected 'wrench' or 'joint_st"),
+            (
+                {"load.source": "static", "load.mass": 9.0, "front.load_share": 0.5},
+                "1 of 1 wheels have one, with a sum of 0.5",
+            ),
+            ({"front.sinkage_source": "Range"}, "front.range_height is missing: sinkage_source R"),
+            ({"cost.size": 400.0, "cost.resolution": 0.01}, "cells, expected at most 4000000"),
+            ({"effects_file": "mine.py"}, "effects_file is given without model_file"),
+            ({"model_file": "none.yaml"}, "none.yaml: cannot be read"),
             ({"soil.n": 3.5}, r"soil.n is 3\.5, expected a double from 0.04 to 2.9"),
             ({"estimator.surprises_to_reopen": 0}, "surprises_to_reopen is 0, expected an integer"),
             ({"wheels": []}, r"wheels is missing: name the wheels, for example wheels: \["),
@@ -157,6 +214,48 @@ class TestSettings:
         assert "bananas is unknown and not used" in found[2]
 
 
+class TestModelFile:
+    @pytest.fixture
+    def model(self, tmp_path: Path) -> Path:
+        path = tmp_path / "model.yaml"
+        soils = [soil("moist_earth"), soil("dry_sand")]
+        write_model(path, CalibratedModel(Model(soils, effects=[Exponential(a=1.3)])))
+        return path
+
+    def given(self, **changes: object) -> dict[str, object]:
+        return {**ONE_WHEEL, **changes}
+
+    def test_soil_and_effects_are_those_of_the_file(self, model: Path) -> None:
+        values = self.given(model_file=str(model), **{"soil.name": "moist_earth"})
+        made = settings_from(values).onboard
+        assert made.effects == (Exponential(a=1.3),)
+        assert made.prior.m == -0.49
+        # What is given beside it counts.
+        assert settings_from({**values, "soil.m": 0.1}).onboard.prior.m == 0.1
+
+    def test_several_soils_need_a_name(self, model: Path) -> None:
+        with pytest.raises(ParametersError, match=r"model.yaml has several soils, parameter soil"):
+            settings_from(self.given(model_file=str(model)))
+        with pytest.raises(ParametersError, match=r"has no soil 'clay'.*There is: dry_sand, moist"):
+            settings_from(self.given(model_file=str(model), **{"soil.name": "clay"}))
+
+    def test_one_soil_needs_none(self, tmp_path: Path) -> None:
+        path = tmp_path / "model.yaml"
+        write_model(path, CalibratedModel(Model(soil("moist_earth"))))
+        made = settings_from(self.given(model_file=str(path))).onboard
+        assert made.prior.soil.name == "moist_earth"
+
+    def test_closed_form_and_missing_covariates_are_refused(self, tmp_path: Path) -> None:
+        path = tmp_path / "model.yaml"
+        write_model(path, CalibratedModel(Model(soil("dry_sand"), geometry="closed_form")))
+        with pytest.raises(ParametersError, match="geometry is closed_form, expected contact_int"):
+            settings_from(self.given(model_file=str(path)))
+        effects = [effect_class("moisture", None)()]
+        write_model(path, CalibratedModel(Model(soil("dry_sand"), effects=effects)))
+        with pytest.raises(ParametersError, match="effect 'moisture' needs 'moisture'"):
+            settings_from(self.given(model_file=str(path)))
+
+
 class TestFiles:
     @pytest.mark.parametrize(("name", "text"), [("config/template.yaml", template())])
     def test_template_is_up_to_date(self, repository: Path, name: str, text: str) -> None:
@@ -180,7 +279,7 @@ class TestFiles:
                 p.name.split(".")[-1] for p in (*GENERAL, *PER_WHEEL)
             } | {p.name.split(".")[0] for p in GENERAL}
             empty_optional = bare.endswith(":") and not bare.startswith(
-                ("soil:", "noise:", "timing:", "estimator:")
+                ("soil:", "noise:", "timing:", "estimator:", "load:", "digging_in:", "cost:")
             )
             if default and not empty_optional:
                 line = line.replace("# ", "", 1)

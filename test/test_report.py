@@ -38,8 +38,10 @@ from smallwheel_ros.report import (
     compare_report,
     diagnosis_report,
     page,
+    whole_report,
     write_page,
 )
+from smallwheel_ros.report.residual_picture import failing_settings
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 DOCUMENT: dict[str, Any] = json.loads(
@@ -220,6 +222,77 @@ def test_a_bare_document_is_enough() -> None:
 def test_what_is_no_diagnosis_is_refused() -> None:
     with pytest.raises(ReportError, match="not a diagnosis: verdict is 'maybe'"):
         diagnosis_report({"verdict": "maybe"})
+
+
+def test_the_noise_floor_is_not_passed_off_as_the_spread_of_repeats() -> None:
+    text = Parsed(diagnosis_report(DOCUMENT)).text
+    assert "the held-out error that the true model would leave" in text
+    assert "scatter of the soil from run to run" in text
+    assert "repeats differ by" not in text
+    assert "may pass for scatter" not in text
+    unknown = {**DOCUMENT, "verdict": "unknown_effect", "missing_effects": []}
+    assert "may pass for scatter" in Parsed(diagnosis_report(unknown)).text
+    document = copy.deepcopy(DOCUMENT)
+    document["channels"]["sinkage"]["repeatability"] = 0.000432
+    text = Parsed(diagnosis_report(document)).text
+    assert "repeats differ by" in text
+    assert "0.432 mm" in text
+
+
+def test_with_too_little_data_no_error_is_called_held_out() -> None:
+    document = {**DOCUMENT, "verdict": "insufficient_data", "missing_effects": []}
+    text = Parsed(diagnosis_report(document)).text
+    assert "step by step" not in text
+    assert "Errors of the diagnosis are held out" not in text
+    assert "Errors of the diagnosis are held out" in Parsed(diagnosis_report(DOCUMENT)).text
+
+
+# Both in one
+
+
+def test_the_settings_in_which_it_fails_are_found_whatever_they_are_called() -> None:
+    regions = ["slip > 0.3", "|slip| > 0.5", "slip_angle > 0.2", f"wet{EVIL} < 0.2", "soil x"]
+    document = {"where_it_fails": [{"region": r, "channel": "sinkage"} for r in regions]}
+    settings = ["load", "slip", "slip_angle", f"wet{EVIL}"]
+    assert failing_settings(document, settings) == [
+        ("sinkage", "slip"), ("sinkage", "slip_angle"), ("sinkage", f"wet{EVIL}")]  # fmt: skip
+    assert failing_settings({}, settings) == []
+
+
+def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> None:
+    document = copy.deepcopy(DOCUMENT)
+    document["channels"] = {
+        "sinkage": {"rows": 36, "rmse": 0.004, "bias": 0.001, "noise_floor": 0.00123,
+                    "noise_floor_source": "repeats", "repeatability": 0.000456},
+        "resistance": {"rows": 36, "rmse": 4.0, "bias": 1.0, "noise_floor": None,
+                       "noise_floor_source": None},
+    }  # fmt: skip
+    html = whole_report(comparison, document)
+    parsed = assert_harmless(html)
+    titles = ["In short", "The data", "Models side by side", "Where the model fails",
+              "Which effect is missing", "Held-out error, step by step",
+              "What this data cannot tell", "What to measure next",
+              "What to keep in mind"]  # fmt: skip
+    headings = re.findall(r"<h2>(.*?)</h2>", html)
+    assert headings == titles
+    text = parsed.text
+    assert "1.23" in text  # the floor of the diagnosis, not what repeats differ by
+    assert "times the noise floor of 1.23 mm" in text
+    assert "0.456" in text
+    assert "could not tell noise from misfit" in text  # of resistance
+    assert text.index("Missing: slip sinkage") < text.index("bekker")
+    with pytest.raises(ReportError, match="not a diagnosis"):
+        whole_report(comparison, {"verdict": "maybe"})
+
+
+def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
+    notes = ["rig_sand.n is at its bound, 2.9: the data wants to go further", "some rows are out"]
+    text = Parsed(
+        diagnosis_report({**DOCUMENT, "notes": notes, "reason": "slip_sinkage is in"})
+    ).text
+    assert "rig_sand.n is at its bound" in text
+    assert "Some rows are out." in text
+    assert "slip_sinkage is in." in text
 
 
 def test_own_pictures_land_in_their_section() -> None:

@@ -95,7 +95,7 @@ def test_observation_is_the_model(effect_class: type | None, contact: str) -> No
     s = one.log_reference_pressure + 0.39 * observe.diameter_log
     got = observe(s, one.n)
     step = 1e-4
-    assert got.sinkage == pytest.approx(shown(s, one.n), rel=1e-8)
+    assert got.value == pytest.approx(shown(s, one.n), rel=1e-8)
     by_pressure = (shown(s + step, one.n) - shown(s - step, one.n)) / (2 * step)
     by_exponent = (shown(s, one.n + step) - shown(s, one.n - step)) / (2 * step)
     assert got.by_pressure == pytest.approx(by_pressure, rel=1e-5)

@@ -176,3 +176,32 @@ class TestOdometer:
             made.add(T + i * nanoseconds(0.02), 0.0, 0.0, 1.0, 0.0)
         assert made.way(T + 100 * SECOND) == pytest.approx(100.0)
         assert len(made._series) == len(made._way) <= 110
+
+
+class TestPose:
+    def make(self) -> Odometer:
+        return Odometer(10 * SECOND, SECOND, 0.01)
+
+    def test_between_two_messages(self) -> None:
+        odometer = self.make()
+        odometer.add(SECOND, 0.0, 1.0, 0.5, 0.0, 0.0)
+        odometer.add(2 * SECOND, 1.0, 3.0, 0.5, 0.0, 0.4)
+        x, y, yaw = odometer.pose(3 * SECOND // 2, SECOND)
+        assert (x, y) == pytest.approx((0.5, 2.0))
+        assert yaw == pytest.approx(0.2)
+
+    def test_across_the_jump_of_the_angle(self) -> None:
+        odometer = self.make()
+        odometer.add(SECOND, 0.0, 0.0, 0.5, 0.0, math.pi - 0.1)
+        odometer.add(2 * SECOND, 0.0, 0.0, 0.5, 0.0, -math.pi + 0.1)
+        _, _, yaw = odometer.pose(3 * SECOND // 2, SECOND)
+        assert abs(yaw) == pytest.approx(math.pi)
+
+    def test_without_yaw_or_too_far_away_there_is_none(self) -> None:
+        odometer = self.make()
+        assert odometer.pose(SECOND, SECOND) is None
+        odometer.add(SECOND, 0.0, 0.0, 0.5, 0.0)
+        assert odometer.pose(SECOND, SECOND) is None
+        odometer.add(5 * SECOND, 0.0, 0.0, 0.5, 0.0, 0.3)
+        assert odometer.pose(5 * SECOND, SECOND) == pytest.approx((0.0, 0.0, 0.3))
+        assert odometer.pose(7 * SECOND, SECOND) is None

@@ -88,7 +88,7 @@ def demo(
     help="Publish /clock, for nodes with use_sim_time.",
 )
 def play(bag: Path, rate: float, start: float, loop: bool, clock: bool) -> None:
-    """Publish the messages of BAG over DDS.
+    """Publish the messages of BAG over DDS; bags of ROS 1 are converted on the way.
 
     Nodes that listen must have use_sim_time set: stamps are those of the recording.
     """

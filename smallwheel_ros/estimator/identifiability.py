@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.iterated_update import exponent_of, exponent_slope
+from smallwheel_ros.estimator.bounded_exponent import exponent_of, exponent_slope
+from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -32,6 +33,20 @@ class Identifiable:
     m: bool
     effective_modulus: bool
     reference_pressure: bool
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of soil parameters, and how much of its prior deviation is left.
+
+    log_pressure, n, m: weights, each in prior standard deviations, of unit length together.
+    remaining: posterior over prior standard deviation, 0 (known) to 1 (open).
+    """
+
+    log_pressure: float
+    n: float
+    m: float
+    remaining: float
 
 
 @dataclass(frozen=True)
@@ -99,6 +114,12 @@ class SoilEstimate:
         In words, what is not determined and why; empty when everything is determined.
     accepted, outliers, refused, soil_changes, distance
         As in `Counts`.
+    remaining
+        Posterior over prior standard deviation of k, n, m, effective_modulus, reference_pressure.
+    directions
+        The three independent combinations of parameters, the best determined first.
+    missing_effect
+        The alarm that the model misses an effect, None while there is none.
     """
 
     k: float
@@ -118,6 +139,18 @@ class SoilEstimate:
     refused: Mapping[str, int]
     soil_changes: int
     distance: float
+    remaining: Mapping[str, float] = field(default_factory=dict)
+    directions: tuple[Direction, ...] = ()
+    missing_effect: MissingEffect | None = None
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """For each parameter in words whether the data has determined it, and how far."""
+        found = {}
+        for name, left in self.remaining.items():
+            known = "determined" if getattr(self.identifiable, name) else "not determined"
+            found[name] = f"{known}: {100.0 * left:.0f} % of the prior's standard deviation is left"
+        return found
 
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
         """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).
@@ -141,10 +174,10 @@ def deviation(row: Array, covariance: Array) -> float:
     return math.sqrt(max(float(row @ covariance @ row), 0.0))
 
 
-def judge(
+def remaining(
     prior: Array, posterior: Array, reference_sinkage: float, reference_diameter: float
-) -> Identifiable:
-    """Compare two covariances of (log_reference_pressure, n, m)."""
+) -> dict[str, float]:
+    """Compare two covariances of (log_reference_pressure, n, m): deviations, after over before."""
     rows = {
         "k": modulus_row(reference_sinkage, reference_diameter, 1.0),
         "n": np.array([0.0, 1.0, 0.0]),
@@ -152,11 +185,30 @@ def judge(
         "effective_modulus": modulus_row(reference_sinkage, reference_diameter, reference_diameter),
         "reference_pressure": np.array([1.0, 0.0, 0.0]),
     }
-    return Identifiable(
-        **{
-            name: deviation(row, posterior) <= DETERMINED * deviation(row, prior)
-            for name, row in rows.items()
-        }
+    return {name: deviation(row, posterior) / deviation(row, prior) for name, row in rows.items()}
+
+
+def directions(prior: Array, posterior: Array) -> tuple[Direction, ...]:
+    """Independent directions in parameters counted in prior deviations, best determined first."""
+    scale = 1.0 / np.sqrt(np.diag(prior))
+    shares, vectors = np.linalg.eigh(posterior * np.outer(scale, scale))
+    return tuple(
+        Direction(
+            float(vector[0]), float(vector[1]), float(vector[2]), math.sqrt(max(float(share), 0.0))
+        )
+        for share, vector in zip(shares, vectors.T, strict=True)
+    )
+
+
+def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
+    """Say what these wheels (diameters in m) cannot determine, wherever they drive."""
+    sizes = sorted(diameters)
+    if not sizes or sizes[-1] > _SAME_DIAMETER * sizes[0]:
+        return ()
+    return (
+        f"all wheels have one diameter ({sizes[0]:.3g} m): m stays what the prior says, and k with "
+        "it; the effective modulus k D^m of these wheels can be determined. A wheel of another "
+        "diameter would determine m",
     )
 
 
@@ -194,14 +246,15 @@ def soil_estimate(
     reference: tuple[float, float],
     variety: Variety,
     counts: Counts,
+    missing_effect: MissingEffect | None = None,
 ) -> SoilEstimate:
-    """Put the filter's state (ln pressure, logit of n/3, m) into the terms of the field.
+    """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
 
     state, covariance, prior: shapes (3,), (3, 3), (3, 3), at the reference of `soil`.
     reference: sinkage and diameter (m) to report at.
     """
-    pressure_log, logit, m = state.tolist()
-    n, slope = exponent_of(logit), exponent_slope(exponent_of(logit))
+    pressure_log, q, m = state.tolist()
+    n, slope = exponent_of(q), exponent_slope(q)
     up, across = math.log(reference[0]), math.log(reference[1])
     deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
     pressure_log += n * deeper + m * larger
@@ -211,7 +264,8 @@ def soil_estimate(
     k = math.exp(pressure_log - n * up - m * across)
     to_k = np.array([[k, -k * up, -k * across], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     of_k = to_k @ now @ to_k.T
-    identifiable = judge(before, now, *reference)
+    left = remaining(before, now, *reference)
+    identifiable = Identifiable(**{name: share <= DETERMINED for name, share in left.items()})
     pressure = math.exp(pressure_log)
     return SoilEstimate(
         k,
@@ -230,4 +284,7 @@ def soil_estimate(
         counts.refused,
         counts.soil_changes,
         counts.distance,
+        left,
+        directions(before, now),
+        missing_effect,
     )

@@ -1,120 +1,126 @@
-"""Where to linearise one measurement of sinkage: at the most likely soil, not at the predicted one.
+"""Where to linearise one measurement: at the most likely soil, not at the predicted one.
 
-Sinkage goes as exp(-s/(n + 1/2)): under a wide prior a Kalman update linearised at the prediction
-overshoots and then believes itself. Gauss-Newton steps find the most likely soil given prediction
-and measurement first (the iterated extended Kalman filter; Bell and Cathey 1993). One scalar
-measurement moves the soil in two directions only, so this is done in plain floats.
-
-The spot and the instrument's noise stay where they were predicted: a slope that follows the noise
-of its own measurement has the noise in it, and pulls n down (errors in variables).
+Sinkage is an exponential of the state: under a wide prior a Kalman update linearised at the
+prediction overshoots and then believes itself. Gauss-Newton steps find the most likely soil given
+prediction and measurement first (the iterated extended Kalman filter; Bell and Cathey 1993). One
+measurement depends on four numbers only (ln z_ref or ln pressure, q, m, the wheel's spot), so this
+is done in plain floats.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
-
-from smallwheel_ros.estimator.sinkage_observation import Observation, Observed
 
 _ITERATIONS = 15
 _TOLERANCE = 0.05  # of the noise's standard deviation, for what linearising may be off
-_LONGEST_STEP = 1.0  # of s and of q
-_EXPONENT_LIMIT = 3.0
-
-
-def exponent_of(logit: float) -> float:
-    """Give n = 3 / (1 + exp(-q)): inside (0, 3) whatever q."""
-    return _EXPONENT_LIMIT / (1.0 + math.exp(-logit))
-
-
-def logit_of(exponent: float) -> float:
-    """Invert `exponent_of`."""
-    return math.log(exponent / (_EXPONENT_LIMIT - exponent))
-
-
-def exponent_slope(exponent: float) -> float:
-    """Give dn/dq at n."""
-    return exponent * (1.0 - exponent / _EXPONENT_LIMIT)
+_LONGEST_STEP = 1.0  # of ln sinkage or pressure, q and m
 
 
 class Belief(NamedTuple):
-    """Mean and covariance of (s, q): s as in `sinkage_observation`, q the logit of n.
+    """Mean and covariance of what one wheel's measurement depends on: 4 numbers, 4 x 4."""
 
-    law_s, law_q: covariance with s and with q of the soil's share of s, without the spot's.
+    mean: tuple[float, float, float, float]
+    covariance: tuple[tuple[float, float, float, float], ...]
+
+
+class Point(NamedTuple):
+    """A measurement's value at some soil, its slopes there, and the variance of its noise.
+
+    sunk_to_axle: the value is a continuation.
     """
 
-    s: float
-    q: float
-    ss: float
-    sq: float
-    qq: float
-    law_s: float
-    law_q: float
-
-    def spread(self, by_s: float, by_q: float) -> float:
-        """Variance of a linear function of s and q."""
-        return by_s * by_s * self.ss + 2.0 * by_s * by_q * self.sq + by_q * by_q * self.qq
+    value: float
+    row: tuple[float, float, float, float]
+    noise: float
+    sunk_to_axle: bool
 
 
-class Linearised(NamedTuple):
-    """The measurement as a straight line: expected + by_s (s - mean) + by_q (q - mean) + noise."""
+class Line(NamedTuple):
+    """A measurement as a straight line: expected + row @ (x - mean) + noise.
+
+    by: covariance @ row. spread: variance of row @ x. chi_square: innovation squared over its
+    variance.
+    """
 
     expected: float
-    by_s: float
-    by_q: float
-    noise: float  # variance
-    chi_square: float  # innovation squared over its variance
+    row: tuple[float, float, float, float]
+    noise: float
+    by: tuple[float, float, float, float]
+    spread: float
+    chi_square: float
 
 
 def line_at(
-    observed: Observed,
-    s: float,
-    q: float,
-    belief: Belief,
-    measured: float,
-    noise: float,
-    load_noise: float,
-) -> Linearised:
-    """Linearise at (s, q), where `observed` is. noise: m^2; load_noise: variance of ln load."""
-    by_s, by_q = observed.by_pressure, observed.by_exponent * exponent_slope(exponent_of(q))
-    expected = observed.sinkage + by_s * (belief.s - s) + by_q * (belief.q - q)
-    # Load and pressure enter as their ratio, so the slope by ln load is minus the one by s.
-    noise += by_s * by_s * load_noise
-    chi_square = (measured - expected) ** 2 / (belief.spread(by_s, by_q) + noise)
-    return Linearised(expected, by_s, by_q, noise, chi_square)
+    point: Point, x: tuple[float, float, float, float], belief: Belief, measured: float
+) -> Line:
+    """Put a straight line through a point at x."""
+    a, b, c, d = point.row
+    mean = belief.mean
+    expected = (
+        point.value
+        + a * (mean[0] - x[0])
+        + b * (mean[1] - x[1])
+        + c * (mean[2] - x[2])
+        + d * (mean[3] - x[3])
+    )
+    one, two, three, four = belief.covariance
+    first = one[0] * a + one[1] * b + one[2] * c + one[3] * d
+    second = two[0] * a + two[1] * b + two[2] * c + two[3] * d
+    third = three[0] * a + three[1] * b + three[2] * c + three[3] * d
+    fourth = four[0] * a + four[1] * b + four[2] * c + four[3] * d
+    spread = a * first + b * second + c * third + d * fourth
+    chi_square = (measured - expected) ** 2 / (spread + point.noise)
+    return Line(
+        expected, point.row, point.noise, (first, second, third, fourth), spread, chi_square
+    )
 
 
 def linearise(
-    observe: Observation,
-    observed: Observed,
-    line: Linearised,
+    at: Callable[[tuple[float, float, float, float]], Point],
+    first: Point,
+    line: Line,
     belief: Belief,
     measured: float,
-    noise: float,
-    load_noise: float,
-) -> Linearised:
-    """Linearise at the most likely soil.
+) -> tuple[Line, tuple[float, float, float, float]]:
+    """Linearise at the most likely soil; give the line and that soil.
 
-    observed, line: `observe` at the belief's mean, and `line_at` there. Raises ArithmeticError or
-    ValueError where sinkage cannot be computed.
+    first, line: `at` the belief's mean, and `line_at` there. Raises ArithmeticError or ValueError
+    where the measurement's value cannot be computed.
     """
-    s, q = belief.s, belief.q
+    mean, x, value = belief.mean, belief.mean, first.value
     share, last = 1.0, math.inf
     for _ in range(_ITERATIONS):
-        gain = (measured - line.expected) / (belief.spread(line.by_s, line.by_q) + line.noise)
-        aim_s, aim_q = gain * line.by_s, gain * line.by_q
-        step_s = belief.s + belief.law_s * aim_s + belief.law_q * aim_q - s
-        step_q = belief.q + belief.sq * aim_s + belief.qq * aim_q - q
-        # Sinkage is nearly exponential in s and q: what a straight line misses over this step.
-        change = abs(line.by_s * step_s) + abs(line.by_q * step_q)
-        bend = 0.5 * change * change / max(abs(observed.sinkage), 1e-6)
+        gain = (measured - line.expected) / (line.spread + line.noise)
+        by, row = line.by, line.row
+        step = (
+            mean[0] + gain * by[0] - x[0],
+            mean[1] + gain * by[1] - x[1],
+            mean[2] + gain * by[2] - x[2],
+            mean[3] + gain * by[3] - x[3],
+        )
+        # Sinkage is nearly exponential in the state: what a straight line misses over this step.
+        change = (
+            abs(row[0] * step[0])
+            + abs(row[1] * step[1])
+            + abs(row[2] * step[2])
+            + abs(row[3] * step[3])
+        )
+        bend = 0.5 * change * change / max(abs(value), 1e-6)
         if bend < _TOLERANCE * math.sqrt(line.noise):
             break
         if change > 0.7 * last:
             share *= 0.5  # it swings around the solution
         last = change
-        part = share * min(1.0, _LONGEST_STEP / max(abs(step_s), abs(step_q)))
-        s, q = s + part * step_s, q + part * step_q
-        observed = observe(s, exponent_of(q))
-        line = line_at(observed, s, q, belief, measured, noise, load_noise)
-    return line
+        part = share * min(1.0, _LONGEST_STEP / max(map(abs, step)))
+        x = (
+            x[0] + part * step[0],
+            x[1] + part * step[1],
+            x[2] + part * step[2],
+            x[3] + part * step[3],
+        )
+        point = at(x)
+        value = point.value
+        line = line_at(point, x, belief, measured)
+    return line, x

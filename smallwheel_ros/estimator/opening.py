@@ -1,9 +1,8 @@
 """The first measurements of a soil, kept to be linearised again at what the later ones tell.
 
-While n is as uncertain as the prior, each measurement is linearised at another soil, and the small
-differences between their slopes look like information that is not there: a filter that goes on
-from them is sure of a wrong n for long. Running the filter over them again, all linearised at the
-newest soil (Gauss-Newton on all of them; the iterated smoother of Bell 1994), is the remedy. It is
+While n and m are as uncertain as the prior, each measurement is linearised at another soil. Running
+the filter over them again, all linearised at the newest soil (Gauss-Newton on all of them; the
+iterated smoother of Bell 1994), brings it to what a fit of all of them at once would give. It is
 done at growing intervals, and no longer once n is known or the record is full.
 """
 
@@ -11,36 +10,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from smallwheel_ros.estimator.iterated_update import Belief, exponent_of
-from smallwheel_ros.estimator.sinkage_observation import Observation, Observed
+from smallwheel_ros.estimator.sinkage_observation import Reading
 
 _ALIKE = 0.05  # predicted sinkages that differ by less are one record
 _ONE_SPOT = 0.1  # of the scatter length
 _MOST = 120  # records
 _GROWTH = 1.25  # of their number from one running to the next
-_NARROW = 0.12  # standard deviation of the logit of n/3: slopes no longer change with the soil
+_NARROW = 0.05  # standard deviation of n: slopes no longer change with the soil
 
 
 @dataclass
 class Record:
-    """One measurement, or the weighted mean of several alike at one spot.
+    """One reading, or the weighted mean of several alike at one spot.
 
-    travelled: m since the opening began. noise: m^2. load_noise: variance of ln load.
+    travelled: m since the opening began.
     """
 
     travelled: float
     spot: int
-    observe: Observation
-    measured: float
-    noise: float
-    load_noise: float
+    reading: Reading
 
     def merge(self, measured: float, noise: float, load_noise: float) -> None:
-        """Take in another measurement, brought to the conditions of this one."""
-        weight = self.noise / (self.noise + noise)
-        self.measured += weight * (measured - self.measured)
-        self.load_noise = (1.0 - weight) ** 2 * self.load_noise + weight**2 * load_noise
-        self.noise *= 1.0 - weight
+        """Take in another measurement (m, m^2), brought to the conditions of this one."""
+        old = self.reading
+        weight = old.noise / (old.noise + noise)
+        self.reading = old._replace(
+            measured=old.measured + weight * (measured - old.measured),
+            noise=old.noise * (1.0 - weight),
+            load_noise=(1.0 - weight) ** 2 * old.load_noise + weight**2 * load_noise,
+        )
 
 
 class Opening:
@@ -51,40 +49,41 @@ class Opening:
         self.records: list[Record] = []
         self.travelled = 0.0
         self.going_on = True
-        self._last: dict[int, Record] = {}
+        self._last: dict[tuple[int, str], Record] = {}
         self._due = 2
 
-    def add(
-        self,
-        observe: Observation,
-        observed: Observed,
-        belief: Belief,
-        measured: float,
-        noise: float,
-        load_noise: float,
-        spot: int,
-    ) -> bool:
-        """Keep a measurement that the filter has used; True when the records are due.
+    def at(self, spot: int, channel: str) -> Record | None:
+        """The newest record of a wheel in this channel, if it still stands there."""
+        last = self._last.get((spot, channel))
+        if last is None or self.travelled - last.travelled > self._one_spot:
+            return None
+        return last
 
-        observed: `observe` at the belief's mean.
+    def add(self, reading: Reading, spot: int, here: float, there: float | None) -> bool:
+        """Keep a reading that the filter has used; True when the records are due.
+
+        here: predicted for it, m. there: predicted for the record `at` this spot; None without.
         """
-        last = self._last.get(spot)
-        if last is not None and self.travelled - last.travelled <= self._one_spot:
-            there = last.observe(belief.s, exponent_of(belief.q)).sinkage
-            if abs(there - observed.sinkage) <= _ALIKE * abs(observed.sinkage):
-                last.merge(measured + there - observed.sinkage, noise, load_noise)
-                return False
-        record = Record(self.travelled, spot, observe, measured, noise, load_noise)
+        if there is not None and abs(there - here) <= _ALIKE * abs(here):
+            self._last[spot, reading.channel].merge(
+                reading.measured + there - here, reading.noise, reading.load_noise
+            )
+            return False
+        record = Record(self.travelled, spot, reading)
         self.records.append(record)
-        self._last[spot] = record
+        self._last[spot, reading.channel] = record
         if len(self.records) < self._due:
             return False
         self._due = int(_GROWTH * self._due) + 1
         return True
 
-    def judge(self, logit_deviation: float) -> None:
+    def judge(self, exponent_deviation: float) -> None:
         """End the opening once n is known or the record is full."""
-        if logit_deviation < _NARROW or len(self.records) >= _MOST:
-            self.going_on = False
-            self.records.clear()
-            self._last.clear()
+        if exponent_deviation < _NARROW or len(self.records) >= _MOST:
+            self.end()
+
+    def end(self) -> None:
+        """Keep no more records."""
+        self.going_on = False
+        self.records.clear()
+        self._last.clear()

@@ -8,6 +8,7 @@ polynomial fitted on the range of sinkage over diameter that is needed: fewer te
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,32 @@ def _fit_shape(limit: float, degree: int) -> _Shape:
 _SHAPES = (_fit_shape(0.04, 7), _fit_shape(0.14, 10), _fit_shape(AXLE_RATIO, 18))
 
 
+@lru_cache(maxsize=64)
+def _at_zero(exponent: float) -> tuple[float, float]:
+    """ln of I at zero sinkage, and its slope by n."""
+    log_start = _LOG_HALF_ROOT_PI + math.lgamma(exponent + 1.0) - math.lgamma(exponent + 1.5)
+    return log_start, float(digamma(exponent + 1.0)) - float(digamma(exponent + 1.5))
+
+
+@lru_cache(maxsize=64)
+def _terms(shape: _Shape, exponent: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Coefficients of I over I at zero sinkage, as a polynomial in the ratio; the highest first.
+
+    Second: each times its share in what n takes off.
+    """
+    products, by_exponent = [], []
+    product, harmonic, denominator = 1.0, 0.0, exponent + 0.5
+    beta_index = -0.5
+    for a in shape.coefficients:
+        denominator += 1.0
+        beta_index += 1.0
+        product *= beta_index / denominator
+        harmonic += 1.0 / denominator
+        products.append(product * a)
+        by_exponent.append(product * a * harmonic)
+    return tuple(reversed(products)), tuple(reversed(by_exponent))
+
+
 def point_sinkage(
     load: float, diameter: float, width: float, log_modulus: float, exponent: float
 ) -> PointSinkage:
@@ -59,7 +86,7 @@ def point_sinkage(
     Raises ValueError or ArithmeticError (by math) for numbers outside these.
     """
     half = exponent + 0.5
-    log_start = _LOG_HALF_ROOT_PI + math.lgamma(exponent + 1.0) - math.lgamma(exponent + 1.5)
+    log_start, at_zero = _at_zero(exponent)
     target = math.log(load / (width * math.sqrt(diameter))) - log_modulus - log_start
     log_axle = math.log(AXLE_RATIO * diameter)
     # I at zero sinkage, its largest value, gives a start left of the root
@@ -73,7 +100,6 @@ def point_sinkage(
         if excess > 0.0 and shape is not _SHAPES[-1]:
             continue
         break
-    at_zero = float(digamma(exponent + 1.0)) - float(digamma(exponent + 1.5))
     slope_exponent = -(log_z + at_zero - by_exponent) / slope
     if excess > 0.0:
         log_z += excess / half
@@ -89,18 +115,7 @@ def _solve(
     of the target that is left where the range ends before it.
     """
     half = exponent + 0.5
-    products = []
-    harmonics = []
-    product, harmonic, denominator = 1.0, 0.0, half
-    beta_index = -0.5
-    for a in shape.coefficients:
-        denominator += 1.0
-        beta_index += 1.0
-        product *= beta_index / denominator
-        harmonic += 1.0 / denominator
-        products.append(product * a)
-        harmonics.append(harmonic)
-    products.reverse()
+    products, taking_off = _terms(shape, exponent)
     log_limit = math.log(shape.limit * diameter)
     log_z = min(log_z, log_limit)
     excess = 0.0
@@ -126,8 +141,47 @@ def _solve(
         # Newton squares the error: it is at rounding now, that of the slopes below 1e-6.
         if -1e-7 < step < 1e-7:
             break
-    by_exponent, power = 0.0, 1.0
-    for c, harmonic in zip(reversed(products), harmonics, strict=True):
-        power *= ratio
-        by_exponent += c * harmonic * power
-    return log_z, slope, by_exponent / value, excess
+    by_exponent = 0.0
+    for c in taking_off:
+        by_exponent = by_exponent * ratio + c
+    return log_z, slope, by_exponent * ratio / value, excess
+
+
+class PointPressure(NamedTuple):
+    """ln of K = k D^m (Pa/m^n) that a sinkage shows, and its slopes by ln sinkage and by n."""
+
+    log_modulus: float
+    slope_sinkage: float
+    slope_exponent: float
+
+
+def point_pressure(
+    load: float, diameter: float, width: float, log_sinkage: float, exponent: float
+) -> PointPressure:
+    """Modulus of the soil in which a rolling wheel sinks so far: the inverse of `point_sinkage`.
+
+    load: N, > 0. diameter, width: m. log_sinkage: ln of m. exponent: n, 0 to 3. Beyond the axle
+    the same continuation. Raises ValueError or ArithmeticError for numbers outside these.
+    """
+    half = exponent + 0.5
+    ratio = math.exp(log_sinkage) / diameter
+    beyond = ratio > AXLE_RATIO
+    ratio = min(ratio, AXLE_RATIO)
+    if not ratio <= AXLE_RATIO:
+        raise ValueError("sinkage is not a number")
+    shape = next(s for s in _SHAPES if ratio <= s.limit)
+    products, taking_off = _terms(shape, exponent)
+    value, slope, by_exponent = 0.0, 0.0, 0.0
+    for c, off in zip(products, taking_off, strict=True):
+        slope = slope * ratio + value
+        value = value * ratio + c
+        by_exponent = by_exponent * ratio + off
+    slope = (slope * ratio + value) * ratio
+    value = 1.0 + value * ratio
+    log_start, at_zero = _at_zero(exponent)
+    log_load = math.log(load / (width * math.sqrt(diameter)))
+    return PointPressure(
+        log_load - log_start - half * log_sinkage - math.log(value),
+        -half - (0.0 if beyond else slope / value),
+        -log_sinkage - at_zero + by_exponent * ratio / value,
+    )

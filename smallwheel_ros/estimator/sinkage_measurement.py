@@ -33,6 +33,9 @@ class SinkageMeasurement:
         1, m/s; needed only by effects that read them.
     contact
         'rolling' or 'pressed'.
+    resistance, resistance_variance
+        N, N^2; resistance to motion measured at the same time, where it is (a free-rolling wheel
+        pulled through a force sensor, say). Not used for a pressed wheel.
     """
 
     time: float
@@ -47,6 +50,8 @@ class SinkageMeasurement:
     slip: float | None = None
     speed: float | None = None
     contact: str = ROLLING
+    resistance: float | None = None
+    resistance_variance: float = 0.0
 
 
 class Outcome(Enum):
@@ -83,7 +88,11 @@ class UpdateResult:
         variance where sinkage is a straight line over the soil's uncertainty; under a wide prior,
         taken at the most likely soil instead (see `iterated_update`).
 
-    The last five are None where the measurement was refused.
+    resistance
+        The same for the resistance in the measurement, in N and N^2; None without one. Refused:
+        'resistance_not_finite', 'resistance_variance_not_positive'.
+
+    The numbers are None where the measurement was refused.
     """
 
     outcome: Outcome
@@ -94,6 +103,7 @@ class UpdateResult:
     innovation: float | None = None
     innovation_variance: float | None = None
     normalised_innovation_squared: float | None = None
+    resistance: UpdateResult | None = None
 
 
 @dataclass(frozen=True)

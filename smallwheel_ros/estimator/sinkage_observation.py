@@ -1,4 +1,4 @@
-"""The estimator's measurement model: sinkage of one wheel as a function of the soil, with slopes.
+"""The estimator's measurement model: sinkage or resistance of one wheel, with slopes by the soil.
 
 The soil enters as s, ln of the pressure at the reference sinkage under *this* wheel, and n: sinkage
 depends on k, m and the soil's scatter through s alone.
@@ -26,21 +26,36 @@ _STEP = 1e-4  # of ln z, s and n in central differences: error 1e-8
 
 
 class Observed(NamedTuple):
-    """Sinkage (m) that the instrument would show, with its slopes by s and by n."""
+    """What the instrument would show (m or N), with its slopes by s, by n and by ln load."""
 
-    sinkage: float
+    value: float
     by_pressure: float
     by_exponent: float
+    by_load: float
     sunk_to_axle: bool
 
 
 class Observation(Protocol):
-    """One wheel under one load; `diameter_log`: ln of its diameter over the reference."""
+    """One wheel under one load; `diameter_log`: ln of its diameter over the reference.
+
+    wheel: load (N), diameter and width (m) of the plain rolling wheel that it comes nearest to.
+    """
 
     diameter_log: float
+    wheel: tuple[float, float, float]
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
-        """Sinkage in a soil. Raises ArithmeticError or ValueError where there is none."""
+        """What is shown in a soil. Raises ArithmeticError or ValueError where there is nothing."""
+
+
+class Reading(NamedTuple):
+    """What one wheel showed (m or N). noise: its variance; load_noise: variance of ln load."""
+
+    observe: Observation
+    measured: float
+    noise: float
+    load_noise: float
+    channel: str = "sinkage"
 
 
 class _Plain:
@@ -50,6 +65,7 @@ class _Plain:
         # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
         self.load = 0.5 * load if contact == PRESSED else load
         self.diameter, self.width = diameter, width
+        self.wheel = self.load, diameter, width
         self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
@@ -59,7 +75,28 @@ class _Plain:
         )
         z = math.exp(log_z)
         by_exponent = z * (slope_exponent + slope_load * LOG_REFERENCE_SINKAGE)
-        return Observed(z, -z * slope_load, by_exponent, sunk)
+        return Observed(z, -z * slope_load, by_exponent, z * slope_load, sunk)
+
+
+class _Resistance:
+    """Compaction resistance of a rolling wheel without effects: R = b p(z) z / (n + 1), eq. 14."""
+
+    def __init__(self, load: float, diameter: float, width: float) -> None:
+        self.plain = _Plain(load, diameter, width, ROLLING)
+        self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
+
+    def __call__(self, log_pressure: float, exponent: float) -> Observed:
+        z, by_pressure, by_exponent, by_load, sunk = self.plain(log_pressure, exponent)
+        log_depth = math.log(z) - LOG_REFERENCE_SINKAGE
+        power = exponent + 1.0
+        value = self.plain.width * math.exp(log_pressure + exponent * log_depth) * z / power
+        return Observed(
+            value,
+            value * (1.0 + power * by_pressure / z),
+            value * (log_depth + power * by_exponent / z - 1.0 / power),
+            value * power * by_load / z,
+            sunk,
+        )
 
 
 class _WithEffects:
@@ -83,7 +120,7 @@ class _WithEffects:
             float(conditions.width[0]),
             str(conditions.contact[0]),
         )
-        self.diameter_log = self.plain.diameter_log
+        self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
         self.digging = [e for e in effects if type(e).sinkage is not Effect.sinkage]
         self.showing = [
             e for e in effects if type(e).measured_sinkage is not Effect.measured_sinkage
@@ -96,39 +133,54 @@ class _WithEffects:
         static = self.plain(shifted, exponent + self.shift)
         if not (self.digging and self.rolling) and not self.showing:
             return static
-        z = static.sinkage * np.array([1.0 - _STEP, 1.0, 1.0 + _STEP])
+        z = static.value * np.array([1.0 - _STEP, 1.0, 1.0 + _STEP])
         if self.rolling:
             for effect in self.digging:
                 z = effect.sinkage(z, self.three)
         for effect in self.showing:
             z = effect.measured_sinkage(z, self.three)
-        slope = float(z[2] - z[0]) / (2.0 * _STEP * static.sinkage)
+        slope = float(z[2] - z[0]) / (2.0 * _STEP * static.value)
         shown = float(z[1])
         sunk = static.sunk_to_axle or shown > 0.5 * self.plain.diameter
-        return Observed(shown, static.by_pressure * slope, static.by_exponent * slope, sunk)
+        return Observed(
+            shown,
+            static.by_pressure * slope,
+            static.by_exponent * slope,
+            static.by_load * slope,
+            sunk,
+        )
 
 
 class _Layered:
     """Any effects at all, by `model.predict` and central differences: a hundred times slower."""
 
-    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
+    def __init__(
+        self, effects: Sequence[Effect], conditions: Conditions, channel: str = "sinkage"
+    ) -> None:
         diameter = conditions.diameter
         for effect in effects:
             diameter = effect.wheel_diameter(diameter, conditions)
-        self.effects = tuple(effects)
-        self.diameter_log = math.log(float(diameter[0]) / REFERENCE_DIAMETER)
-        five = conditions.take(np.zeros(5, dtype=np.intp))
+        self.effects, self.channel = tuple(effects), channel
+        plain = _Plain(
+            float(conditions.load[0]),
+            float(diameter[0]),
+            float(conditions.width[0]),
+            str(conditions.contact[0]),
+        )
+        self.diameter_log, self.wheel = plain.diameter_log, plain.wheel
+        rows = conditions.take(np.zeros(7, dtype=np.intp))
         self.conditions = Conditions(
-            five.load,
-            five.diameter,
-            five.width,
-            five.contact,
-            np.array(["0", "1", "2", "3", "4"]),
-            five.covariates,
+            rows.load * np.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, -_STEP, _STEP])),
+            rows.diameter,
+            rows.width,
+            rows.contact,
+            np.array([str(i) for i in range(7)]),
+            rows.covariates,
         )
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
-        steps = ((0.0, 0.0), (-_STEP, 0.0), (_STEP, 0.0), (0.0, -_STEP), (0.0, _STEP))
+        still = (0.0, 0.0)
+        steps = (still, (-_STEP, 0.0), (_STEP, 0.0), (0.0, -_STEP), (0.0, _STEP), still, still)
         soils = [
             Soil(
                 str(i),
@@ -138,11 +190,12 @@ class _Layered:
             for i, (ds, dn) in enumerate(steps)
         ]
         predicted = predict(Model(soils, effects=self.effects), self.conditions)
-        z = predicted.sinkage
+        z = getattr(predicted, self.channel)
         return Observed(
             float(z[0]),
             float(z[2] - z[1]) / (2.0 * _STEP),
             float(z[4] - z[3]) / (2.0 * _STEP),
+            float(z[6] - z[5]) / (2.0 * _STEP),
             bool(predicted.immobilised[0]),
         )
 
@@ -156,11 +209,40 @@ def observation(
     slip: float | None,
     speed: float | None,
 ) -> Observation:
-    """Describe a wheel under a load, with the covariates that the effects need (unchecked)."""
+    """Describe a wheel's sinkage under a load, with the covariates that the effects need."""
     if not effects:
         return _Plain(load, diameter, width, contact)
+    conditions = _conditions(load, diameter, width, contact, slip, speed)
+    if any(type(e).pressure_factor is not Effect.pressure_factor for e in effects):
+        return _Layered(effects, conditions)
+    return _WithEffects(effects, conditions)
+
+
+def resistance_observation(
+    effects: Sequence[Effect],
+    load: float,
+    diameter: float,
+    width: float,
+    slip: float | None,
+    speed: float | None,
+) -> Observation:
+    """Describe a rolling wheel's resistance under a load (all resistances of the model)."""
+    if not effects:
+        return _Resistance(load, diameter, width)
+    conditions = _conditions(load, diameter, width, ROLLING, slip, speed)
+    return _Layered(effects, conditions, "resistance")
+
+
+def _conditions(
+    load: float,
+    diameter: float,
+    width: float,
+    contact: str,
+    slip: float | None,
+    speed: float | None,
+) -> Conditions:
     given = {"slip": slip, "speed": speed}
-    conditions = Conditions(
+    return Conditions(
         np.array([load]),
         np.array([diameter]),
         np.array([width]),
@@ -168,6 +250,3 @@ def observation(
         None,
         {name: np.array([value]) for name, value in given.items() if value is not None},
     )
-    if any(type(e).pressure_factor is not Effect.pressure_factor for e in effects):
-        return _Layered(effects, conditions)
-    return _WithEffects(effects, conditions)

@@ -4,8 +4,8 @@ estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-State: ln of the pressure at the reference sinkage and diameter, the logit of n/3, m, and for each
-wheel the deviation of ln k at the spot where it stands. The spot's deviation is what repeated
+State: ln of the sinkage of a reference wheel, n, m (see `coordinates`), and for each wheel the
+deviation of ln k at the spot where it stands. The spot's deviation is what repeated
 measurements at one place have in common: they sharpen the spot, not the soil, and no measurement
 has to be skipped. It fades over `scatter_length` of travel.
 """
@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from pathlib import Path
 
 from scipy.special import chdtri
 
@@ -23,10 +24,14 @@ from smallwheel_ros.estimator.identifiability import (
     Counts,
     Identifiable,
     SoilEstimate,
-    Variety,
     soil_estimate,
 )
-from smallwheel_ros.estimator.iterated_update import exponent_of, line_at
+from smallwheel_ros.estimator.missing_effect import (
+    EffectScore,
+    MissingEffect,
+    MissingEffectWatch,
+)
+from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -35,14 +40,21 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.sinkage_observation import Observation, observation
-from smallwheel_ros.estimator.soil_state import SoilState
+from smallwheel_ros.estimator.sinkage_observation import (
+    Reading,
+    observation,
+    resistance_observation,
+)
+from smallwheel_ros.estimator.soil_state import Taken
+from smallwheel_ros.estimator.soils import Soils, WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 
 __all__ = [
+    "EffectScore",
     "EstimatorError",
     "EstimatorSettings",
     "Identifiable",
+    "MissingEffect",
     "Outcome",
     "SinkageMeasurement",
     "SinkagePrediction",
@@ -54,19 +66,8 @@ __all__ = [
 
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
+_STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
 _LEAST_VARIANCE = (1e-5) ** 2  # m^2: no sinkage is measured better; keeps the covariance sound
-_MOST_WIDENINGS = 3
-_LEAST_STEP = 0.01  # of the scatter length: drift over less waits until it adds up
-
-
-@dataclass
-class _Wheel:
-    """A wheel's place in the state, its newest measurement, and where it last surprised."""
-
-    spot: int
-    time: float
-    distance: float
-    surprised_at: float | None = None
 
 
 class SoilEstimator:
@@ -94,22 +95,37 @@ class SoilEstimator:
                 )
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
-        self._soil = SoilState(prior, self.settings)
+        self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self.reset()
 
     def reset(self) -> None:
         """Forget every measurement and count: the prior again."""
-        self._soil.reset()
-        self._wheels: dict[str, _Wheel] = {}
-        self._distance = self._drifted = 0.0
-        self._variety = Variety()
-        self._surprises = self._widenings = 0
-        self._fitted = False  # something was accepted since the start or the last reopening
-        self.accepted = self.outliers = self.soil_changes = 0
+        self._soils = Soils(self.prior, self.settings, self._gate)
+        self._wheels: dict[str, WheelTrack] = {}
+        self._watch.reset()
+        self._distance = 0.0
+        self.accepted = self.outliers = self.resistance_outliers = 0
         self.refused: dict[str, int] = {}
+
+    @property
+    def soil_changes(self) -> int:
+        """How often a run of surprises was taken for another soil."""
+        return self._soils.changes
+
+    @property
+    def missing_effect(self) -> MissingEffect | None:
+        """The alarm that the model misses an effect, None while there is none."""
+        return self._watch.alarm
+
+    @property
+    def effect_scores(self) -> tuple[EffectScore, ...]:
+        """The newest test for each effect that the model has not, the best first."""
+        return self._watch.scores
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
         """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
+        if measurement.slip is None:
+            measurement = self._in_its_rut(measurement)
         problem = find_problem(measurement, self._needs) or self._out_of_order(measurement)
         if problem is None:
             try:
@@ -119,6 +135,13 @@ class SoilEstimator:
         reason, message = problem
         self.refused[reason] = self.refused.get(reason, 0) + 1
         return UpdateResult(Outcome.REFUSED, reason, message)
+
+    def _in_its_rut(self, given: SinkageMeasurement) -> SinkageMeasurement:
+        """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
+        wheel = self._wheels.get(given.wheel)
+        if wheel is None or wheel.slip is None or given.distance - wheel.slip_at > _STANDS:
+            return given
+        return replace(given, slip=wheel.slip)
 
     def _out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
         wheel = self._wheels.get(given.wheel)
@@ -141,105 +164,161 @@ class SoilEstimator:
         return None
 
     def _use(self, given: SinkageMeasurement) -> UpdateResult:
+        known = self._wheels.get(given.wheel)
+        before = None if known is None else (known.time, known.distance)
+        wheel = self._arrive(given)
+        try:
+            reading = self._reading(given, wheel)
+            taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
+        except (ArithmeticError, ValueError):
+            # What could not be used does not stand in the way of an earlier one that can.
+            if before is not None:
+                wheel.time, wheel.distance = before
+            else:
+                wheel.time = wheel.distance = -math.inf
+            raise
+        if given.contact == ROLLING:
+            self._look_for_missing_effects(given, wheel, reading)
+        resistance = None
+        if reason in ("accepted", "soil_changed"):
+            outcome, message = Outcome.ACCEPTED, ""
+            self.accepted += 1
+            if given.resistance is not None and given.contact == ROLLING:
+                resistance = self._use_resistance(given, wheel, given.resistance, reading)
+            wheel.soil.variety = wheel.soil.variety.with_wheel(
+                given.diameter, wheel.carried / given.width
+            )
+        else:
+            outcome = Outcome.OUTLIER
+            self.outliers += 1
+            message = _misfit(given.wheel, reading, taken, reason)
+        return _result(outcome, reason, message, reading, taken, resistance)
+
+    def _use_resistance(
+        self, given: SinkageMeasurement, wheel: WheelTrack, measured: float, sinkage: Reading
+    ) -> UpdateResult:
+        """Update by the resistance of a wheel whose sinkage fits.
+
+        One that does not fit is left out, and is no sign of another soil: the wheel's sinkage fits,
+        so it is the resistance that the model has not got right.
+        """
+        name = f"wheel '{given.wheel}'"
+        problem = None
+        if not math.isfinite(measured):
+            problem = "resistance_not_finite", f"{name}: resistance is {measured}"
+        elif not 0.0 < given.resistance_variance < math.inf:
+            problem = (
+                "resistance_variance_not_positive",
+                (
+                    f"{name}: resistance_variance is {given.resistance_variance:g} N^2, expected over 0"
+                ),
+            )
+        if problem is None:
+            observe = resistance_observation(
+                self.effects, wheel.carried, given.diameter, given.width, given.slip, given.speed
+            )
+            noise, load_noise = given.resistance_variance, sinkage.load_noise
+            reading = Reading(observe, measured, noise, load_noise, "resistance")
+            try:
+                taken = wheel.soil.state.take(reading, wheel.spot, self._gate)
+            except (ArithmeticError, ValueError) as error:
+                problem = "resistance_numerical", f"{name}: the model has no resistance ({error})"
+            else:
+                fits = taken.reason == "accepted"
+                self.resistance_outliers += not fits
+                outcome = Outcome.ACCEPTED if fits else Outcome.OUTLIER
+                words = "" if fits else _misfit(given.wheel, reading, taken, taken.reason)
+                return _result(outcome, taken.reason, words, reading, taken)
+        reason, message = problem
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+        return UpdateResult(Outcome.REFUSED, reason, message)
+
+    def _reading(self, given: SinkageMeasurement, wheel: WheelTrack) -> Reading:
+        noise = given.variance
+        if not (math.isfinite(noise) and noise > 0):
+            noise = self.settings.sinkage_std**2
+        wheel.carried, load_noise = wheel.load.follow(
+            given.load, given.load_variance / given.load**2
+        )
         observe = observation(
             self.effects,
-            given.load,
+            wheel.carried,
             given.diameter,
             given.width,
             given.contact,
             given.slip,
             given.speed,
         )
-        wheel = self._arrive(given)
-        noise = given.variance
-        if not (math.isfinite(noise) and noise > 0):
-            noise = self.settings.sinkage_std**2
-        noise = max(noise, _LEAST_VARIANCE)
-        load_noise = given.load_variance / given.load**2
-        taken = self._soil.take(observe, given.sinkage, noise, load_noise, wheel.spot, self._gate)
-        reason: str = taken.reason
-        if reason == "gate" and self._is_run_of_surprises(wheel, given.distance):
-            reason = self._reopen(observe, given.sinkage, wheel.spot, noise, load_noise)
-        if reason in ("accepted", "soil_changed"):
-            outcome, message = Outcome.ACCEPTED, ""
-            self._fitted, self._surprises, self._widenings = True, 0, 0
-            wheel.surprised_at = None
-            self.accepted += 1
-            self._variety = self._variety.with_wheel(given.diameter, given.load / given.width)
-        else:
-            outcome = Outcome.OUTLIER
-            self.outliers += 1
-            message = (
-                f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.2f} mm measured, "
-                f"{1e3 * taken.expected:.2f} mm expected, standard deviation of the difference "
-                f"{1e3 * math.sqrt(taken.variance):.2f} mm"
-            )
-            if reason == "out_of_range":
-                message += "; the soil that this would mean is outside of the model's range"
-        return UpdateResult(
-            outcome,
-            reason,
-            message,
-            taken.expected,
-            taken.variance - noise,
-            given.sinkage - taken.expected,
-            taken.variance,
-            taken.chi_square,
-        )
+        return Reading(observe, given.sinkage, max(noise, _LEAST_VARIANCE), load_noise)
 
-    def _arrive(self, given: SinkageMeasurement) -> _Wheel:
+    def _look_for_missing_effects(
+        self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
+    ) -> None:
+        settings = wheel.carried, given.diameter, given.width
+        due = self._watch.add(
+            given.wheel,
+            given.distance,
+            given.sinkage,
+            reading.noise,
+            settings,
+            given.slip,
+            given.speed,
+        )
+        if due:
+            now = self.estimate()
+            law = replace(self.prior.soil, k=now.k, n=now.n, m=now.m)
+            self._watch.test(law, given.distance)
+
+    def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
         """Bring filter and wheel to where the measurement was made."""
         if not self._wheels:
-            self._distance = self._drifted = given.distance
+            self._distance = given.distance
+            self._soils.start(given.distance)
         self._distance = max(self._distance, given.distance)
-        step = self._distance - self._drifted
-        if step > _LEAST_STEP * self.settings.scatter_length:
-            self._soil.travel(step)
-            self._drifted = self._distance
         wheel = self._wheels.get(given.wheel)
         if wheel is None:
-            wheel = _Wheel(self._soil.add_spot(), given.time, given.distance)
+            spot = self._soils.add_spot()
+            wheel = WheelTrack(spot, given.time, given.distance, self._soils.current)
             self._wheels[given.wheel] = wheel
         wheel.time, wheel.distance = given.time, given.distance
+        if given.slip is not None and wheel.slip != given.slip:
+            wheel.slip, wheel.slip_at = given.slip, given.distance
         return wheel
-
-    def _is_run_of_surprises(self, wheel: _Wheel, distance: float) -> bool:
-        """Count a surprise if it is at another spot than this wheel's last one.
-
-        Before anything has fitted there is no estimate to protect, and each one counts.
-        """
-        apart = 0.5 * self.settings.scatter_length
-        last = wheel.surprised_at
-        if last is None or distance - last >= apart or not self._fitted:
-            self._surprises += 1
-            wheel.surprised_at = distance
-        return self._surprises >= self.settings.surprises_to_reopen
-
-    def _reopen(
-        self, observe: Observation, measured: float, spot: int, noise: float, load_noise: float
-    ) -> str:
-        """Take the surprises for another soil: the prior, wider if that did not fit."""
-        changed = self._fitted
-        self._widenings = 0 if changed else min(self._widenings + 1, _MOST_WIDENINGS)
-        self._surprises, self._fitted = 0, False
-        self._soil.reopen(4.0**self._widenings)
-        self._variety = Variety()
-        reason = self._soil.take(observe, measured, noise, load_noise, spot, self._gate).reason
-        if reason != "accepted":
-            return reason
-        self.soil_changes += changed
-        return "soil_changed"
 
     def estimate(self) -> SoilEstimate:
         """Return the soil as it is believed now."""
         return soil_estimate(
-            *self._soil.law,
+            *self._soils.current.state.law,
             (self.settings.reference_sinkage, self.settings.reference_diameter),
-            self._variety,
+            self._soils.current.variety,
             Counts(
                 self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
             ),
+            self._watch.alarm,
         )
+
+    def save(self, path: str | Path) -> None:
+        """Save the newest soil, whole or not at all. Raises EstimatorError where it cannot be."""
+        current = self._soils.current
+        now = self.estimate()
+        summary = (
+            f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
+            f"{self.accepted} measurements"
+        )
+        state = SavedState(current.state.record(), current.variety, self.accepted)
+        write_state(Path(path), state, self.prior, self.effects, summary)
+
+    def restore(self, path: str | Path) -> None:
+        """Begin anew from a saved soil instead of the prior.
+
+        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
+        under another prior or other effects.
+        """
+        state = read_state(Path(path), self.prior, self.effects)
+        self.reset()
+        if state.soil is not None:
+            self._soils.resume(state.soil, state.variety)
+            self.accepted = state.accepted
 
     def predict(
         self,
@@ -278,16 +357,48 @@ class SoilEstimator:
         known = self._wheels.get(wheel) if wheel is not None else None
         try:
             observe = observation(self.effects, load, diameter, width, contact, slip, speed)
-            belief = self._soil.belief(observe.diameter_log, None if known is None else known.spot)
-            observed = observe(belief.s, exponent_of(belief.q))
-            line = line_at(observed, belief.s, belief.q, belief, 0.0, 0.0, load_variance / load**2)
-            variance = belief.spread(line.by_s, line.by_q) + line.noise
+            spot = None if known is None else known.spot
+            soil = self._soils.current if known is None else known.soil
+            point, variance = soil.state.predict(observe, load_variance / load**2, spot)
             prediction = SinkagePrediction(
-                observed.sinkage, math.sqrt(max(variance, 0.0)), observed.sunk_to_axle
+                point.value, math.sqrt(max(variance, 0.0)), point.sunk_to_axle
             )
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return prediction
+
+
+def _misfit(wheel: str, reading: Reading, taken: Taken, reason: str) -> str:
+    scale, unit = (1e3, "mm") if reading.channel == "sinkage" else (1.0, "N")
+    words = (
+        f"wheel '{wheel}': {reading.channel} {scale * reading.measured:.2f} {unit} measured, "
+        f"{scale * taken.expected:.2f} {unit} expected, standard deviation of the difference "
+        f"{scale * math.sqrt(taken.variance):.2f} {unit}"
+    )
+    if reason == "out_of_range":
+        words += "; the soil that this would mean is outside of the model's range"
+    return words
+
+
+def _result(
+    outcome: Outcome,
+    reason: str,
+    message: str,
+    reading: Reading,
+    taken: Taken,
+    resistance: UpdateResult | None = None,
+) -> UpdateResult:
+    return UpdateResult(
+        outcome,
+        reason,
+        message,
+        taken.expected,
+        taken.variance - reading.noise,
+        reading.measured - taken.expected,
+        taken.variance,
+        taken.chi_square,
+        resistance,
+    )
 
 
 def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:

@@ -30,30 +30,43 @@ class SoilFilter:
     """
 
     def __init__(self, covariance: Array, length: float) -> None:
-        self._first = (np.array(covariance, dtype=float), length)
-        self.reset()
+        self._law = len(covariance)
+        self._rate = 1.0 / length
+        self._rates: Array = np.empty(0)
+        self.forget(covariance)
 
-    def reset(self) -> None:
-        """Forget the added components and all measurements."""
-        covariance, length = self._first
-        self._stationary: Array = covariance.copy()
-        self._rates: Array = np.full(len(covariance), 1.0 / length)
-        self._renew(np.zeros(len(covariance)), covariance.copy())
+    def forget(self, covariance: Array) -> None:
+        """Begin anew, without added components, from this prior (as in the constructor)."""
+        self._stationary: Array = np.array(covariance, dtype=float)
+        self._rates = np.full(self._law, self._rate)
+        self.renew(covariance)
 
-    def _renew(self, x: Array, covariance: Array) -> None:
+    def renew(self, covariance: Array) -> None:
+        """Forget all measurements; the prior of all but the added components becomes this one."""
+        self._stationary = self._stationary.copy()
+        self._stationary[: self._law, : self._law] = covariance
+        self._start(np.zeros(len(self._stationary)), self._stationary.copy())
+
+    def resume(self, covariance: Array, deviation: Array, stationary: Array) -> None:
+        """Go on from a saved state of all but the added components."""
+        self.renew(stationary)
+        self._ekf.x[: self._law] = deviation
+        self._ekf.P[: self._law, : self._law] = covariance
+
+    def _start(self, x: Array, covariance: Array) -> None:
         self._ekf = ExtendedKalmanFilter(dim_x=len(x), dim_z=1)
         self._ekf.x, self._ekf.P = x, covariance
         # Written to for each measurement: filterpy keeps none of them beyond the call.
         self._measured, self._expected, self._noise = np.zeros(1), np.zeros(1), np.zeros((1, 1))
 
     @property
-    def state(self) -> tuple[Array, Array]:
-        """Deviation and covariance; may be set to what it was."""
-        return self.deviation, self.covariance
+    def state(self) -> tuple[Array, Array, Array]:
+        """Deviation, covariance and prior covariance; may be set to what it was."""
+        return self.deviation, self.covariance, self._stationary
 
     @state.setter
-    def state(self, state: tuple[Array, Array]) -> None:
-        self._ekf.x, self._ekf.P = state
+    def state(self, state: tuple[Array, Array, Array]) -> None:
+        self._ekf.x, self._ekf.P, self._stationary = state
 
     @property
     def stationary(self) -> Array:
@@ -79,15 +92,8 @@ class SoilFilter:
             new[size, size] = variance
         self._stationary = grown[0]
         self._rates = np.append(self._rates, 1.0 / length)
-        self._renew(np.append(self._ekf.x, 0.0), grown[1])
+        self._start(np.append(self._ekf.x, 0.0), grown[1])
         return size
-
-    def reopen(self, factor: float) -> None:
-        """Go back to the prior, widened by a factor in all but the added components."""
-        widened = self._stationary.copy()
-        size = len(self._first[0])
-        widened[:size, :size] *= factor
-        self._renew(np.zeros(len(widened)), widened)
 
     def travel(self, distance: float) -> None:
         """Let every component drift over a distance (m), >= 0.
@@ -115,10 +121,12 @@ class SoilFilter:
             self.state = before
             return False
         # Rounding must not add up to an asymmetry over millions of updates.
-        ekf.P = 0.5 * (ekf.P + ekf.P.T)
-        factor, failed = dpotrf(ekf.P, lower=1)
+        covariance = ekf.P + ekf.P.T
+        covariance *= 0.5
+        ekf.P = covariance
+        factor, failed = dpotrf(covariance, lower=1, clean=0)
         # What is not finite anywhere in the covariance arrives at the last pivot.
-        if failed or not factor[-1, -1] > 0.0 or not math.isfinite(sum(ekf.x.tolist())):
+        if failed or not factor[-1, -1] > 0.0 or not math.isfinite(ekf.x.sum()):
             self.state = before
             return False
         return True

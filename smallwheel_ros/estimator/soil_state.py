@@ -1,4 +1,4 @@
-"""The soil as the state of a filter: ln pressure, logit of n/3, m, and a spot for each wheel."""
+"""The soil as the state of a filter: ln z_ref, q of n, m (see `coordinates`), a spot per wheel."""
 
 from __future__ import annotations
 
@@ -8,31 +8,33 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.iterated_update import (
-    Belief,
-    Linearised,
+from smallwheel_ros.estimator.bounded_exponent import (
+    coordinate_of,
     exponent_of,
     exponent_slope,
-    line_at,
-    linearise,
-    logit_of,
 )
+from smallwheel_ros.estimator.coordinates import Coordinates, Direct, OfReference
+from smallwheel_ros.estimator.iterated_update import Belief, Line, Point, line_at, linearise
 from smallwheel_ros.estimator.opening import Opening
+from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.estimator.sinkage_observation import Observation
+from smallwheel_ros.estimator.sinkage_observation import Observation, Reading
 from smallwheel_ros.estimator.soil_filter import SoilFilter
 
 Array = NDArray[np.float64]
 
 Reason = Literal["accepted", "gate", "out_of_range"]
 
-_PRESSURE, _LOGIT, _M = 0, 1, 2  # places in the state
+_FIRST, _EXPONENT, _M = 0, 1, 2  # places in the state
 _LAW = 3  # as many components are the soil's law
 # Beyond these the model means nothing.
-_PRESSURE_LIMIT, _LOGIT_LIMIT, _M_LIMIT = 40.0, 6.0, 3.0
+_FIRST_LIMITS, _M_LIMIT = (-16.0, 3.0), 3.0  # sinkage of the reference wheel: 0.1 um to 20 m
+_EXPONENT_LIMITS = (-0.12, 3.12)  # n from 0.004 to 2.996
 _TELLS_NOTHING = 1e-4  # variance of the prediction over the measurement's
 _PASSES = 8
-_SETTLED = 0.02  # of ln pressure, logit and m from pass to pass
+_SETTLED = 0.02  # of ln z_ref, n and m from pass to pass
+
+Four = tuple[float, float, float, float]
 
 
 class Taken(NamedTuple):
@@ -41,6 +43,7 @@ class Taken(NamedTuple):
     reason: Reason
     expected: float
     variance: float
+    noise: float
     chi_square: float
 
 
@@ -49,28 +52,30 @@ class SoilState:
 
     def __init__(self, prior: SoilPrior, settings: EstimatorSettings) -> None:
         self._settings = settings
-        self._mean = (prior.log_reference_pressure, logit_of(prior.n), prior.m)
+        self._prior_mean = np.array([prior.log_reference_pressure, coordinate_of(prior.n), prior.m])
         deviations = (
             prior.log_reference_pressure_std,
-            prior.n_std / exponent_slope(prior.n),
+            prior.n_std / exponent_slope(coordinate_of(prior.n)),
             prior.m_std,
         )
+        self._prior = np.diag(np.square(deviations))
         noise = settings.process_noise
         # Over a short travel s the drift is a random walk with variance 2 std^2 s / length.
         length = 2.0 * (deviations[0] / noise) ** 2 if noise > 0 else math.inf
-        self._filter = SoilFilter(np.diag(np.square(deviations)), length)
+        self._filter = SoilFilter(self._prior, length)
         self.reset()
 
     def reset(self) -> None:
         """Go back to the prior, without spots."""
-        self._filter.reset()
-        self._widened = 1.0
-        self._opening = Opening(self._settings.scatter_length)
+        self._filter.forget(self._prior)
+        self.reopen(1.0)
 
     def reopen(self, factor: float) -> None:
         """Go back to the prior, its covariance widened by a factor; wheels keep their places."""
-        self._filter.reopen(factor)
         self._widened = factor
+        self._filter.renew(factor * self._prior)
+        self._mean = self._prior_mean
+        self._coordinates: Direct | OfReference = Direct()
         self._opening = Opening(self._settings.scatter_length)
 
     def add_spot(self) -> int:
@@ -84,118 +89,229 @@ class SoilState:
 
     @property
     def law(self) -> tuple[Array, Array, Array]:
-        """Mean (3,), covariance (3, 3) and prior covariance of ln pressure, logit of n/3, and m."""
-        return (
-            np.add(self._mean, self._filter.deviation[:_LAW]),
-            self._filter.covariance[:_LAW, :_LAW],
-            self._filter.stationary[:_LAW, :_LAW],
+        """Mean (3,), covariance (3, 3) and prior covariance of ln pressure, q of n, and m."""
+        mean = self._mean + self._filter.deviation[:_LAW]
+        covariance = self._filter.covariance[:_LAW, :_LAW]
+        if isinstance(self._coordinates, Direct):
+            return mean, covariance, self._prior
+        direct, jacobian = self._coordinates.to_direct(mean)
+        law = jacobian @ covariance @ jacobian.T
+        # With n open the soils that fit lie on a slightly bent line: second order, for a Gaussian n.
+        law[_FIRST, _FIRST] += (
+            0.5 * (self._coordinates.bend(mean) * float(covariance[_EXPONENT, _EXPONENT])) ** 2
+        )
+        return direct, law, self._prior
+
+    def record(self) -> SoilRecord | None:
+        """What to save; None before the first measurement."""
+        if isinstance(self._coordinates, Direct):
+            return None
+        return SoilRecord(
+            self._coordinates.wheel,
+            self._mean.copy(),
+            self._filter.deviation[:_LAW].copy(),
+            self._filter.covariance[:_LAW, :_LAW].copy(),
+            self._filter.stationary[:_LAW, :_LAW].copy(),
         )
 
-    def belief(self, diameter_log: float, spot: int | None) -> Belief:
-        """Mean and covariance of (s, q) for a wheel at its spot, or at a fresh one."""
-        x, p = self._filter.deviation.tolist(), self._filter.covariance.tolist()
-        (ll, lq, lm), (qq, qm), mm = p[_PRESSURE][:_LAW], p[_LOGIT][_LOGIT:_LAW], p[_M][_M]
-        s = self._mean[_PRESSURE] + x[_PRESSURE] + diameter_log * (self._mean[_M] + x[_M])
-        q = self._mean[_LOGIT] + x[_LOGIT]
-        law_s = ll + diameter_log * (2.0 * lm + diameter_log * mm)
-        law_q = lq + diameter_log * qm
-        if spot is None:
-            ss = law_s + self._settings.soil_scatter**2
-            return Belief(s, q, ss, law_q, qq, law_s, law_q)
-        of_spot = p[spot]
-        law_spot = of_spot[_PRESSURE] + diameter_log * of_spot[_M]
-        ss = law_s + 2.0 * law_spot + of_spot[spot]
-        return Belief(s + x[spot], q, ss, law_q + of_spot[_LOGIT], qq, law_s + law_spot, law_q)
+    def resume(self, record: SoilRecord) -> None:
+        """Go on from what was saved; wheels stand on spots that nobody knows."""
+        self._coordinates = OfReference(*record.reference)
+        self._mean = record.mean
+        self._filter.resume(record.covariance, record.deviation, record.prior)
+        self._opening.end()
 
-    def take(
-        self,
-        observe: Observation,
-        measured: float,
-        noise: float,
-        load_noise: float,
-        spot: int,
-        gate: float,
-    ) -> Taken:
+    def belief(self, spot: int | None) -> Belief:
+        """What a measurement at a spot depends on; None: at one that no wheel has been at."""
+        x, p = self._filter.deviation.tolist(), self._filter.covariance.tolist()
+        mean = self._mean.tolist()
+        first, second, third = p[0], p[1], p[2]
+        if spot is None:
+            at, fourth, column = 0.0, [0.0, 0.0, 0.0], (0.0, 0.0, 0.0)
+            variance = self._settings.soil_scatter**2
+        else:
+            at, fourth, variance = x[spot], p[spot], p[spot][spot]
+            column = first[spot], second[spot], third[spot]
+        return Belief(
+            (mean[0] + x[0], mean[1] + x[1], mean[2] + x[2], at),
+            (
+                (first[0], first[1], first[2], column[0]),
+                (second[0], second[1], second[2], column[1]),
+                (third[0], third[1], third[2], column[2]),
+                (fourth[0], fourth[1], fourth[2], variance),
+            ),
+        )
+
+    def predict(
+        self, observe: Observation, load_noise: float, spot: int | None
+    ) -> tuple[Point, float]:
+        """Sinkage (m) of a wheel, and its variance (m^2)."""
+        belief = self.belief(spot)
+        point = _point(
+            self._coordinates, Reading(observe, 0.0, 0.0, load_noise), belief.mean, belief
+        )
+        line = line_at(point, belief.mean, belief, 0.0)
+        return point, line.spread + line.noise
+
+    def relative_spread(self, reading: Reading, spot: int) -> float:
+        """Standard deviation of what is expected of a reading, over it."""
+        belief = self.belief(spot)
+        point = _point(self._coordinates, reading, belief.mean, belief)
+        spread = line_at(point, belief.mean, belief, reading.measured).spread
+        return math.sqrt(spread) / max(abs(point.value), 1e-9)
+
+    def take(self, reading: Reading, spot: int, gate: float) -> Taken:
         """Update by a measurement at a spot if it fits (chi-square within the gate).
 
-        measured: m. noise: m^2. load_noise: variance of ln load. Raises ArithmeticError or
-        ValueError, with nothing changed, where the numbers cannot be computed with.
+        Raises ArithmeticError or ValueError, with nothing changed, where the numbers cannot be
+        computed with.
         """
-        belief = self.belief(observe.diameter_log, spot)
-        observed = observe(belief.s, exponent_of(belief.q))
-        first = line_at(observed, belief.s, belief.q, belief, measured, noise, load_noise)
-        line = linearise(observe, observed, first, belief, measured, noise, load_noise)
-        variance = belief.spread(first.by_s, first.by_q) + first.noise
-        if not math.isfinite(observed.sinkage + variance + line.chi_square):
+        belief = self.belief(spot)
+        point, first, line, x = self._linearise(reading, belief)
+        variance = first.spread + first.noise
+        if not math.isfinite(point.value + variance + line.chi_square):
             raise ArithmeticError("its uncertainty has no bounds")
         reason: Reason = "gate"
         if line.chi_square <= gate:
-            reason = self._correct(line, belief, measured, observe.diameter_log, spot)
+            before = self._mean, self._filter.state, self._coordinates
+            try:
+                if isinstance(self._coordinates, Direct):
+                    self._choose_reference(reading.observe.wheel, np.array(x[:_LAW]))
+                    line = self._linearise(reading, self.belief(spot))[2]
+                reason = self._correct(line, reading, spot)
+            finally:
+                if reason != "accepted":
+                    self._mean, self._filter.state, self._coordinates = before
         if reason == "accepted" and self._opening.going_on:
-            due = self._opening.add(observe, observed, belief, measured, noise, load_noise, spot)
-            if due:
-                self._run_again()
-            self._opening.judge(math.sqrt(float(self._filter.covariance[_LOGIT, _LOGIT])))
-        return Taken(reason, observed.sinkage, variance, line.chi_square)
+            self._keep(reading, spot, point.value)
+        return Taken(reason, point.value, variance, first.noise, line.chi_square)
 
-    def _correct(
-        self, line: Linearised, belief: Belief, measured: float, diameter_log: float, spot: int
-    ) -> Reason:
-        if belief.spread(line.by_s, line.by_q) < _TELLS_NOTHING * line.noise:
+    def _linearise(self, reading: Reading, belief: Belief) -> tuple[Point, Line, Line, Four]:
+        def at(x: Four) -> Point:
+            return _point(self._coordinates, reading, x, belief)
+
+        point = at(belief.mean)
+        first = line_at(point, belief.mean, belief, reading.measured)
+        line, x = linearise(at, point, first, belief, reading.measured)
+        return point, first, line, x
+
+    def _choose_reference(self, wheel: tuple[float, float, float], soil: Array) -> None:
+        """Go over to the sinkage of a wheel, near a soil (ln pressure, q, m)."""
+        self._coordinates = OfReference(*wheel)
+        self._linearise_prior(self._coordinates, soil)
+
+    def _linearise_prior(self, coordinates: OfReference, soil: Array) -> None:
+        there, jacobian = coordinates.from_direct(soil)
+        mean = there + jacobian @ (self._prior_mean - soil)
+        if not _in_range(float(mean[_FIRST])):  # drift would lead back to there
+            raise ArithmeticError("the soil that this would mean is outside of the model's range")
+        self._mean = mean
+        self._filter.renew(self._widened * jacobian @ self._prior @ jacobian.T)
+
+    def _correct(self, line: Line, reading: Reading, spot: int) -> Reason:
+        if line.spread < _TELLS_NOTHING * line.noise:
             return "accepted"  # the ten thousandth look at one spot: nothing left to learn there
         row = [0.0] * len(self._filter.deviation)
-        row[_PRESSURE] = row[spot] = line.by_s
-        row[_LOGIT], row[_M] = line.by_q, line.by_s * diameter_log
+        row[_FIRST], row[_EXPONENT], row[_M], row[spot] = line.row
         before = self._filter.state
-        if not self._filter.update(measured, line.expected, row, line.noise):
+        if not self._filter.update(reading.measured, line.expected, row, line.noise):
             raise ArithmeticError("the update would leave the covariance unsound")
-        pressure, logit, m = self._filter.deviation[:_LAW].tolist()
-        if (
-            abs(self._mean[_PRESSURE] + pressure) > _PRESSURE_LIMIT
-            or abs(self._mean[_LOGIT] + logit) > _LOGIT_LIMIT
-            or abs(self._mean[_M] + m) > _M_LIMIT
-        ):
+        deviation, mean = self._filter.deviation, self._mean
+        first = float(mean[_FIRST] + deviation[_FIRST])
+        q = float(mean[_EXPONENT] + deviation[_EXPONENT])
+        m = float(mean[_M] + deviation[_M])
+        low, high = _EXPONENT_LIMITS
+        if not _in_range(first) or not low < q < high or abs(m) > _M_LIMIT:
             self._filter.state = before
             return "out_of_range"
         return "accepted"
 
+    def _keep(self, reading: Reading, spot: int, here: float) -> None:
+        opening = self._opening
+        last = opening.at(spot, reading.channel)
+        there = None
+        if last is not None:
+            belief = self.belief(spot)
+            there = _point(self._coordinates, last.reading, belief.mean, belief).value
+            here = _point(self._coordinates, reading, belief.mean, belief).value
+        if opening.add(reading, spot, here, there):
+            self._run_again()
+        variance = float(self._filter.covariance[_EXPONENT, _EXPONENT])
+        slope = exponent_slope(float(self._mean[_EXPONENT] + self._filter.deviation[_EXPONENT]))
+        opening.judge(math.sqrt(variance) * slope)
+
     def _run_again(self) -> None:
         """Run over the opening's records, linearised at the newest soil, until that settles."""
-        before = self._filter.state
+        coordinates = self._coordinates
+        if isinstance(coordinates, Direct):
+            return
+        before = self._mean, self._filter.state
         try:
-            soil = self._filter.deviation[:_LAW]
+            soil = self._mean + self._filter.deviation[:_LAW]
             for number in range(_PASSES):
-                if not self._pass(soil):
+                if not self._pass(coordinates, soil):
                     break
-                change = self._filter.deviation[:_LAW] - soil
+                change = self._mean + self._filter.deviation[:_LAW] - soil
                 if float(np.abs(change).max()) < _SETTLED:
                     return
                 soil = soil + (change if number < 2 else 0.6 * change)
         except (ArithmeticError, ValueError):
             pass  # no sinkage at a soil on the way: as good as not settled
-        self._filter.state = before
+        self._mean, self._filter.state = before
 
-    def _pass(self, soil: Array) -> bool:
+    def _pass(self, coordinates: OfReference, soil: Array) -> bool:
         """Filter the records, linearised at one soil (3,); False where it leads out of range."""
-        pressure, logit, m = np.add(self._mean, soil).tolist()
-        self._filter.reopen(self._widened)
+        self._linearise_prior(coordinates, coordinates.to_direct(soil)[0])
+        first, q, m = soil.tolist()
         travelled = 0.0
         for record in self._opening.records:
             if record.travelled > travelled:
                 self._filter.travel(record.travelled - travelled)
                 travelled = record.travelled
-            diameter_log = record.observe.diameter_log
-            belief = self.belief(diameter_log, record.spot)
-            s = pressure + diameter_log * m + float(self._filter.deviation[record.spot])
-            observed = record.observe(s, exponent_of(logit))
-            line = line_at(
-                observed, s, logit, belief, record.measured, record.noise, record.load_noise
-            )
-            if (
-                self._correct(line, belief, record.measured, diameter_log, record.spot)
-                != "accepted"
-            ):
+            x = first, q, m, float(self._filter.deviation[record.spot])
+            belief = self.belief(record.spot)
+            point = _point(coordinates, record.reading, x, belief)
+            line = line_at(point, x, belief, record.reading.measured)
+            if self._correct(line, record.reading, record.spot) != "accepted":
                 return False
         if self._opening.travelled > travelled:
             self._filter.travel(self._opening.travelled - travelled)
         return True
+
+
+def _in_range(log_sinkage: float) -> bool:
+    low, high = _FIRST_LIMITS
+    return low < log_sinkage < high
+
+
+def _slope_share(belief: Belief) -> float:
+    """Mean of 1/(n + 1/2)^2 over its value at the mean n: what an uncertain n adds.
+
+    The spot and the load cell's noise change ln z by their 1/(n + 1/2)-fold. Without this, one load,
+    which leaves n open, would make the innovations seem too large.
+    """
+    variance = belief.covariance[1][1] * exponent_slope(belief.mean[1]) ** 2
+    return 1.0 + 3.0 * variance / (exponent_of(belief.mean[1]) + 0.5) ** 2
+
+
+def _point(coordinates: Coordinates, reading: Reading, x: Four, belief: Belief) -> Point:
+    """Evaluate a reading at a soil and spot, with slopes by each of the four numbers."""
+    first, q, m, spot = x
+    n = exponent_of(q)
+    share = _slope_share(belief)
+    scale = math.sqrt(share)
+    pressure = coordinates.pressure(first, n, scale * spot)
+    across = reading.observe.diameter_log - coordinates.diameter_log
+    seen = reading.observe(pressure.value + across * m, n)
+    by_s = seen.by_pressure
+    return Point(
+        seen.value,
+        (
+            by_s * pressure.by_first,
+            (seen.by_exponent + by_s * pressure.by_exponent) * exponent_slope(q),
+            by_s * across,
+            by_s * pressure.by_spot * scale,
+        ),
+        reading.noise + seen.by_load**2 * share * reading.load_noise,
+        seen.sunk_to_axle,
+    )

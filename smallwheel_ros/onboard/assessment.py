@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.soil_estimator import (
@@ -16,30 +13,16 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     UpdateResult,
 )
+from smallwheel_ros.onboard.digging_in import DiggingInAlarm
+from smallwheel_ros.onboard.health import FilterHealth
+from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
-from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Quantity
 
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
-
-
-@dataclass(frozen=True)
-class Instant:
-    """What is known of one wheel at one instant; None where it is not.
-
-    stamp: ns. load: N. slip: 1. sinkage: measured, m. speed: of the wheel's place over ground, m/s.
-    distance: that the vehicle has travelled so far, m.
-    """
-
-    wheel: Wheel
-    stamp: int
-    load: Quantity | None
-    slip: Quantity | None
-    sinkage: Quantity | None
-    speed: float | None
-    distance: float
 
 
 class Assessment(NamedTuple):
@@ -53,10 +36,24 @@ class Assessment(NamedTuple):
 class Assessor:
     """The estimator together with what it is asked: one step per instant."""
 
-    def __init__(self, settings: OnboardSettings, effects: Sequence[Effect] = ()) -> None:
+    def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self.effects = tuple(effects)
-        self.estimator = SoilEstimator(settings.prior, settings.estimator, effects)
+        self.estimator = SoilEstimator(settings.prior, settings.estimator, settings.effects)
+        self.health = FilterHealth()
+        self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
+
+    def apply(self, settings: OnboardSettings) -> None:
+        """Go on with other settings that leave the estimator as it is."""
+        self.settings = settings
+        for alarm in self._digging.values():
+            alarm.rules = settings.digging_in
+
+    def reset(self) -> None:
+        """Forget the soil, and what ordinary driving is like."""
+        self.estimator.reset()
+        self.health.reset()
+        for alarm in self._digging.values():
+            alarm.reset()
 
     def assess(self, instant: Instant) -> Assessment:
         """Use the measured sinkage, if any, then work out the wheel's mobility."""
@@ -66,6 +63,7 @@ class Assessor:
         failure = ""
         if instant.load is not None and instant.sinkage is not None:
             update = self._update(instant, instant.load, instant.sinkage)
+            self.health.add(update)
         soil = self.estimator.estimate()
         if instant.load is not None:
             try:
@@ -75,7 +73,11 @@ class Assessor:
                 failure = str(error) or type(error).__name__
                 predicted, forces = None, None
         sunk = instant.load is not None and not failure and (predicted is None or forces is None)
+        digging = self._digging[instant.wheel.name].update(instant)
         status, text = self._status(instant, soil, update, sunk, failure)
+        if digging:
+            words = "digs itself in: slip and sinkage are up, speed is down"
+            text = f"{words}; {text}" if text else words
         mobility = MobilityEstimate(
             wheel=instant.wheel.name,
             stamp=instant.stamp,
@@ -86,6 +88,7 @@ class Assessor:
             sinkage_measured=instant.sinkage,
             sinkage_predicted=None if sunk else predicted,
             forces=None if sunk else forces,
+            digging_in=digging,
         )
         return Assessment(mobility, soil, self._problem(instant, update, failure))
 
@@ -150,7 +153,7 @@ class Assessor:
             instant.slip,
             scatter=self.settings.estimator.soil_scatter,
             reference_slip=self.settings.reference_slip,
-            effects=self.effects,
+            effects=self.settings.effects,
             speed=instant.speed,
         )
 
@@ -169,7 +172,9 @@ class Assessor:
             found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
         if instant.slip is None and instant.wheel.contact == ROLLING:
             why = "no odometry or wheel speed near this instant"
-            if instant.speed is not None and abs(instant.speed) <= _SLOW:
+            if self.settings.velocity is VelocitySource.NONE:
+                why = "odometry comes from the wheels, and there is no velocity_topic"
+            elif instant.speed is not None and abs(instant.speed) <= _SLOW:
                 why = "the wheel stands"
             found.append((Status.SLIP_UNKNOWN, f"slip unknown ({why}): no thrust, no drawbar pull"))
         if update is not None and update.outcome is not Outcome.ACCEPTED:
@@ -180,6 +185,9 @@ class Assessor:
             found.append((Status.LOAD_MISSING, f"nothing is predicted: {failure}"))
         if sunk:
             found.append((Status.SUNK_TO_AXLE, "the soil does not carry this load: sunk to axle"))
+        if instant.load_is_static and instant.load is not None:
+            text = f"load not measured: {instant.load.value:.3g} N as configured"
+            found.append((Status.OK, text))
         if not found:
             return Status.OK, ""
         found.sort(key=lambda condition: -condition[0])

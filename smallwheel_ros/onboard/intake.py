@@ -13,9 +13,10 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from smallwheel_ros.onboard.assessment import Instant
+from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.memory import Memory
 from smallwheel_ros.onboard.problems import ProblemLog, stamp_problem
-from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
+from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import (
     SECOND,
     Odometer,
@@ -24,8 +25,7 @@ from smallwheel_ros.onboard.streams import (
     StampRules,
     nanoseconds,
 )
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.wheel import Quantity, wheel_slip
+from smallwheel_ros.physics.conditions import ROLLING
 
 # Predictions for a wheel without sinkage sensor come so far apart.
 _PREDICTION_PERIOD = SECOND // 10
@@ -33,6 +33,7 @@ _PREDICTION_PERIOD = SECOND // 10
 _LARGEST = 1e9
 
 ODOMETRY = "odom"
+VELOCITY = "velocity"
 
 
 class _Waiting(NamedTuple):
@@ -46,7 +47,8 @@ class Intake:
     """Takes messages as they arrive, and gives instants in the order of their stamps.
 
     Each `add_` method takes the stamp (ns) of the measurement and what the clock says now (None or
-    0 where there is no clock). `time_jumps` counts how often everything was forgotten because time
+    0 where there is no clock). `newest` has each stream's newest good stamp; `time_jumps` counts
+    how often everything was forgotten because time
     went back.
     """
 
@@ -54,57 +56,62 @@ class Intake:
         self.settings = settings
         self.problems = ProblemLog()
         self.received: Counter[str] = Counter()
+        self.newest: dict[str, int] = {}
         self.time_jumps = 0
+        self._order = {wheel.name: i for i, wheel in enumerate(settings.wheels)}
+        self._waiting: list[_Waiting] = []
+        self._memory = Memory(settings)
+        self._released = [0] * len(settings.wheels)  # newest stamp that was answered
+        self.apply(settings)
+
+    def apply(self, settings: OnboardSettings) -> None:
+        """Go on with other settings of the same wheels; what was collected is forgotten."""
+        self.settings = settings
         timing = settings.timing
         self._reorder = nanoseconds(timing.reorder_time)
         self._silence = nanoseconds(timing.silent_after)
-        self._gap = nanoseconds(timing.maximum_gap)
         self._rules = StampRules(
             nanoseconds(timing.future_tolerance),
             nanoseconds(timing.maximum_age),
             nanoseconds(timing.jump_tolerance),
         )
-        longest_wait = max(self._reorder, self._silence)
-        horizon = longest_wait + self._gap + nanoseconds(timing.jump_tolerance)
-        names = [wheel.name for wheel in settings.wheels]
-        self._order = {name: i for i, name in enumerate(names)}
-        self._loads = [Series(horizon) for _ in names]
-        self._speeds = [Series(horizon) for _ in names]
-        self._sinkages = [Series(horizon) for _ in names]  # only their stamps count
-        self._odometer = Odometer(horizon, self._gap, settings.standstill_speed)
-        self._waiting: list[_Waiting] = []
-        self.start_over("")
+        # Way and time go on: the estimate takes no measurement from behind the newest one.
+        released = self._released
+        self._begin(Memory(settings, self._memory.distance), "settings were changed")
+        self._released = released
 
     def start_over(self, why: str) -> None:
         """Forget what was collected; the counts go on, and measurements that waited are counted."""
+        self._begin(Memory(self.settings), why)
+
+    def _begin(self, memory: Memory, why: str) -> None:
         for measurement in self._waiting:
             if measurement.sinkage is not None:
                 name = self.settings.wheels[measurement.order].name
                 self.problems.add(f"{name}/sinkage", "dropped_by_reset", f"not used: {why}")
         self._waiting.clear()
-        for series in (*self._loads, *self._speeds, *self._sinkages):
-            series.clear()
-        self._odometer.clear()
+        self._memory = memory
         self._newest: int | None = None
+        self.newest.clear()
         self._first = 0
         self._released = [0] * len(self.settings.wheels)
-        self._deepest = [0.0] * len(self.settings.wheels)
-        self._pressed_way = 0.0
-        self._distance = 0.0
 
     @property
     def streams(self) -> tuple[str, ...]:
         """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
-        rolling = [w for w in self.settings.wheels if w.contact == ROLLING]
+        settings = self.settings
+        rolling = [w for w in settings.wheels if w.contact == ROLLING]
+        own_velocity = rolling and settings.velocity is VelocitySource.TOPIC
         return (
-            *(f"{w.name}/load" for w in self.settings.wheels),
+            *(f"{w.name}/load" for w in settings.wheels if w.name not in settings.static_loads),
             *(
                 f"{w.name}/sinkage"
-                for w in self.settings.wheels
-                if w.name not in self.settings.without_sinkage
+                for w in settings.wheels
+                if w.name not in settings.without_sinkage
             ),
             *(f"{w.name}/wheel_speed" for w in rolling),
             *((ODOMETRY,) if rolling else ()),
+            *((VELOCITY,) if own_velocity else ()),
         )
 
     def add_load(
@@ -127,7 +134,7 @@ class Intake:
                 f"load is {load:g} N, expected more than 0: the wheel is in the air, or the"
                 " sensor's sign is the other one (parameter load_sign)",
             )
-        elif self._kept(stream, stamp, self._loads[order].add(stamp, (load,))):
+        elif self._kept(stream, stamp, self._memory.loads[order].add(stamp, (load,))):
             self._saw(stamp)
             if wheel in self.settings.without_sinkage:
                 self._predict_later(order, stamp)
@@ -140,10 +147,11 @@ class Intake:
         y: float,
         speed: float,
         yaw_rate: float = 0.0,
+        yaw: float | None = None,
         *,
         now: int | None = None,
     ) -> list[Instant]:
-        """Take position (m), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+        """Take pose (m, rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
         if not self._good_stamp(ODOMETRY, stamp, now):
             return []
         good = all(
@@ -153,9 +161,27 @@ class Intake:
                 ("position y", y, "m"),
                 ("speed", speed, "m/s"),
                 ("yaw rate", yaw_rate, "rad/s"),
+                ("yaw", 0.0 if yaw is None else yaw, "rad"),
             )
         )
-        if good and self._kept(ODOMETRY, stamp, self._odometer.add(stamp, x, y, speed, yaw_rate)):
+        values = (x, y, speed, yaw_rate, yaw)
+        if good and self._kept(ODOMETRY, stamp, self._memory.odometer.add(stamp, *values)):
+            self._saw(stamp)
+            for wheel in self.settings.without_sinkage & self.settings.static_loads.keys():
+                self._predict_later(self._order[wheel], stamp)
+        return list(self._release())
+
+    def add_velocity(
+        self, stamp: int, speed: float, yaw_rate: float = 0.0, *, now: int | None = None
+    ) -> list[Instant]:
+        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them."""
+        if not self._good_stamp(VELOCITY, stamp, now):
+            return []
+        good = self._is_number(VELOCITY, "speed", speed, "m/s")
+        good = self._is_number(VELOCITY, "yaw rate", yaw_rate, "rad/s") and good
+        if good and self._kept(
+            VELOCITY, stamp, self._memory.velocity.add(stamp, (speed, yaw_rate))
+        ):
             self._saw(stamp)
         return list(self._release())
 
@@ -167,7 +193,9 @@ class Intake:
         if not self._good_stamp(stream, stamp, now):
             return []
         good = self._is_number(stream, "wheel speed", angular_velocity, "rad/s")
-        if good and self._kept(stream, stamp, self._speeds[order].add(stamp, (angular_velocity,))):
+        if good and self._kept(
+            stream, stamp, self._memory.speeds[order].add(stamp, (angular_velocity,))
+        ):
             self._saw(stamp)
         return list(self._release())
 
@@ -192,12 +220,12 @@ class Intake:
         elif sinkage < 0:
             text = f"sinkage is {sinkage:g} m, expected 0 or more (positive down): wrong zero?"
             self.problems.add(stream, "sinkage_negative", text)
-        elif stamp in self._sinkages[order].stamps:
+        elif stamp in self._memory.sinkages[order].stamps:
             self._kept(stream, stamp, StampFault.DUPLICATE)
         elif stamp <= self._released[order]:
             self._kept(stream, stamp, StampFault.LATE)
         else:
-            self._sinkages[order].add(stamp, ())
+            self._memory.sinkages[order].add(stamp, ())
             heapq.heappush(self._waiting, _Waiting(stamp, order, sinkage, variance))
             self._saw(stamp)
         return list(self._release())
@@ -226,13 +254,15 @@ class Intake:
     def _good_stamp(self, stream: str, stamp: int, now: int | None) -> bool:
         self.received[stream] += 1
         fault = self._rules.fault(stamp, self._newest, now)
-        if fault is not StampFault.JUMP_BACK:
-            return self._kept(stream, stamp, fault, now)
-        # The message itself is good: it is the first one of the new time.
-        text = stamp_problem(fault, stamp, self._newest, now, self.settings.timing)
-        self.problems.add(stream, fault.value, text, unused=False)
-        self.time_jumps += 1
-        self.start_over("time went back before its turn came")
+        if fault is StampFault.JUMP_BACK:
+            # The message itself is good: it is the first one of the new time.
+            text = stamp_problem(fault, stamp, self._newest, now, self.settings.timing)
+            self.problems.add(stream, fault.value, text, unused=False)
+            self.time_jumps += 1
+            self.start_over("time went back before its turn came")
+        elif not self._kept(stream, stamp, fault, now):
+            return False
+        self.newest[stream] = max(stamp, self.newest.get(stream, 0))
         return True
 
     def _kept(
@@ -251,7 +281,7 @@ class Intake:
 
     def _predict_later(self, order: int, stamp: int) -> None:
         """Let a wheel without sinkage sensor take its turn at times of its loads."""
-        series = self._sinkages[order]
+        series = self._memory.sinkages[order]
         if stamp >= (series.newest or self._released[order]) + _PREDICTION_PERIOD:
             series.add(stamp, ())
             heapq.heappush(self._waiting, _Waiting(stamp, order, None, 0.0))
@@ -260,7 +290,9 @@ class Intake:
         while self._waiting and (everything or self._complete(self._waiting[0])):
             measurement = heapq.heappop(self._waiting)
             self._released[measurement.order] = measurement.stamp
-            yield self._instant(measurement)
+            yield self._memory.instant(
+                measurement.order, measurement.stamp, measurement.sinkage, measurement.variance
+            )
 
     def _complete(self, measurement: _Waiting) -> bool:
         """Whether everything that belongs to this measurement or before it has come."""
@@ -268,20 +300,22 @@ class Intake:
         if self._reorder == 0:
             return True
         stamp, order = measurement.stamp, measurement.order
-        own = [self._loads[order].newest]
-        if self.settings.wheels[order].contact == ROLLING:
-            own += [self._odometer.newest, self._speeds[order].newest]
+        own = self._memory.newest_of(order)
         if not all(self._has_passed(stamp, newest) for newest in own):
             return False
         if self._newest - stamp >= self._reorder:
             return True
-        measured = (
-            (series if wheel.name not in self.settings.without_sinkage else load).newest
-            for series, load, wheel in zip(
-                self._sinkages, self._loads, self.settings.wheels, strict=True
-            )
-        )
+        measured = (self._timed_by(i).newest for i in range(len(self.settings.wheels)))
         return all(self._has_passed(stamp, newest) for newest in measured)
+
+    def _timed_by(self, order: int) -> Series | Odometer:
+        """The stream that gives a wheel its instants."""
+        name = self.settings.wheels[order].name
+        if name not in self.settings.without_sinkage:
+            return self._memory.sinkages[order]
+        if name in self.settings.static_loads:
+            return self._memory.odometer
+        return self._memory.loads[order]
 
     def _has_passed(self, stamp: int, newest: int | None) -> bool:
         """Whether nothing is to be expected of a stream any more at this stamp or before it."""
@@ -289,49 +323,3 @@ class Intake:
         if newest is None:
             return self._newest - self._first > self._silence
         return newest >= stamp or self._newest - newest > self._silence
-
-    # --- One measurement with all that belongs to it
-
-    def _instant(self, measurement: _Waiting) -> Instant:
-        stamp, order = measurement.stamp, measurement.order
-        wheel, noise = self.settings.wheels[order], self.settings.noise
-        load: Quantity | None = None
-        loads = self._loads[order].at(stamp, self._gap)
-        if loads is not None:
-            load = Quantity(loads[0], math.hypot(noise.load, noise.load_relative * loads[0]))
-        speed, slip = self._motion(order, stamp)
-        sinkage: Quantity | None = None
-        if measurement.sinkage is not None:
-            variance = measurement.variance
-            known = math.isfinite(variance) and variance > 0
-            deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
-            sinkage = Quantity(measurement.sinkage, deviation)
-        way = self._travelled(order, stamp, sinkage)
-        return Instant(wheel, stamp, load, slip, sinkage, speed, way)
-
-    def _motion(self, order: int, stamp: int) -> tuple[float | None, Quantity | None]:
-        """Speed of a wheel's place over ground, and its slip; None where not known."""
-        wheel, noise = self.settings.wheels[order], self.settings.noise
-        motion = self._odometer.motion(stamp, self._gap)
-        if motion is None or wheel.contact != ROLLING:
-            return None, None
-        speed = motion[0] - motion[1] * wheel.lateral_position
-        turning = self._speeds[order].at(stamp, self._gap)
-        if turning is None:
-            return speed, None
-        rim = turning[0] * wheel.diameter / 2
-        slip = wheel_slip(
-            Quantity(speed, noise.speed),
-            Quantity(rim, noise.wheel_speed_relative * abs(rim)),
-            self.settings.standstill_speed,
-        )
-        return speed, slip
-
-    def _travelled(self, order: int, stamp: int, sinkage: Quantity | None) -> float:
-        """Way so far (m), which never falls: soil that is new to the wheels."""
-        if sinkage is not None and self.settings.wheels[order].contact == PRESSED:
-            # A pressed wheel meets new soil by going deeper than it has been.
-            self._pressed_way += max(0.0, sinkage.value - self._deepest[order])
-            self._deepest[order] = max(self._deepest[order], sinkage.value)
-        self._distance = max(self._distance, self._odometer.way(stamp) + self._pressed_way)
-        return self._distance

@@ -12,15 +12,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.onboard.assessment import Assessor, Instant
+from smallwheel_ros.estimator.missing_effect import MissingEffect
+from smallwheel_ros.onboard.assessment import Assessor
+from smallwheel_ros.onboard.health import FilterHealth
+from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.intake import Intake
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.problems import Problem
 from smallwheel_ros.onboard.settings import OnboardSettings
+
+_OF_THE_ESTIMATOR = ("prior", "estimator", "effects")
 
 
 @dataclass(frozen=True)
@@ -28,11 +34,13 @@ class Result:
     """What came of one measurement: the wheel's mobility, and the soil after it.
 
     rejected: measured sinkages that were not used for the soil since the start or the last reset.
+    place: of the wheel in the frame of the odometry, x and y in m; None where it is not known.
     """
 
     mobility: MobilityEstimate
     soil: SoilEstimate
     rejected: int
+    place: tuple[float, float] | None = None
 
 
 class Onboard:
@@ -45,9 +53,9 @@ class Onboard:
     """
 
     def __init__(self, settings: OnboardSettings, effects: Sequence[Effect] = ()) -> None:
-        self.settings = settings
-        self._intake = Intake(settings)
-        self._assessor = Assessor(settings, effects)
+        self.settings = replace(settings, effects=tuple(effects)) if effects else settings
+        self._intake = Intake(self.settings)
+        self._assessor = Assessor(self.settings)
         self._jumps = 0
         self._refused_before = 0
 
@@ -64,11 +72,22 @@ class Onboard:
         y: float,
         speed: float,
         yaw_rate: float = 0.0,
+        yaw: float | None = None,
         *,
         now: int | None = None,
     ) -> list[Result]:
-        """Take position (m), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
-        return self._results(self._intake.add_odometry(stamp, x, y, speed, yaw_rate, now=now))
+        """Take position (m), forward speed (m/s), yaw rate (rad/s) and yaw (rad) of the vehicle.
+
+        Without yaw nobody knows where its wheels are: results then have no place.
+        """
+        values = (stamp, x, y, speed, yaw_rate, yaw)
+        return self._results(self._intake.add_odometry(*values, now=now))
+
+    def on_velocity(
+        self, stamp: int, speed: float, yaw_rate: float = 0.0, *, now: int | None = None
+    ) -> list[Result]:
+        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them."""
+        return self._results(self._intake.add_velocity(stamp, speed, yaw_rate, now=now))
 
     def on_wheel_speed(
         self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
@@ -100,15 +119,58 @@ class Onboard:
         self._intake.start_over("a reset was asked for")
         self._forget_soil()
 
+    def apply(self, settings: OnboardSettings) -> bool:
+        """Go on with other settings of the same wheels; return whether the soil starts over.
+
+        It does where the prior, the estimator's settings or the effects are others: what was learnt
+        under the old ones does not hold under the new. Measurements that wait are dropped.
+        """
+        before, self.settings = self.settings, settings
+        self._intake.apply(settings)
+        if all(getattr(before, name) == getattr(settings, name) for name in _OF_THE_ESTIMATOR):
+            self._assessor.apply(settings)
+            return False
+        self._assessor = Assessor(settings)
+        self._refused_before = self._intake.problems.refused_sinkages
+        return True
+
+    def save(self, path: Path | str) -> None:
+        """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
+        self._assessor.estimator.save(path)
+
+    def restore(self, path: Path | str) -> None:
+        """Begin anew from a saved soil.
+
+        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
+        under another prior or other effects.
+        """
+        self._assessor.estimator.restore(path)
+        self._refused_before = self._intake.problems.refused_sinkages
+
     @property
     def soil(self) -> SoilEstimate:
         """The soil as it is believed now."""
         return self._assessor.estimator.estimate()
 
     @property
+    def missing_effect(self) -> MissingEffect | None:
+        """What the model misses, as far as the last metres tell; None where nothing shows."""
+        return self._assessor.estimator.missing_effect
+
+    @property
+    def health(self) -> FilterHealth:
+        """How well the filter has done lately."""
+        return self._assessor.health
+
+    @property
     def rejected(self) -> int:
         """Measured sinkages that were not used for the soil since the start or the last reset."""
         return self._intake.problems.refused_sinkages - self._refused_before
+
+    @property
+    def time_jumps(self) -> int:
+        """How often everything was forgotten because time went back."""
+        return self._intake.time_jumps
 
     @property
     def streams(self) -> tuple[str, ...]:
@@ -121,6 +183,11 @@ class Onboard:
         return self._intake.received
 
     @property
+    def newest(self) -> dict[str, int]:
+        """The newest stamp (ns) of each stream that has had a message."""
+        return self._intake.newest
+
+    @property
     def counts(self) -> Counter[tuple[str, str]]:
         """How many of them could not be used, by stream and reason."""
         return self._intake.problems.counts
@@ -129,12 +196,17 @@ class Onboard:
         """Count something that went wrong before a message could come in here."""
         self._intake.problems.add(stream, reason, text, unused=False)
 
+    def refuse(self, stream: str, reason: str, text: str) -> None:
+        """Count a message that came and could not even be given to one of the `on_` methods."""
+        self._intake.received[stream] += 1
+        self._intake.problems.add(stream, reason, text)
+
     def take_problems(self) -> list[Problem]:
         """What could not be used since the last call, in words; the newest 1000 at most."""
         return self._intake.problems.take()
 
     def _forget_soil(self) -> None:
-        self._assessor.estimator.reset()
+        self._assessor.reset()
         self._refused_before = self._intake.problems.refused_sinkages
 
     def _results(self, instants: list[Instant]) -> list[Result]:
@@ -153,4 +225,4 @@ class Onboard:
                 # A prediction that fails leaves the measurement used all the same.
                 unused=problem[0] != "numerical" or mobility.status is Status.REJECTED,
             )
-        return Result(mobility, soil, self.rejected)
+        return Result(mobility, soil, self.rejected, instant.place)

@@ -96,3 +96,17 @@ class Parameter:
         if isinstance(value, str) and self.kind != "string":
             return ": write it without quotes"
         return ""
+
+
+def double(
+    name: str,
+    default: float | None,
+    unit: str,
+    low: float,
+    high: float,
+    description: str,
+    *,
+    required: bool = False,
+) -> Parameter:
+    """A parameter that is a number in a range."""
+    return Parameter(name, "double", default, unit, description, low, high, required=required)

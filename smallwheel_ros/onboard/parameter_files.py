@@ -143,9 +143,12 @@ def reference() -> str:
         "has the same as a file to start from. In ROS parameter files a number for a `double`",
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",
-        "Parameters are read when the node is configured: to change one later, deactivate and",
-        "clean up the node, set it, configure and activate. Those marked *at start* can only",
-        "come from a file or the command line.",
+        "All of them can be changed while the node runs (`ros2 param set`); a change is checked",
+        "together with all other values, refused with a reason or applied at once. What the estimate",
+        "starts from and goes by lets the soil start over: `soil.name`, `k`, `n`, `m` and their",
+        "deviations, `model_file`, `effects_file`, `estimator.*`, `noise.sinkage`, `load.source`.",
+        "`cost.*` lets the cost map start over. Those marked *at start* can only come from a file or",
+        "the command line.",
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):

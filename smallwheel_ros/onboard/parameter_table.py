@@ -8,26 +8,15 @@ from __future__ import annotations
 
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
-from smallwheel_ros.onboard.parameter import Parameter
+from smallwheel_ros.onboard.parameter import Parameter, double
+from smallwheel_ros.onboard.parameter_table_inputs import INPUTS, PER_WHEEL
+from smallwheel_ros.onboard.parameter_table_outputs import COST, DIGGING_IN
 from smallwheel_ros.onboard.settings import SensorNoise, Timing
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
 
-
-def _double(
-    name: str,
-    default: float | None,
-    unit: str,
-    low: float,
-    high: float,
-    description: str,
-    *,
-    required: bool = False,
-) -> Parameter:
-    return Parameter(name, "double", default, unit, description, low, high, required=required)
-
-
 _TIMING, _NOISE, _ESTIMATOR = Timing(), SensorNoise(), EstimatorSettings()
+__all__ = ["GENERAL", "PER_WHEEL"]
+
 _OF_SOIL = "Without it: that of soil.name."
 
 GENERAL: tuple[Parameter, ...] = (
@@ -48,16 +37,8 @@ GENERAL: tuple[Parameter, ...] = (
         "Configure and activate at the start. False: leave it to a lifecycle manager.",
         read_only=True,
     ),
-    Parameter(
-        "load_sign",
-        "integer",
-        1,
-        "",
-        "1: force.z of a load message is positive when the wheel presses on the soil (the soil"
-        " pushes the wheel up). -1: negative.",
-        choices=(1, -1),
-    ),
-    _double(
+    *INPUTS,
+    double(
         "standstill_speed",
         0.01,
         "m/s",
@@ -65,7 +46,7 @@ GENERAL: tuple[Parameter, ...] = (
         1.0,
         "At or below it vehicle and wheels count as standing: no slip, no travel.",
     ),
-    _double(
+    double(
         "reference_slip",
         REFERENCE_SLIP,
         "1",
@@ -74,17 +55,40 @@ GENERAL: tuple[Parameter, ...] = (
         "Slip at which mobility margin and steepest slope are worked out, and so the cost map.",
     ),
     Parameter(
+        "model_file",
+        "string",
+        "",
+        "",
+        "Model file (of fit, add or diagnose --apply): its soil in place of the library's, and its"
+        " effects. Of several soils soil.name says which.",
+    ),
+    Parameter(
+        "effects_file",
+        "string",
+        "",
+        "",
+        "Python file with effects of your own that model_file names. It is run: only yours.",
+    ),
+    Parameter(
         "soil.name",
         "string",
-        "dry_sand",
+        None,
         "",
-        "Soil of the library that the estimate starts from; its strength is used throughout.",
-        choices=tuple(SOILS),
+        "Soil that the estimate starts from; its strength is used throughout. Of the library"
+        f" ({', '.join(SOILS)}), or of model_file.",
     ),
-    _double("soil.k", None, "Pa/m^(n+m)", 1.0, 1e12, f"Modulus k of the start. {_OF_SOIL}"),
-    _double("soil.n", None, "1", 0.04, 2.9, f"Exponent of sinkage of the start. {_OF_SOIL}"),
-    _double("soil.m", None, "1", -2.9, 2.9, f"Exponent of diameter of the start. {_OF_SOIL}"),
-    _double(
+    Parameter(
+        "soil.file",
+        "string",
+        "",
+        "",
+        "File that ~/save_soil writes, and that the estimate goes on from at the start where it is"
+        " there. Empty: ~/save_soil has nowhere to write to.",
+    ),
+    double("soil.k", None, "Pa/m^(n+m)", 1.0, 1e12, f"Modulus k of the start. {_OF_SOIL}"),
+    double("soil.n", None, "1", 0.04, 2.9, f"Exponent of sinkage of the start. {_OF_SOIL}"),
+    double("soil.m", None, "1", -2.9, 2.9, f"Exponent of diameter of the start. {_OF_SOIL}"),
+    double(
         "soil.log_reference_pressure_std",
         0.7,
         "1",
@@ -93,7 +97,7 @@ GENERAL: tuple[Parameter, ...] = (
         "Standard deviation, at the start, of ln of the pressure at 10 mm sinkage under a wheel of"
         " 0.2 m: 0.7 is a factor of 2.",
     ),
-    _double(
+    double(
         "soil.n_std",
         None,
         "1",
@@ -101,14 +105,12 @@ GENERAL: tuple[Parameter, ...] = (
         3.0,
         "Standard deviation of n at the start. Without it: 0.3, less near the ends of n's range.",
     ),
-    _double("soil.m_std", 0.4, "1", 1e-3, 3.0, "Standard deviation of m at the start."),
-    _double("soil.cohesion", None, "Pa", 0.0, 1e6, f"Cohesion c. {_OF_SOIL}"),
-    _double("soil.cohesion_std", 400.0, "Pa", 0.0, 1e6, "Standard deviation of the cohesion."),
-    _double(
-        "soil.friction_angle", None, "rad", 0.0, 1.5, f"Angle of internal friction. {_OF_SOIL}"
-    ),
-    _double("soil.friction_angle_std", 0.05, "rad", 0.0, 1.5, "Standard deviation of that angle."),
-    _double(
+    double("soil.m_std", 0.4, "1", 1e-3, 3.0, "Standard deviation of m at the start."),
+    double("soil.cohesion", None, "Pa", 0.0, 1e6, f"Cohesion c. {_OF_SOIL}"),
+    double("soil.cohesion_std", 400.0, "Pa", 0.0, 1e6, "Standard deviation of the cohesion."),
+    double("soil.friction_angle", None, "rad", 0.0, 1.5, f"Angle of internal friction. {_OF_SOIL}"),
+    double("soil.friction_angle_std", 0.05, "rad", 0.0, 1.5, "Standard deviation of that angle."),
+    double(
         "soil.shear_displacement",
         None,
         "m",
@@ -116,8 +118,8 @@ GENERAL: tuple[Parameter, ...] = (
         1.0,
         f"Shear deformation modulus kappa of Janosi and Hanamoto. {_OF_SOIL}",
     ),
-    _double("soil.shear_displacement_std", 0.005, "m", 0.0, 1.0, "Standard deviation of kappa."),
-    _double(
+    double("soil.shear_displacement_std", 0.005, "m", 0.0, 1.0, "Standard deviation of kappa."),
+    double(
         "noise.sinkage",
         _ESTIMATOR.sinkage_std,
         "m",
@@ -125,8 +127,8 @@ GENERAL: tuple[Parameter, ...] = (
         1.0,
         "Standard deviation of a measured sinkage whose message does not give its variance.",
     ),
-    _double("noise.load", _NOISE.load, "N", 0.0, 1e5, "Standard deviation of a measured load."),
-    _double(
+    double("noise.load", _NOISE.load, "N", 0.0, 1e5, "Standard deviation of a measured load."),
+    double(
         "noise.load_relative",
         _NOISE.load_relative,
         "1",
@@ -134,10 +136,10 @@ GENERAL: tuple[Parameter, ...] = (
         1.0,
         "The same as a share of the load; both together count.",
     ),
-    _double(
+    double(
         "noise.speed", _NOISE.speed, "m/s", 0.0, 10.0, "Standard deviation of odometry's speed."
     ),
-    _double(
+    double(
         "noise.wheel_speed_relative",
         _NOISE.wheel_speed_relative,
         "1",
@@ -145,7 +147,7 @@ GENERAL: tuple[Parameter, ...] = (
         1.0,
         "Standard deviation of a rim's speed as a share of it, effective radius included.",
     ),
-    _double(
+    double(
         "timing.reorder_time",
         _TIMING.reorder_time,
         "s",
@@ -154,7 +156,7 @@ GENERAL: tuple[Parameter, ...] = (
         "How long (by stamps) a sinkage waits for those of other wheels that belong before it."
         " 0: it waits for nothing, with least delay; results then depend on the order of arrival.",
     ),
-    _double(
+    double(
         "timing.silent_after",
         _TIMING.silent_after,
         "s",
@@ -163,7 +165,7 @@ GENERAL: tuple[Parameter, ...] = (
         "A sinkage waits for load, odometry and wheel speed of its instant, unless their topic has"
         " been silent (by stamps) for so long.",
     ),
-    _double(
+    double(
         "timing.maximum_gap",
         _TIMING.maximum_gap,
         "s",
@@ -171,7 +173,7 @@ GENERAL: tuple[Parameter, ...] = (
         10.0,
         "Load, speed and odometry are interpolated or held over at most so long.",
     ),
-    _double(
+    double(
         "timing.future_tolerance",
         _TIMING.future_tolerance,
         "s",
@@ -179,7 +181,7 @@ GENERAL: tuple[Parameter, ...] = (
         3600.0,
         "Messages stamped further ahead of the clock are refused.",
     ),
-    _double(
+    double(
         "timing.maximum_age",
         _TIMING.maximum_age,
         "s",
@@ -187,7 +189,7 @@ GENERAL: tuple[Parameter, ...] = (
         1e9,
         "Messages stamped further behind the clock are refused.",
     ),
-    _double(
+    double(
         "timing.jump_tolerance",
         _TIMING.jump_tolerance,
         "s",
@@ -195,7 +197,7 @@ GENERAL: tuple[Parameter, ...] = (
         3600.0,
         "Stamps (and clock) that go back by more reset the estimate; by less, a message is late.",
     ),
-    _double(
+    double(
         "estimator.reference_sinkage",
         _ESTIMATOR.reference_sinkage,
         "m",
@@ -203,7 +205,7 @@ GENERAL: tuple[Parameter, ...] = (
         1.0,
         "Sinkage at which ~/soil gives the reference pressure.",
     ),
-    _double(
+    double(
         "estimator.reference_diameter",
         _ESTIMATOR.reference_diameter,
         "m",
@@ -211,7 +213,7 @@ GENERAL: tuple[Parameter, ...] = (
         10.0,
         "Wheel diameter for which ~/soil gives reference pressure and effective modulus.",
     ),
-    _double(
+    double(
         "estimator.process_noise",
         _ESTIMATOR.process_noise,
         "1/sqrt(m)",
@@ -220,7 +222,7 @@ GENERAL: tuple[Parameter, ...] = (
         "How fast the soil may change: growth of the standard deviation of ln pressure per square"
         " root of travel.",
     ),
-    _double(
+    double(
         "estimator.soil_scatter",
         _ESTIMATOR.soil_scatter,
         "1",
@@ -228,7 +230,7 @@ GENERAL: tuple[Parameter, ...] = (
         3.0,
         "Standard deviation of ln k from spot to spot of one soil.",
     ),
-    _double(
+    double(
         "estimator.scatter_length",
         _ESTIMATOR.scatter_length,
         "m",
@@ -236,7 +238,7 @@ GENERAL: tuple[Parameter, ...] = (
         1e3,
         "Travel after which a wheel stands on another spot; for a pressed wheel, new depth.",
     ),
-    _double(
+    double(
         "estimator.gate_probability",
         _ESTIMATOR.gate_probability,
         "1",
@@ -253,35 +255,6 @@ GENERAL: tuple[Parameter, ...] = (
         1,
         1000,
     ),
-)
-
-PER_WHEEL: tuple[Parameter, ...] = (
-    _double("<wheel>.diameter", None, "m", 0.005, 5.0, "Diameter of the wheel.", required=True),
-    _double("<wheel>.width", None, "m", 0.001, 5.0, "Width of the wheel.", required=True),
-    Parameter(
-        "<wheel>.contact",
-        "string",
-        ROLLING,
-        "",
-        f"{ROLLING}, or {PRESSED} for a wheel that is pushed straight down (a test rig): soil"
-        " carries it on both sides of its lowest point, and no odometry is needed.",
-        choices=(ROLLING, PRESSED),
-    ),
-    _double(
-        "<wheel>.lateral_position",
-        0.0,
-        "m",
-        -10.0,
-        10.0,
-        "Place of the wheel left of base_link: in turns it travels slower or faster than that.",
-    ),
-    Parameter("<wheel>.load_topic", "string", "<wheel>/load", "", "Topic of the wheel's load."),
-    Parameter(
-        "<wheel>.sinkage_topic",
-        "string",
-        "<wheel>/sinkage",
-        "",
-        "Topic of the wheel's sinkage. Empty: nobody measures it, it is only predicted.",
-    ),
-    Parameter("<wheel>.joint", "string", "<wheel>_joint", "", "Name of its joint in joint_states."),
+    *DIGGING_IN,
+    *COST,
 )

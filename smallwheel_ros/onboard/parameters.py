@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
-from smallwheel_ros.onboard.settings import OnboardSettings, SensorNoise, Timing
-from smallwheel_ros.physics.soil import nearest, soil
+from smallwheel_ros.onboard.parameter_table_inputs import LoadSource, SinkageSource
+from smallwheel_ros.onboard.settings import (
+    DiggingInRules,
+    OnboardSettings,
+    SensorNoise,
+    Timing,
+    VelocitySource,
+)
+from smallwheel_ros.onboard.starting_model import start_from
+from smallwheel_ros.physics.soil import Soil, nearest
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
+__all__ = [
+    "NODE_NAME",
+    "LoadSource",
+    "NodeSettings",
+    "ParametersError",
+    "SinkageSource",
+    "WheelInputs",
+    "parameters_for",
+    "problems",
+    "settings_from",
+    "unknown_parameters",
+    "wheel_names",
+]
+
 NODE_NAME = "mobility_estimator"
+_GRAVITY = 9.81  # m/s^2
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
 _FOREIGN_PREFIX = "qos_overrides."
@@ -27,21 +54,35 @@ class ParametersError(SmallwheelError):
 
 @dataclass(frozen=True)
 class WheelInputs:
-    """Where a wheel's measurements come from; sinkage_topic is empty where there is none."""
+    """Where a wheel's measurements come from; sinkage_topic is empty where there is none.
+
+    range_height: what a range sensor shows on hard ground, m; None where there is no such sensor.
+    """
 
     load_topic: str
     sinkage_topic: str
     joint: str
+    load_joint: str = ""
+    sinkage_source: SinkageSource = SinkageSource.SINKAGE
+    range_height: float | None = None
 
 
 @dataclass(frozen=True)
 class NodeSettings:
-    """What the parameters say: settings of the estimate, and the wheels' inputs by name."""
+    """What the parameters say: settings of the estimate and the cost map, and inputs by wheel.
+
+    load_per_effort: N. soil_file: where the soil is saved and restored from; empty: nowhere.
+    """
 
     onboard: OnboardSettings
     inputs: Mapping[str, WheelInputs]
     load_sign: int
     autostart: bool
+    load_source: LoadSource = LoadSource.WRENCH
+    load_per_effort: float = 1.0
+    velocity_topic: str = ""
+    soil_file: str = ""
+    cost: CostSettings = field(default_factory=CostSettings)
 
 
 def parameters_for(wheels: Sequence[str]) -> tuple[Parameter, ...]:
@@ -129,10 +170,11 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
     v.update({name: value for name, value in values.items() if value is not None})
 
     def group(prefix: str, kind: type) -> dict[str, Any]:
-        names = [field.name for field in fields(kind)]
+        names = [entry.name for entry in fields(kind)]
         return {n: v[f"{prefix}.{n}"] for n in names if f"{prefix}.{n}" in v}
 
     try:
+        start = start_from(v["model_file"], v["effects_file"], v["soil.name"])
         onboard = OnboardSettings(
             wheels=tuple(
                 Wheel(
@@ -141,31 +183,96 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
                     v[f"{name}.width"],
                     v[f"{name}.contact"],
                     v[f"{name}.lateral_position"],
+                    v[f"{name}.longitudinal_position"],
                 )
                 for name in wheels
             ),
-            prior=_prior(v),
-            strength=_strength(v),
-            estimator=EstimatorSettings(
-                **group("estimator", EstimatorSettings), sinkage_std=v["noise.sinkage"]
-            ),
+            prior=_prior(v, start.soil),
+            strength=_strength(v, start.soil),
+            estimator=_estimator(v, group("estimator", EstimatorSettings)),
             noise=SensorNoise(**group("noise", SensorNoise)),
             timing=Timing(**group("timing", Timing)),
             standstill_speed=v["standstill_speed"],
             without_sinkage=frozenset(w for w in wheels if not v[f"{w}.sinkage_topic"]),
             reference_slip=v["reference_slip"],
+            effects=start.effects,
+            static_loads=_static_loads(v, wheels),
+            velocity=_velocity(v),
+            digging_in=DiggingInRules(**group("digging_in", DiggingInRules)),
+        )
+        # What the estimator says of its settings and effects, it says now.
+        SoilEstimator(onboard.prior, onboard.estimator, onboard.effects)
+        cost = CostSettings(
+            **group("cost", CostSettings), rules=CostRules(**group("cost", CostRules))
         )
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
-    inputs = {
-        name: WheelInputs(v[f"{name}.load_topic"], v[f"{name}.sinkage_topic"], v[f"{name}.joint"])
-        for name in wheels
-    }
-    return NodeSettings(onboard, inputs, v["load_sign"], v["autostart"])
+    return NodeSettings(
+        onboard,
+        {name: _inputs(v, name) for name in wheels},
+        v["load_sign"],
+        v["autostart"],
+        LoadSource(v["load.source"]),
+        v["load.per_effort"],
+        v["velocity_topic"],
+        v["soil.file"],
+        cost,
+    )
 
 
-def _prior(v: Mapping[str, Any]) -> SoilPrior:
-    kind = soil(v["soil.name"])
+def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
+    source, height = SinkageSource(v[f"{wheel}.sinkage_source"]), v[f"{wheel}.range_height"]
+    if source is SinkageSource.RANGE and height is None:
+        raise ParametersError(
+            f"parameter {wheel}.range_height is missing: sinkage_source {source.value} needs what"
+            " the sensor shows on hard ground, in m"
+        )
+    return WheelInputs(
+        v[f"{wheel}.load_topic"],
+        v[f"{wheel}.sinkage_topic"],
+        v[f"{wheel}.joint"],
+        v[f"{wheel}.load_joint"],
+        source,
+        height,
+    )
+
+
+def _estimator(v: Mapping[str, Any], values: dict[str, Any]) -> EstimatorSettings:
+    if LoadSource(v["load.source"]) is LoadSource.STATIC:
+        # What is wrong with a load that nobody measures stays wrong as long as slope and curve do:
+        # like another soil at each spot, it does not average out over measurements at one place.
+        scatter = math.hypot(values["soil_scatter"], v["load.static_std"])
+        values = {**values, "soil_scatter": scatter}
+    return EstimatorSettings(**values, sinkage_std=v["noise.sinkage"])
+
+
+def _velocity(v: Mapping[str, Any]) -> VelocitySource:
+    if v["velocity_topic"]:
+        return VelocitySource.TOPIC
+    return VelocitySource.NONE if v["odometry_from_wheels"] else VelocitySource.ODOMETRY
+
+
+def _static_loads(v: Mapping[str, Any], wheels: Sequence[str]) -> dict[str, Quantity]:
+    """Loads that nobody measures, N: the weight split over the wheels."""
+    if LoadSource(v["load.source"]) is not LoadSource.STATIC:
+        return {}
+    if v["load.mass"] is None:
+        raise ParametersError(
+            "parameter load.mass is missing: load.source static needs the vehicle's mass in kg"
+        )
+    shares = {name: v[f"{name}.load_share"] for name in wheels}
+    given = [share for share in shares.values() if share is not None]
+    if given and (len(given) < len(wheels) or not math.isclose(sum(given), 1.0, abs_tol=0.01)):
+        raise ParametersError(
+            f"parameters load_share: {len(given)} of {len(wheels)} wheels have one, with a sum of"
+            f" {sum(given):g}: give all of them, with a sum of 1, or none"
+        )
+    weight = v["load.mass"] * _GRAVITY
+    loads = {name: weight * (share or 1.0 / len(wheels)) for name, share in shares.items()}
+    return {name: Quantity(load, v["load.static_std"] * load) for name, load in loads.items()}
+
+
+def _prior(v: Mapping[str, Any], kind: Soil) -> SoilPrior:
     law = {name: v[f"soil.{name}"] for name in ("k", "n", "m") if v[f"soil.{name}"] is not None}
     return SoilPrior.from_soil(
         replace(kind, **law),
@@ -175,9 +282,7 @@ def _prior(v: Mapping[str, Any]) -> SoilPrior:
     )
 
 
-def _strength(v: Mapping[str, Any]) -> Strength:
-    kind = soil(v["soil.name"])
-
+def _strength(v: Mapping[str, Any], kind: Soil) -> Strength:
     def quantity(name: str) -> Quantity:
         value = v[f"soil.{name}"]
         return Quantity(getattr(kind, name) if value is None else value, v[f"soil.{name}_std"])

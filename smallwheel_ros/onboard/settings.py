@@ -4,17 +4,50 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from enum import Enum
 
+from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.wheel import Strength, Wheel
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 
 class OnboardError(SmallwheelError):
     """Settings that nothing can be estimated with, or a wheel that is not of this vehicle."""
+
+
+class VelocitySource(Enum):
+    """Where the speed over ground comes from that slip is worked out with."""
+
+    ODOMETRY = "odometry"  # which the wheels do not measure
+    TOPIC = "topic"  # a sensor of its own: radar, optical flow, visual odometry
+    NONE = "none"  # odometry is made from the wheels: it cannot show slip
+
+
+@dataclass(frozen=True)
+class DiggingInRules:
+    """When a wheel is taken to dig itself in: all of these at once, and for some time.
+
+    Attributes
+    ----------
+    slip
+        Slip of at least this, 1.
+    sinkage_rise
+        Measured sinkage above that of ordinary driving by this share of it.
+    speed_drop
+        Speed over ground below that of ordinary driving by this share of it.
+    time
+        For so long, s.
+    """
+
+    slip: float = 0.5
+    sinkage_rise: float = 0.3
+    speed_drop: float = 0.3
+    time: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,6 +117,14 @@ class OnboardSettings:
         Names of wheels whose sinkage nobody measures; they get predictions at the times of loads.
     reference_slip
         Slip at which the margin is worked out (`mobility.WheelForces`), 0 .. 1.
+    effects
+        Effects of the model beside pressure and sinkage, in their order.
+    static_loads
+        Loads (N) of wheels whose load nobody measures, by name.
+    velocity
+        Where the speed over ground comes from.
+    digging_in
+        When a wheel is taken to dig itself in.
 
     Raises OnboardError where something is outside its domain.
     """
@@ -97,6 +138,10 @@ class OnboardSettings:
     standstill_speed: float = 0.01
     without_sinkage: frozenset[str] = frozenset()
     reference_slip: float = REFERENCE_SLIP
+    effects: tuple[Effect, ...] = ()
+    static_loads: Mapping[str, Quantity] = field(default_factory=dict)
+    velocity: VelocitySource = VelocitySource.ODOMETRY
+    digging_in: DiggingInRules = field(default_factory=DiggingInRules)
 
     def __post_init__(self) -> None:
         """Check everything that no other class checks."""
@@ -112,17 +157,23 @@ class OnboardSettings:
                     raise OnboardError(
                         f"wheel {wheel.name}: {name} is {value!r} m, expected more than 0"
                     )
-            if not math.isfinite(wheel.lateral_position):
-                raise OnboardError(
-                    f"wheel {wheel.name}: lateral_position is {wheel.lateral_position!r} m,"
-                    " expected a number"
-                )
+            for name in ("lateral_position", "longitudinal_position"):
+                value = getattr(wheel, name)
+                if not math.isfinite(value):
+                    raise OnboardError(
+                        f"wheel {wheel.name}: {name} is {value!r} m, expected a number"
+                    )
             if wheel.contact not in (ROLLING, PRESSED):
                 raise OnboardError(
                     f"wheel {wheel.name}: contact is {wheel.contact!r}, expected '{ROLLING}' or"
                     f" '{PRESSED}'"
                 )
-        for group in (self.noise, self.timing):
+        for name, load in self.static_loads.items():
+            if not (math.isfinite(load.value) and load.value > 0):
+                raise OnboardError(
+                    f"wheel {name}: static load is {load.value!r} N, expected over 0"
+                )
+        for group in (self.noise, self.timing, self.digging_in):
             for entry in fields(group):
                 value = getattr(group, entry.name)
                 if not (math.isfinite(value) and value >= 0):

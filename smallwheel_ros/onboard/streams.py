@@ -156,7 +156,7 @@ class Odometer:
     """
 
     def __init__(self, horizon: int, longest_gap: int, standstill: float) -> None:
-        self._series = Series(horizon)  # x, y, speed, yaw rate
+        self._series = Series(horizon)  # x, y, speed, yaw rate, cosine and sine of yaw
         self._way: list[float] = []  # at each stamp of the series
         self._gap = longest_gap
         self._standstill = standstill
@@ -167,12 +167,20 @@ class Odometer:
         return self._series.newest
 
     def add(
-        self, stamp: int, x: float, y: float, speed: float, yaw_rate: float
+        self,
+        stamp: int,
+        x: float,
+        y: float,
+        speed: float,
+        yaw_rate: float,
+        yaw: float | None = None,
     ) -> StampFault | None:
         """Keep one message; a fault says why it was not kept."""
         series = self._series
         before = len(series)
-        fault = series.add(stamp, (x, y, speed, yaw_rate))
+        # An angle is not interpolated across its jump at pi, its cosine and sine are.
+        turn = (math.nan, math.nan) if yaw is None else (math.cos(yaw), math.sin(yaw))
+        fault = series.add(stamp, (x, y, speed, yaw_rate, *turn))
         if fault is not None:
             return fault
         forgotten = before + 1 - len(series)
@@ -188,7 +196,7 @@ class Odometer:
 
     def _step(self, i: int) -> float:
         """Way from stamp i to the next."""
-        (x0, y0, v0, _), (x1, y1, v1, _) = self._series.values[i : i + 2]
+        (x0, y0, v0, *_), (x1, y1, v1, *_) = self._series.values[i : i + 2]
         duration = self._series.stamps[i + 1] - self._series.stamps[i]
         if duration > self._gap:
             straight = math.hypot(x1 - x0, y1 - y0)
@@ -212,6 +220,13 @@ class Odometer:
         """Speed (m/s) and yaw rate (rad/s) at an instant, as `Series.at`."""
         values = self._series.at(stamp, reach)
         return None if values is None else (values[2], values[3])
+
+    def pose(self, stamp: int, reach: int) -> tuple[float, float, float] | None:
+        """Place (m) and yaw (rad) at an instant, as `Series.at`; None where yaw is not known."""
+        values = self._series.at(stamp, reach)
+        if values is None or math.isnan(values[4]):
+            return None
+        return values[0], values[1], math.atan2(values[5], values[4])
 
     def clear(self) -> None:
         """Forget everything, the way too."""

@@ -22,7 +22,8 @@ class Wheel:
 
     contact: 'rolling', or 'pressed' for a wheel that is pushed straight down and so meets the soil
     on both sides of its lowest point. lateral_position: m left of the vehicle's middle; in a turn
-    the wheels of one side travel faster than those of the other.
+    the wheels of one side travel faster than those of the other. longitudinal_position: m ahead of
+    it.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Wheel:
     width: float
     contact: str = ROLLING
     lateral_position: float = 0.0
+    longitudinal_position: float = 0.0
 
 
 @dataclass(frozen=True)

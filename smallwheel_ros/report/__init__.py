@@ -16,6 +16,7 @@ from smallwheel_ros.report.page import (
     page,
     write_page,
 )
+from smallwheel_ros.report.whole_report import whole_report
 
 __all__ = [
     "Block",
@@ -29,5 +30,6 @@ __all__ = [
     "compare_report",
     "diagnosis_report",
     "page",
+    "whole_report",
     "write_page",
 ]

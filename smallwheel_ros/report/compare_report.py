@@ -30,10 +30,10 @@ def compare_report(comparison: Comparison) -> str:
         [
             Section("In short", [_summary(comparison)]),
             Section("The data", data_blocks(comparison)),
-            Section("The models", _models(comparison)),
-            Section("Measured against predicted", _scatter(comparison)),
-            Section("Where it fails", _failures(comparison)),
-            Section("What to keep in mind", [_caveats(comparison)]),
+            Section("The models", model_blocks(comparison)),
+            Section("Measured against predicted", scatter_blocks(comparison)),
+            Section("Where it fails", failure_blocks(comparison)),
+            Section("What to keep in mind", [Text(items=caveats(comparison))]),
         ],
         data.source,
         f"Data: SHA-256 {data.sha256}." if data.sha256 else "",
@@ -73,6 +73,14 @@ def _value(channel: str, value: float | None) -> str:
 
 
 def _summary(comparison: Comparison) -> Callout:
+    sentences = summary(comparison)
+    if not sentences:
+        return Callout("No model could predict any of the measurements.", kind="warning")
+    return Callout(sentences[0], sentences[1:])
+
+
+def summary(comparison: Comparison) -> list[str]:
+    """Say which model is best, one sentence a channel."""
     sentences = []
     for channel in comparison.channels:
         found = _best(comparison, channel)
@@ -94,12 +102,11 @@ def _summary(comparison: Comparison) -> Callout:
                 f"{_value(channel, floor.value)}"
             )
         sentences.append(line + ".")
-    if not sentences:
-        return Callout("No model could predict any of the measurements.", kind="warning")
-    return Callout(sentences[0], sentences[1:])
+    return sentences
 
 
-def _models(comparison: Comparison) -> list[Block]:
+def model_blocks(comparison: Comparison) -> list[Block]:
+    """What each model is, its errors, and what it could not predict."""
     blocks: list[Block] = [
         Text(items=[f"{m.contender.name}: {m.contender.description}." for m in comparison.models])
     ]
@@ -162,7 +169,8 @@ def _reasons(comparison: Comparison) -> list[str]:
     return lines
 
 
-def _scatter(comparison: Comparison) -> list[Block]:
+def scatter_blocks(comparison: Comparison) -> list[Block]:
+    """Measured against predicted, a picture a channel."""
     return [
         Picture(
             measured_against_predicted(comparison, channel),
@@ -173,7 +181,8 @@ def _scatter(comparison: Comparison) -> list[Block]:
     ]
 
 
-def _failures(comparison: Comparison) -> list[Block]:
+def failure_blocks(comparison: Comparison) -> list[Block]:
+    """What the last model leaves, over each condition and in the worst parts of the data."""
     blocks: list[Block] = []
     focus = comparison.models[-1]
     ratio = resistance_ratio(comparison.measurements)
@@ -237,7 +246,8 @@ def _where(comparison: Comparison, part: Part) -> str:
     return f"{words(part.by)} {' to '.join(dict.fromkeys(ends))} {shown.unit}".rstrip()
 
 
-def _caveats(comparison: Comparison) -> Block:
+def caveats(comparison: Comparison) -> list[str]:
+    """What to keep in mind of a comparison."""
     lines = [
         "The run, not the row, is the unit of evidence: rows of one run are repeats and are held "
         "out together.",
@@ -259,4 +269,4 @@ def _caveats(comparison: Comparison) -> Block:
             "The table names no runs. If rows belong together (one filling of the bin, one drive), "
             "the held-out errors are too small: name them in the column 'run'."
         )
-    return Text(items=lines)
+    return lines

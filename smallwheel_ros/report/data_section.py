@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison
@@ -10,8 +12,16 @@ from smallwheel_ros.display import brief, column_display, display, number, sente
 from smallwheel_ros.report.page import Block, Callout, Details, Table, Text
 
 
-def data_blocks(comparison: Comparison) -> list[Block]:
-    """What was measured, over which ranges, how well it repeats, and what is odd about it."""
+def data_blocks(
+    comparison: Comparison, repeatability: Mapping[str, float] | None = None
+) -> list[Block]:
+    """What was measured, over which ranges, how well it repeats, and what is odd about it.
+
+    repeatability: what repeats of one run differ by, by channel in SI, where the comparison's noise
+    floor is more than that.
+    """
+    repeats = repeatability or {}
+    apart = ["repeats differ by"] if repeats else []
     data = comparison.measurements
     left_out = sum(lines.size for _, lines in comparison.left_out)
     runs = f"{data.runs.size} runs" if data.runs_given else "no runs named: each row is its own"
@@ -28,10 +38,10 @@ def data_blocks(comparison: Comparison) -> list[Block]:
         Text(lines),
         Table(["condition", "from", "to", ""], rows, "Conditions", numbers=(1, 2)),
         Table(
-            ["channel", "rows", "from", "to", "noise floor", "known from"],
-            [_channel_row(comparison, name) for name in data.channels],
+            ["channel", "rows", "from", "to", *apart, "noise floor", "known from"],
+            [_channel_row(comparison, name, repeats) for name in data.channels],
             "Measured channels",
-            numbers=(1, 2, 3, 4),
+            numbers=range(1, 5 + len(apart)),
         ),
     ]
     odd = [f"{lines.size} rows left out: {why} (first in line {lines[0]})."
@@ -55,7 +65,7 @@ def _range(comparison: Comparison, name: str) -> list[str]:
     return [brief(scale * known.min()), brief(scale * known.max())]
 
 
-def _channel_row(comparison: Comparison, name: str) -> list[str]:
+def _channel_row(comparison: Comparison, name: str, repeats: Mapping[str, float]) -> list[str]:
     shown = display(name, UNITS[name])
     values = comparison.measurements.channels[name]
     known = values[np.isfinite(values)]
@@ -65,5 +75,7 @@ def _channel_row(comparison: Comparison, name: str) -> list[str]:
         [number(v * shown.scale) for v in (known.min(), known.max())] if known.size else ["-"] * 2
     )
     source = {"repeats": "repeated rows", "declared": "the table's own figures", None: "unknown"}
-    return [shown.label, str(known.size), *ends, number(level),
+    spread = repeats.get(name)
+    apart = [number(None if spread is None else spread * shown.scale)] if repeats else []
+    return [shown.label, str(known.size), *ends, *apart, number(level),
             f"{source[floor.source]}: {floor.reason}"]  # fmt: skip

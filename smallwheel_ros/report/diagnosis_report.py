@@ -22,6 +22,7 @@ from smallwheel_ros.report.verdict_section import (
     HEADLINES,
     listed,
     p_text,
+    said,
     shown_value,
     verdict_block,
 )
@@ -50,11 +51,7 @@ def diagnosis_report(
     the sections "data", "where_it_fails", "effects", "steps", "next". source: the data's file.
     Raises ReportError where the document is not one of a diagnosis.
     """
-    verdict = document.get("verdict")
-    if verdict not in HEADLINES:
-        raise ReportError(
-            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(HEADLINES)}"
-        )
+    check_diagnosis(document)
     more = pictures or {}
     return page(
         "Which effect is missing?",
@@ -62,35 +59,51 @@ def diagnosis_report(
             Section("In short", [verdict_block(document)]),
             Section("The data", [*_data(document), *more.get("data", ())]),
             Section("Where the model fails",
-                    [*_where_it_fails(document), *more.get("where_it_fails", ())]),
-            Section("Which effect is missing", [*_ranking(document), *more.get("effects", ())]),
-            Section("Error, step by step", [*_steps(document), *more.get("steps", ())]),
-            Section("What this data cannot tell", _unknowable(document)),
-            Section("What to measure next", [*_next(document), *more.get("next", ())]),
-            Section("What to keep in mind", [_caveats(document)]),
+                    [*region_blocks(document), *more.get("where_it_fails", ())]),
+            Section("Which effect is missing",
+                    [*ranking_blocks(document), *more.get("effects", ())]),
+            Section("Error, step by step", [*step_blocks(document), *more.get("steps", ())]),
+            Section("What this data cannot tell", unknowable_blocks(document)),
+            Section("What to measure next", [*next_blocks(document), *more.get("next", ())]),
+            Section("What to keep in mind", [Text(items=caveats(document))]),
         ],
         source,
     )  # fmt: skip
 
 
+def check_diagnosis(document: Mapping[str, Any]) -> None:
+    """Raise ReportError where the document is not one of a diagnosis."""
+    verdict = document.get("verdict")
+    if verdict not in HEADLINES:
+        raise ReportError(
+            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(HEADLINES)}"
+        )
+
+
 def _data(document: Mapping[str, Any]) -> list[Block]:
+    channels = document.get("channels") or {}
+    known = any(c.get("repeatability") is not None for c in channels.values())
     rows = [
         [words(name), str(c["rows"]), shown_value(name, c["rmse"]), shown_value(name, c["bias"]),
+         *([shown_value(name, c.get("repeatability"))] if known else []),
          shown_value(name, c.get("noise_floor")), str(c.get("noise_floor_source") or "-")]
-        for name, c in (document.get("channels") or {}).items()
+        for name, c in channels.items()
     ]  # fmt: skip
     blocks: list[Block] = []
     if rows:
-        header = ["channel", "rows", "base model's RMSE", "bias", "noise floor", "known from"]
+        apart = ["repeats differ by"] if known else []
+        header = ["channel", "rows", "base model's RMSE", "bias", *apart, "noise floor",
+                  "known from"]  # fmt: skip
         caption = "What was measured, and what the base model leaves; bias is measured - predicted"
-        blocks.append(Table(header, rows, caption, numbers=(1, 2, 3, 4)))
+        blocks.append(Table(header, rows, caption, numbers=range(1, 5 + len(apart))))
     warnings = list(document.get("warnings") or [])
     if warnings:
         blocks.append(Callout("Worth a second look", warnings, "warning"))
     return blocks
 
 
-def _where_it_fails(document: Mapping[str, Any]) -> list[Block]:
+def region_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """Where the base model fails, in words and numbers."""
     regions = document.get("where_it_fails") or []
     if not regions:
         return []
@@ -105,7 +118,8 @@ def _where_it_fails(document: Mapping[str, Any]) -> list[Block]:
     return [Table(header, rows, caption, numbers=range(2, 7))]
 
 
-def _ranking(document: Mapping[str, Any]) -> list[Block]:
+def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """Every effect that was tested, and its fitted numbers."""
     tested = [r for r in document.get("ranking") or [] if r["status"] != "not_testable"]
     if not tested:
         return []
@@ -158,8 +172,10 @@ def _plain_unit(unit: str | None) -> str:
     return "" if unit in (None, "1") else str(unit)
 
 
-def _steps(document: Mapping[str, Any]) -> list[Block]:
-    figure = staircase(document)
+def step_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """The staircase of held-out errors."""
+    # With too little data nothing was held out: there is one error, in sample, and no stairs.
+    figure = None if document["verdict"] == "insufficient_data" else staircase(document)
     if figure is None:
         return []
     steps = document["steps"]
@@ -168,11 +184,18 @@ def _steps(document: Mapping[str, Any]) -> list[Block]:
         "" if last is None else " and after each effect that was added"
     )
     if any(c.get("noise_floor") is not None for c in (document.get("channels") or {}).values()):
-        caption += "; the dashed line is what repeated measurements differ by"
+        caption += (
+            "; the dashed line is the noise floor: the held-out error that the true model would "
+            "leave, with the noise of each row and the scatter of the soil from run to run"
+        )
+        if document["verdict"] == "unknown_effect":
+            caption += "; with something still missing, part of that may pass for scatter, and the "
+            caption += "true floor be lower"
     return [Picture(figure, caption + ".")]
 
 
-def _unknowable(document: Mapping[str, Any]) -> list[Block]:
+def unknowable_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """What could not be tested, seen or told apart."""
     ranking = document.get("ranking") or []
     blind = [r for r in ranking if r["status"] == "not_testable"]
     blocks: list[Block] = []
@@ -204,7 +227,8 @@ def _unknowable(document: Mapping[str, Any]) -> list[Block]:
     return blocks
 
 
-def _next(document: Mapping[str, Any]) -> list[Block]:
+def next_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """The measurements that would decide."""
     proposals = document.get("next_measurements") or []
     rows = [
         [_settings(p.get("settings") or {}), listed(p["separates"], "from")
@@ -235,11 +259,12 @@ def _setting(name: str, value: object) -> str:
     return f"{brief(value * shown.scale)} {shown.unit}".rstrip()
 
 
-def _caveats(document: Mapping[str, Any]) -> Block:
-    lines = [
+def caveats(document: Mapping[str, Any]) -> list[str]:
+    """What to keep in mind of a diagnosis."""
+    held_out = "Errors of the diagnosis are held out: each run was predicted by a fit without it."
+    return [
         "A named effect is the best explanation among those in the library, not a proof: another "
         "cause that follows the same condition would look the same.",
-        "All errors are held out: each run was predicted by a model that was fitted without it.",
-        *[str(note) for note in document.get("notes") or []],
+        *([] if document["verdict"] == "insufficient_data" else [held_out]),
+        *[said(str(note)) for note in document.get("notes") or []],
     ]
-    return Text(items=lines)

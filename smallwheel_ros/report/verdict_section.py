@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smallwheel_ros.compare.scores import UNITS
-from smallwheel_ros.display import display, number, words
+from smallwheel_ros.display import display, number, sentence, words
 from smallwheel_ros.report.page import Callout
 
 _TINY = 1e-6  # a smaller p says more of the test's assumptions than of the data
@@ -16,6 +16,12 @@ def listed(names: Sequence[str], last: str = "and") -> str:
     """Join names in words: `a, b and c`."""
     shown = [words(name) for name in names]
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
+
+
+def said(text: str) -> str:
+    """The text as a sentence; one that begins with a name keeps its small letter."""
+    name = any(mark in text.split(" ")[0] for mark in "_.:")
+    return text[:1] + sentence(text)[1:] if name else sentence(text)
 
 
 HEADLINES = {
@@ -49,7 +55,7 @@ def verdict_block(document: Mapping[str, Any]) -> Callout:
         lines.append("Where it fails, below, says which condition the error follows.")
     reason = document.get("reason")
     if reason:
-        lines.append(str(reason))
+        lines.append(said(str(reason)))
     p = (document.get("lack_of_fit") or {}).get("p_value")
     if p is not None:
         lines.append(

@@ -15,39 +15,30 @@ from functools import partial, wraps
 from typing import Any, TypeVar
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import (
     LifecycleNode,
-    LifecyclePublisher,
     LifecycleState,
     TransitionCallbackReturn,
 )
-from rclpy.qos import qos_policy_name_from_kind
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
-from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
-from smallwheel_ros.msg import SoilEstimate as SoilMessage
-from smallwheel_ros.msg import WheelSinkage
-from smallwheel_ros.onboard.intake import ODOMETRY
-from smallwheel_ros.onboard.mobility import MobilityEstimate
+from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
-from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.conversions import mobility_message, nanoseconds_of, soil_message
+from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, alarms, entries, status
+from smallwheel_ros.ros.listening import Listening
 from smallwheel_ros.ros.node_parameters import NodeParameters
-from smallwheel_ros.ros.reporting import Reporter, inputs_of, status
+from smallwheel_ros.ros.outputs import Outputs
+from smallwheel_ros.ros.reporting import Reporter, inputs_of
+from smallwheel_ros.ros.soil_file import SoilFile
 
-_SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
+_MARKERS_EVERY = 0.2  # s
 EXIT_BAD_INPUT = 2
 
 Transition = TypeVar("Transition", bound=Callable[..., TransitionCallbackReturn])
@@ -74,21 +65,22 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._onboard: Onboard | None = None
         self._reporter = Reporter(self, [])
-        self._listening: list[Subscription] = []
+        self._listening = Listening(self)
         self._ticking: list[Timer] = []
-        self._newest: dict[str, MobilityEstimate] = {}
-        self._soil_sent: int | None = None
-        self._soil_waits: Result | None = None
-        self._odometry_frame = ""
+        self._alarm = ""  # the newest, in words
         self._last_arrival = time.monotonic()
         self.problem = ""  # why it could not be configured
-        self._table = NodeParameters(self, may_change=lambda: self._onboard is None)
+        self._table = NodeParameters(
+            self, in_use=lambda: self._onboard is not None, changed=self._on_parameters
+        )
         for text in self._table.unknown:
             self.get_logger().warning(text)
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/save_soil", self._on_save_soil)
 
     @property
     def autostart(self) -> bool:
@@ -110,23 +102,24 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         values = ", ".join(f"{k}={v}" for k, v in self._table.values().items() if v is not None)
         self.get_logger().info(f"effective parameters: {values}")
         self._onboard = Onboard(self._settings.onboard)
-        self._reporter = Reporter(self, inputs_of(self, self._settings, self._onboard.streams))
-        self._mobility = self._output(MobilityMessage, "~/mobility", qos.ESTIMATE)
-        self._soil = self._output(SoilMessage, "~/soil", qos.LATCHED)
+        self._time_jumps = 0
+        self._feed_with(Feed(self._onboard, self._settings))
+        self._outputs = Outputs(self, self._settings, self._report)
+        self._soil_file = SoilFile(self._settings.soil_file)
+        restored = self._soil_file.restore(self._onboard)
+        if self._soil_file.problem:
+            self.get_logger().warning(restored)
+        elif restored:
+            self.get_logger().info(restored)
         return super().on_configure(state)
 
     @_says_why
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and publish the soil as it is believed before any measurement."""
         result = super().on_activate(state)
-        self._listen(self._settings)
-        self._ticking = [
-            self.create_timer(0.5, self._flush, clock=self._wall),
-            self.create_timer(_WAITING_EVERY, self._say_what_is_missing, clock=self._wall),
-        ]
+        self._listen()
         assert self._onboard is not None
-        stamp = self.get_clock().now().nanoseconds
-        self._soil.publish(soil_message(self._onboard.soil, stamp, "", self._onboard.rejected))
+        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
         return result
 
     @_says_why
@@ -137,7 +130,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     @_says_why
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget everything: parameters may change now."""
+        """Forget everything."""
         result = super().on_cleanup(state)
         self._forget()
         return result
@@ -152,115 +145,120 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _forget(self) -> None:
         if self._onboard is not None:
-            self.destroy_lifecycle_publisher(self._mobility)
-            self.destroy_lifecycle_publisher(self._soil)
+            self._outputs.destroy()
         self._onboard = None
         self._reporter = Reporter(self, [])
-        self._newest, self._soil_sent, self._soil_waits = {}, None, None
+
+    # --- Parameters and services
+
+    def _on_parameters(self, changes: str) -> None:
+        """Go by parameters that were changed while they are in use; they have been checked."""
+        assert self._onboard is not None
+        try:
+            before, self._settings = self._settings, self._table.settings()
+        except ParametersError as error:  # a file that they name has changed since the check
+            self.get_logger().error(f"parameters not changed: {error}")
+            return
+        if before == self._settings:
+            return
+        active = self._listening.on
+        if active:
+            self._publish(self._onboard.flush())
+        words = [f"parameters changed: {changes}"]
+        if before.onboard != self._settings.onboard and self._onboard.apply(self._settings.onboard):
+            words.append("the soil starts over")
+            if active:
+                self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        self._soil_file = SoilFile(self._settings.soil_file)
+        self._feed_with(Feed(self._onboard, self._settings, self._feed.odometry_frame))
+        if self._outputs.apply(self._settings):
+            words.append("the cost map starts over")
+        if active:
+            self._stop_listening()
+            self._listen()
+        self.get_logger().info("; ".join(words))
+
+    def _on_save_soil(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        if self._onboard is None:
+            response.message = "not configured: there is no soil to save"
+        else:
+            response.success, response.message = self._soil_file.save(self._onboard)
+        self.get_logger().info(f"save_soil: {response.message}")
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._onboard is None:
+            response.message = "not configured: there is nothing to reset"
+            return response
+        self._onboard.reset()
+        self._outputs.start_over()
+        if self._listening.on:
+            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        response.success = True
+        response.message = "soil, cost map and buffers start over; the counts go on"
+        self.get_logger().info(f"reset: {response.message}")
+        return response
 
     # --- Topics
 
-    def _listen(self, settings: NodeSettings) -> None:
-        assert self._onboard is not None
+    def _feed_with(self, feed: Feed) -> None:
+        self._feed = feed
+        self._reporter.inputs = {i.stream: i for i in inputs_of(self, self._feed.topics)}
+
+    def _listen(self) -> None:
         self._last_arrival = time.monotonic()
-        for name, inputs in settings.inputs.items():
-            self._input(WrenchStamped, inputs.load_topic, partial(self._on_load, name))
-            if inputs.sinkage_topic:
-                self._input(WheelSinkage, inputs.sinkage_topic, partial(self._on_sinkage, name))
-        if ODOMETRY in self._onboard.streams:
-            self._input(Odometry, "odom", self._on_odometry)
-            self._wheels_of = {
-                inputs.joint: name
-                for name, inputs in settings.inputs.items()
-                if f"{name}/wheel_speed" in self._onboard.streams
-            }
-            self._input(JointState, "joint_states", self._on_joint_states)
+        classes = partial(self._safely, self._outputs.cost.on_classes)
+        self._listening.start(self._feed.topics, self._take, classes)
+        self._ticking = [
+            self.create_timer(period, partial(self._safely, work), clock=self._wall)
+            for period, work in (
+                (0.5, self._flush),
+                (_WAITING_EVERY, self._say_what_is_missing),
+                (self._settings.cost.period, self._outputs.publish_cost),
+                (_MARKERS_EVERY, self._publish_markers),
+            )
+        ]
 
     def _stop_listening(self) -> None:
-        for subscription in self._listening:
-            self.destroy_subscription(subscription)
+        self._listening.stop()
         for timer in self._ticking:
             self.destroy_timer(timer)
-        self._listening, self._ticking = [], []
+        self._ticking = []
 
-    def _input(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> None:
-        # Each event handler costs time at every wait: what they would tell of inputs, the reporter
-        # finds out where a topic stays silent.
-        events = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._listening.append(
-            self.create_subscription(kind, topic, callback, qos.INPUT, event_callbacks=events)
-        )
+    # --- Messages: feed them, publish what comes of it
 
-    def _output(self, kind: Any, topic: str, profile: Any) -> LifecyclePublisher:
-        def incompatible(event: Any) -> None:
-            policy = qos_policy_name_from_kind(event.last_policy_kind)
-            text = f"a subscriber asks for QoS that is not offered ({policy}): it gets nothing"
-            self._report(self.resolve_topic_name(topic), "incompatible_qos", text)
-
-        events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
-        return self.create_lifecycle_publisher(kind, topic, profile, event_callbacks=events)
-
-    # --- Messages: convert, call, publish
-
-    def _on_load(self, wheel: str, message: WrenchStamped) -> None:
-        load = self._settings.load_sign * message.wrench.force.z
-        self._take("on_load", wheel, nanoseconds_of(message.header.stamp), load)
-
-    def _on_sinkage(self, wheel: str, message: WheelSinkage) -> None:
-        stamp = nanoseconds_of(message.header.stamp)
-        self._take("on_sinkage", wheel, stamp, message.sinkage, message.variance)
-
-    def _on_odometry(self, message: Odometry) -> None:
-        self._odometry_frame = message.header.frame_id
-        place, twist = message.pose.pose.position, message.twist.twist
-        stamp = nanoseconds_of(message.header.stamp)
-        self._take("on_odometry", stamp, place.x, place.y, twist.linear.x, twist.angular.z)
-
-    def _on_joint_states(self, message: JointState) -> None:
-        known = [
-            (i, self._wheels_of[n]) for i, n in enumerate(message.name) if n in self._wheels_of
-        ]
-        if known and len(message.velocity) != len(message.name):
-            text = f"{len(message.name)} joints have {len(message.velocity)} velocities"
-            self._report("joint_states", "no_velocity", text)
-            return
-        stamp = nanoseconds_of(message.header.stamp)
-        for i, wheel in known:
-            self._take("on_wheel_speed", wheel, stamp, message.velocity[i])
-
-    def _take(self, method: str, *values: Any) -> None:
-        if self._onboard is None:
-            return
-        self._last_arrival = time.monotonic()
-        try:
-            now = self.get_clock().now().nanoseconds
-            self._publish(getattr(self._onboard, method)(*values, now=now))
-        except Exception:
-            # A defect of this package must not take a robot's node down; it is loud all the same.
-            text = f"{method}{values} failed:\n{traceback.format_exc()}"
-            self._report(method, "internal_error", text)
-        self._reporter.log_problems(self._onboard.take_problems())
-
-    def _report(self, stream: str, reason: str, text: str) -> None:
+    def _take(self, topic: Topic, message: Any) -> None:
         if self._onboard is not None:
-            self._onboard.report(stream, reason, text)
+            self._last_arrival = time.monotonic()
+            self._safely(self._handle, topic, message)
+            self._reporter.log_problems(self._onboard.take_problems())
+
+    def _handle(self, topic: Topic, message: Any) -> None:
+        self._publish(topic.handle(message, self.get_clock().now().nanoseconds))
+
+    def _safely(self, work: Callable[..., None], *values: Any) -> None:
+        """Do something of which a defect must not take a robot's node down; it is loud all the same."""
+        try:
+            work(*values)
+        except Exception:
+            if not rclpy.ok():
+                raise
+            name = getattr(work, "__name__", "callback")
+            self._report(name, "internal_error", f"{name} failed:\n{traceback.format_exc()}")
+
+    def _report(self, topic: str, reason: str, text: str) -> None:
+        if self._onboard is not None:
+            self._onboard.report(self.resolve_topic_name(topic), reason, text)
             self._reporter.log_problems(self._onboard.take_problems())
 
     def _publish(self, results: Sequence[Result]) -> None:
-        for result in results:
-            self._mobility.publish(mobility_message(result.mobility))
-            self._newest[result.mobility.wheel] = result.mobility
-            stamp = result.mobility.stamp
-            sent = self._soil_sent
-            if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-                self._publish_soil(result)
-            else:
-                self._soil_waits = result
-
-    def _publish_soil(self, result: Result) -> None:
-        stamp = result.mobility.stamp
-        self._soil.publish(soil_message(result.soil, stamp, self._odometry_frame, result.rejected))
-        self._soil_sent, self._soil_waits = stamp, None
+        assert self._onboard is not None
+        if self._time_jumps != self._onboard.time_jumps:
+            self._time_jumps = self._onboard.time_jumps
+            self._outputs.start_over()
+        self._outputs.publish(results, self._feed.odometry_frame)
 
     # --- Timers, all of the wall clock
 
@@ -271,24 +269,41 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
             self._publish(self._onboard.flush())
             self._reporter.log_problems(self._onboard.take_problems())
-        if self._soil_waits is not None:
-            self._publish_soil(self._soil_waits)
+        self._outputs.publish_waiting_soil(self._feed.odometry_frame)
 
     def _say_what_is_missing(self) -> None:
         if self._onboard is not None:
             for text in self._reporter.waiting_for(self._onboard):
                 self.get_logger().warning(f"still waiting for {text}")
 
+    def _publish_markers(self) -> None:
+        self._outputs.publish_markers(self._feed.odometry_frame)
+
+    def _say_alarms(self) -> None:
+        """Log an alarm when it is new: not everybody looks at diagnostics."""
+        assert self._onboard is not None
+        newest = [result.mobility for result in self._outputs.newest.values()]
+        alarm = "; ".join(alarms(self._onboard, newest))
+        if alarm and alarm != self._alarm:
+            self.get_logger().error(alarm)
+        self._alarm = alarm
+
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
-        listening = self._onboard if self._listening else None
-        entries = self._reporter.entries(name, listening, self._newest.values())
         if self.problem:
-            entries = [status(f"{name}: parameters", DiagnosticStatus.ERROR, self.problem)]
-        elif self._table.unknown:
-            text = "; ".join(self._table.unknown)
-            entries.append(status(f"{name}: parameters", DiagnosticStatus.WARN, text))
-        array = DiagnosticArray(status=entries)
+            found = [status(f"{name}: parameters", ERROR, self.problem)]
+        elif self._onboard is None or not self._listening.on:
+            text = "not active: it waits for a lifecycle manager"
+            found = [status(f"{name}: inputs", OK, text)]
+        else:
+            self._say_alarms()
+            newest = [result.mobility for result in self._outputs.newest.values()]
+            found = entries(name, self._onboard, self._reporter, newest, self._outputs.cost)
+            if self._soil_file.problem:
+                found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
+        if self._table.unknown and not self.problem:
+            found.append(status(f"{name}: parameters", WARN, "; ".join(self._table.unknown)))
+        array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
@@ -315,6 +330,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        # A signal ends ROS at any moment: what was about to be published then fails.
+        if rclpy.ok():
+            raise
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -25,14 +25,6 @@ from smallwheel_ros.onboard.parameters import (
     wheel_names,
 )
 
-_ROS_TYPES = {
-    "double": RosParameter.Type.DOUBLE,
-    "integer": RosParameter.Type.INTEGER,
-    "string": RosParameter.Type.STRING,
-    "bool": RosParameter.Type.BOOL,
-    "string_array": RosParameter.Type.STRING_ARRAY,
-}
-
 
 class NodeParameters:
     """The parameters of a node, which must be made to declare all overrides by itself.
@@ -41,15 +33,25 @@ class NodeParameters:
     type, range and description. A value that does not fit is not declared but remembered, so that
     the node can say in its own words what is wrong, and somebody can mend it while it runs.
 
+    Parameters
+    ----------
+    in_use
+        Whether the node goes by the parameters now: then all of them together must make sense.
+    changed
+        Called after a change of them while they are in use, with names and values in words.
+
     Attributes
     ----------
     unknown
         A sentence for each given parameter that nobody knows.
     """
 
-    def __init__(self, node: Node, may_change: Callable[[], bool]) -> None:
+    def __init__(
+        self, node: Node, in_use: Callable[[], bool], changed: Callable[[str], None]
+    ) -> None:
         self._node = node
-        self._may_change = may_change
+        self._in_use = in_use
+        self._changed = changed
         given = {
             name: _plain(parameter.value)
             for name, parameter in node.get_parameters_by_prefix("").items()
@@ -66,6 +68,7 @@ class NodeParameters:
         for parameter in table:
             self._declare(parameter, given.get(parameter.name))
         node.add_on_set_parameters_callback(self._judge)
+        node.add_post_set_parameters_callback(self._after)
 
     def _declare(self, parameter: Parameter, value: object) -> None:
         name = parameter.name
@@ -79,30 +82,29 @@ class NodeParameters:
         if value is None or name in self._problems:
             value = parameter.default
         descriptor = _descriptor(parameter)
-        if value is None:
-            self._node.declare_parameter(
-                name, _ROS_TYPES[parameter.kind], descriptor, ignore_override=True
-            )
-        else:
-            self._node.declare_parameter(name, value, descriptor, ignore_override=True)
+        self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
-    def _judge(self, changes: Iterable[RosParameter]) -> SetParametersResult:
-        for change in changes:
-            parameter = self._table.get(change.name)
-            if parameter is None:
-                continue
-            if not self._may_change():
-                return SetParametersResult(
-                    successful=False,
-                    reason=f"parameter {change.name} is read when the node is configured:"
-                    " deactivate and clean up the node first",
-                )
-            problem = parameter.problem(_plain(change.value))
+    def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
+        known = [change for change in changes if change.name in self._table]
+        for change in known:
+            parameter, value = self._table[change.name], _plain(change.value)
+            optional = value is None and not parameter.required
+            problem = None if optional else parameter.problem(value)
             if problem is not None:
                 return SetParametersResult(successful=False, reason=problem)
-        for change in changes:
+        if known and self._in_use():
+            try:
+                settings_from(self.values() | {c.name: _plain(c.value) for c in known})
+            except ParametersError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        for change in known:
             self._problems.pop(change.name, None)
         return SetParametersResult(successful=True)
+
+    def _after(self, changes: Sequence[RosParameter]) -> None:
+        words = ", ".join(f"{c.name}={_plain(c.value)}" for c in changes if c.name in self._table)
+        if words and self._in_use():
+            self._changed(words)
 
     def values(self) -> dict[str, object]:
         """Return the value of each known parameter, None where there is none."""
@@ -132,6 +134,8 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         name=parameter.name,
         description=f"{parameter.description}{unit}",
         read_only=parameter.read_only,
+        # Of another type rclpy says neither which parameter it is nor what to write: we do.
+        dynamic_typing=True,
     )
     if parameter.choices:
         allowed = ", ".join(str(choice) for choice in parameter.choices)

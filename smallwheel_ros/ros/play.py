@@ -12,11 +12,11 @@ from typing import Any
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from smallwheel_ros.bags import BagReader, RawMessage
+from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros.conversions import time_message
@@ -24,6 +24,11 @@ from smallwheel_ros.ros.conversions import time_message
 _CLOCK_PERIOD = SECOND // 100
 _MUTUAL = 0.5  # s
 _RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+_KEPT = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 
 
 class PlayError(SmallwheelError):
@@ -53,8 +58,23 @@ def message_class(kind: str) -> Any | None:
         return None
 
 
+def _keeps_last(reader: BagReader, topic: BagTopic) -> bool:
+    """Whether a topic was recorded as latched: who listens late gets its last messages."""
+    found = reader.as_channel(topic.name, topic.type)
+    return found is not None and any(q.durability.name == "TRANSIENT_LOCAL" for q in found[0].qos)
+
+
+def _converted(raw: RawMessage, convert: Callable[[bytes], bytes | memoryview]) -> RawMessage:
+    try:
+        return raw._replace(data=bytes(convert(raw.data)))
+    except Exception as error:  # damaged bytes make rosbags raise as it likes
+        raise PlayError(f"topic {raw.topic}: a message is damaged ({error})") from error
+
+
 class Player:
     """Publishes the messages of one bag in their order; use it in a `with` statement.
+
+    A bag of ROS 1 is converted on the way; a damaged one is played to where it ends.
 
     Attributes
     ----------
@@ -68,27 +88,33 @@ class Player:
     BagError
         If there is no bag, or it cannot be read.
     PlayError
-        If it is a ROS 1 bag, or there is nothing in it to publish.
+        If there is nothing in it to publish, or it ends before the start.
     """
 
     def __init__(self, node: Node, bag: Path | str, settings: PlaySettings | None = None) -> None:
         self.node, self.bag = node, Path(bag)
         self.settings = settings or PlaySettings()
-        if self.bag.suffix == ".bag":
-            raise PlayError(f"bag {self.bag} is of ROS 1: convert it with rosbags-convert first")
         if not self.settings.rate > 0:
             raise PlayError(f"rate is {self.settings.rate:g}, expected more than 0")
-        with BagReader(self.bag) as reader:
+        with BagReader(self.bag, salvage=True) as reader:
             types = {topic.name: topic.type for topic in reader.topics}
+            kept = {t.name: _keeps_last(reader, t) for t in reader.topics}
             self.message_count = reader.message_count
             self._begin = reader.start_time
+            duration = ((reader.end_time or 0) - (reader.start_time or 0)) / SECOND
+        if self.settings.start > duration:
+            raise PlayError(
+                f"start is {self.settings.start:g} s, expected at most {duration:.3f} s: bag"
+                f" {self.bag} is no longer"
+            )
         classes = {name: message_class(kind) for name, kind in types.items()}
         self.topics = {name: types[name] for name, found in classes.items() if found is not None}
         self.skipped = {name: types[name] for name, found in classes.items() if found is None}
         if not self.topics:
             raise PlayError(f"bag {self.bag} has no message of a type that is installed here")
         self.publishers = {
-            name: node.create_publisher(classes[name], name, _RELIABLE) for name in self.topics
+            name: node.create_publisher(classes[name], name, _KEPT if kept[name] else _RELIABLE)
+            for name in self.topics
         }
         self._clock = None
         if self.settings.clock and "/clock" not in self.topics:
@@ -126,8 +152,15 @@ class Player:
         assert self._begin is not None
         start = self._begin + round(self.settings.start * SECOND)
         while True:
-            with BagReader(self.bag) as reader:
-                yield from reader.raw_messages(list(self.topics), start=start)
+            with BagReader(self.bag, salvage=True) as reader:
+                converters = {
+                    (topic.name, topic.type): reader.as_channel(topic.name, topic.type)
+                    for topic in reader.topics
+                    if not reader.is_ros2
+                }
+                for raw in reader.raw_messages(list(self.topics), start=start):
+                    found = converters.get((raw.topic, raw.type))
+                    yield raw if found is None else _converted(raw, found[1])
             if not self.settings.loop:
                 return
 
@@ -140,7 +173,7 @@ class Player:
         origin: tuple[float, int] | None = None  # wall time and log time that belong together
         for raw in self.messages():
             now = time.monotonic()
-            if origin is None or raw.log_time < clock - _CLOCK_PERIOD:
+            if origin is None or raw.log_time < clock - _CLOCK_PERIOD:  # the beginning, a loop
                 origin, clock = (now, raw.log_time), 0
             due = origin[0] + (raw.log_time - origin[1]) / SECOND / self.settings.rate
             while (now := time.monotonic()) < due:

@@ -1,21 +1,18 @@
-"""What the node says of itself: throttled log lines, topics still waited for, diagnostics."""
+"""What the node knows of its inputs: throttled log lines, rates, topics still waited for."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.onboard.intake import ODOMETRY
-from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameters import NodeSettings
 from smallwheel_ros.onboard.problems import Problem
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros.qos import INPUT
 
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
@@ -32,23 +29,11 @@ class Input:
     detail: str = ""  # which part of the message, in words
 
 
-def inputs_of(node: Node, settings: NodeSettings, streams: Iterable[str]) -> Iterator[Input]:
+def inputs_of(node: Node, topics: Iterable[Topic]) -> Iterator[Input]:
     """Say by which topic each stream of the estimate comes."""
-    for stream in streams:
-        wheel, _, kind = stream.partition("/")
-        if stream == ODOMETRY:
-            yield Input(stream, node.resolve_topic_name("odom"), "nav_msgs/msg/Odometry")
-            continue
-        inputs = settings.inputs[wheel]
-        if kind == "wheel_speed":
-            topic = node.resolve_topic_name("joint_states")
-            yield Input(stream, topic, "sensor_msgs/msg/JointState", f", joint {inputs.joint}")
-        elif kind == "load":
-            topic = node.resolve_topic_name(inputs.load_topic)
-            yield Input(stream, topic, "geometry_msgs/msg/WrenchStamped")
-        else:
-            topic = node.resolve_topic_name(inputs.sinkage_topic)
-            yield Input(stream, topic, "smallwheel_ros/msg/WheelSinkage")
+    for topic in topics:
+        for stream, detail in topic.streams.items():
+            yield Input(stream, node.resolve_topic_name(topic.name), topic.type, detail)
 
 
 class Throttle:
@@ -128,90 +113,26 @@ class Reporter:
         """Say of each topic that had messages, that it has none any more."""
         now = time.monotonic()
         return [
-            f"{self.inputs[stream].topic}: no message for {now - last:.0f} s"
-            for stream, (last, count) in self._seen.items()
+            f"{item.topic}: no message for {now - last:.0f} s"
+            for stream, item in self.inputs.items()
+            for last, count in (self._seen.get(stream, (now, 0)),)
             if count and now - last > _SILENT_AFTER
         ]
 
-    def entries(
-        self, name: str, onboard: Onboard | None, newest: Iterable[MobilityEstimate]
-    ) -> list[DiagnosticStatus]:
-        """Return the diagnostics of a node of that name; onboard is None while it is not active."""
-        if onboard is None:
-            text = "not active: it waits for a lifecycle manager"
-            return [status(f"{name}: inputs", DiagnosticStatus.OK, text)]
-        return [
-            self.inputs_status(f"{name}: inputs", onboard),
-            soil_status(f"{name}: soil", onboard.soil, onboard.rejected),
-            *(wheel_status(f"{name}: wheel {estimate.wheel}", estimate) for estimate in newest),
-        ]
+    def flow(self, onboard: Onboard, stream: str) -> str:
+        """How a stream comes in: rate, count, age of the newest good stamp."""
+        text = f"{self._rates.get(stream, 0.0):.1f} Hz, {onboard.received[stream]} received"
+        newest = onboard.newest.get(stream)
+        if newest is None:
+            return text
+        age = (self._node.get_clock().now().nanoseconds - newest) / SECOND
+        return f"{text}, newest stamp {age:.2f} s ago"
 
-    def inputs_status(self, name: str, onboard: Onboard) -> DiagnosticStatus:
-        """Rates of the inputs, what is missing, and what could not be used, by reason."""
-        self.measure(onboard)
-        missing, silent = self.waiting_for(onboard), self.silent()
-        values = {
-            f"{item.topic}{item.detail}": f"{self._rates.get(item.stream, 0.0):.1f} Hz,"
-            f" {onboard.received[item.stream]} received"
-            for item in self.inputs.values()
-        }
-        refused = 0
+    def refused(self, onboard: Onboard) -> dict[str, int]:
+        """How many messages could not be used, by topic and reason."""
+        found: dict[str, int] = {}
         for (stream, reason), count in sorted(onboard.counts.items()):
             item = self.inputs.get(stream)
-            values[f"{item.topic if item else stream}: {reason}"] = str(count)
-            refused += count
-        words = [f"still waiting for {text}" for text in missing] + silent
-        if words:
-            return status(name, DiagnosticStatus.WARN, "; ".join(words), values)
-        text = f"all {len(self.inputs)} inputs come in"
-        if refused:
-            text += f"; {refused} messages could not be used, see the counts"
-        return status(name, DiagnosticStatus.OK, text, values)
-
-
-def soil_status(name: str, soil: SoilEstimate, rejected: int) -> DiagnosticStatus:
-    """The soil in numbers, and what is not determined, in words."""
-    pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
-    spread = soil.covariance.diagonal() ** 0.5
-    values = {
-        "reference pressure [Pa]": f"{pressure:.6g} +- {deviation:.2g}",
-        "k [Pa/m^(n+m)]": f"{soil.k:.6g} +- {spread[0]:.2g}",
-        "n": f"{soil.n:.4f} +- {spread[1]:.2g}",
-        "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
-        "accepted": str(soil.accepted),
-        "rejected": str(rejected),
-        "outliers": str(soil.outliers),
-        "soil changes": str(soil.soil_changes),
-        "travel [m]": f"{soil.distance:.2f}",
-    }
-    text = "; ".join(soil.status) or "k, n and m are determined"
-    return status(name, DiagnosticStatus.OK, text, values)
-
-
-_LEVELS = {
-    Status.LOAD_MISSING: DiagnosticStatus.WARN,
-    Status.SUNK_TO_AXLE: DiagnosticStatus.ERROR,
-}
-
-
-def wheel_status(name: str, estimate: MobilityEstimate) -> DiagnosticStatus:
-    """How one wheel does."""
-    values = {"status": estimate.status.name}
-    pull = estimate.forces.drawbar_pull if estimate.forces else None
-    if pull is not None:
-        values["drawbar pull [N]"] = f"{pull.value:.4g} +- {pull.standard_deviation:.2g}"
-    level = _LEVELS.get(estimate.status, DiagnosticStatus.OK)
-    return status(name, level, estimate.status_text or "OK", values)
-
-
-def status(
-    name: str, level: bytes, message: str, values: Mapping[str, str] | None = None
-) -> DiagnosticStatus:
-    """Return one entry of the diagnostics."""
-    return DiagnosticStatus(
-        name=name,
-        level=level,
-        message=message,
-        hardware_id="",
-        values=[KeyValue(key=key, value=value) for key, value in (values or {}).items()],
-    )
+            topic = item.topic if item else stream
+            found[f"{topic}: {reason}"] = count
+        return found

@@ -1,0 +1,141 @@
+"""What a planner is told after a drive: the cost grid of the node, made without ROS.
+
+    .venv/bin/python examples/cost_map.py [BAG --config ROVER.yaml] [-o out/cost_map.png]
+
+With a bag: its drive through the node's own code, and the cost of the ground that was crossed; if it
+has grids of terrain classes (topic terrain_classes), the cost of their cells too. Without a bag: a
+simulated drive over firm sand into a patch so soft that the wheels hardly get through, in a field
+where a classifier has told the two apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from smallwheel_ros.bags import BagReader
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.grid import Grid, grid_of
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.node_process import config_file
+from smallwheel_ros.onboard.feed import Feed
+from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameter_files import read_parameters
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.pictures.costmap import draw_cost
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+
+CLASSES = "terrain_classes"
+FIRM, SOFT = 0, 1
+BORDERS = (8.0, 12.0)  # m along the way: where the soft patch of the simulated field is
+
+
+def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[CostMap, np.ndarray]:
+    """Return the cost map after a bag, and the places of the robot, shape (places, 2)."""
+    settings = settings_from(read_parameters(config))
+    onboard = Onboard(settings.onboard)
+    feed = Feed(onboard, settings)
+    wheels = {wheel.name: wheel for wheel in settings.onboard.wheels}
+    mapper = GroundMapper(CostMap(settings.cost), wheels)
+    if classes is not None:
+        mapper.map.take_classes(classes)
+    topics = {f"/{topic.name.lstrip('/')}": topic for topic in feed.topics}
+    way: list[tuple[float, float]] = []
+    with BagReader(bag) as reader:
+        wanted = [t.name for t in reader.topics if t.name in topics or t.name == f"/{CLASSES}"]
+        for name, kind, _, message in reader.messages(wanted):
+            if name == f"/{CLASSES}":
+                mapper.map.take_classes(grid_in(message))
+                continue
+            if kind == "nav_msgs/msg/Odometry":
+                way.append((message.pose.pose.position.x, message.pose.pose.position.y))
+            for result in topics[name].handle(message, None):
+                mapper.add(result, feed.odometry_frame)
+    for result in onboard.flush():
+        mapper.add(result, feed.odometry_frame)
+    return mapper.map, np.array(way)
+
+
+def grid_in(message: object) -> Grid:
+    """Turn a recorded nav_msgs/OccupancyGrid into a grid."""
+    header, info, data = (getattr(message, name) for name in ("header", "info", "data"))
+    place, turn = info.origin.position, info.origin.orientation
+    return grid_of(
+        header.frame_id,
+        float(info.resolution),
+        (info.width, info.height),
+        (place.x, place.y, place.z),
+        (turn.x, turn.y, turn.z, turn.w),
+        np.asarray(data, dtype=np.int8),
+    )
+
+
+def simulated(folder: Path) -> tuple[Path, Grid]:
+    """Write a bag of a drive over firm and soft sand, and draw the classifier's grid of the field."""
+    firm = soil_of_pressure("firm", 36e3, 0.75, 0.3, friction_angle=0.60, cohesion=1200.0)
+    soft = soil_of_pressure("soft", 3.2e3, 0.95, 0.3, friction_angle=0.52, cohesion=300.0)
+    stretches = tuple(
+        Stretch(start, kind)
+        for start, kind in zip((0.0, *BORDERS), (firm, soft, firm), strict=True)
+    )
+    drive = simulate_drive(DriveSettings(seed=4, distance=16.0, stretches=stretches))
+    bag = folder / "drive"
+    write_drive_bag(drive, bag)
+    x, y = np.meshgrid(np.arange(-1.9, 30.0, 0.2), np.arange(-5.9, 6.0, 0.2))
+    trip = drive.truth.travel
+    start, end = np.interp(BORDERS, trip.way, trip.x)
+    patches = (start < x) & (x < end)
+    patches |= np.hypot(x - 21.0, y - 2.5) < 2.5
+    patches |= np.hypot(x - 25.5, y + 3.0) < 2.0
+    cells = np.where(patches, SOFT, FIRM).astype(np.int8)
+    cells[y > 5.0] = -1  # the camera did not see that far
+    return bag, Grid("odom", 0.2, (-2.0, -6.0), cells)
+
+
+def main() -> int:
+    """Draw the picture; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("bag", nargs="?", type=Path, help="a recorded drive")
+    parser.add_argument("--config", type=Path, help="the node's parameter file for that drive")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out") / "cost_map.png")
+    options = parser.parse_args()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            bag, classes = options.bag, None
+            if bag is None:
+                bag, classes = simulated(Path(folder))
+            config = options.config or config_file("four_wheels.yaml")
+            found, way = cost_map(bag, config, classes)
+        grid = found.grid()
+        if grid is None:
+            print("no cost map: the bag has no poses", file=sys.stderr)
+            return 1
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        draw_cost(grid, options.output, way=way, title="Cost of the ground, as Nav2 gets it")
+    except SmallwheelError as error:
+        print(f"cost_map: {error}", file=sys.stderr)
+        return 2
+    known = grid.cells[grid.cells >= 0]
+    print(
+        f"{known.size} of {grid.cells.size} cells are known, costs {known.min()} to {known.max()}"
+    )
+    for terrain, places in found.classes.places().items():
+        margin = found.classes.margin(terrain)
+        assert margin is not None
+        print(
+            f"class {terrain}: {places} places, margin {margin.value:.3f} +-"
+            f" {margin.standard_deviation:.3f}, cost {found.classes.table()[terrain]}"
+        )
+    print(options.output)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

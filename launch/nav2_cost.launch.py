@@ -1,0 +1,71 @@
+"""The node, and Nav2's server that leads both costmaps to its grid.
+
+    ros2 launch smallwheel_ros nav2_cost.launch.py params_file:=rover.yaml
+
+Merge config/nav2_costmaps.yaml into your Nav2 parameters first; needs nav2_map_server and
+nav2_lifecycle_manager.
+"""
+
+from __future__ import annotations
+
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    share = FindPackageShare("smallwheel_ros")
+    sim_time = {
+        "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
+    }
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "params_file",
+                default_value=PathJoinSubstitution([share, "config", "four_wheels.yaml"]),
+                description="Parameters of the node: wheels, soil, noise (docs/parameters.md).",
+            ),
+            DeclareLaunchArgument(
+                "filter_info_file",
+                default_value=PathJoinSubstitution([share, "config", "nav2_filter_info.yaml"]),
+                description="Parameters of costmap_filter_info_server.",
+            ),
+            DeclareLaunchArgument(
+                "use_sim_time",
+                default_value="false",
+                description="Take the time from /clock: for bags and simulators.",
+            ),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(
+                    PathJoinSubstitution([share, "launch", "mobility_estimator.launch.py"])
+                ),
+                launch_arguments={
+                    "params_file": LaunchConfiguration("params_file"),
+                    "use_sim_time": LaunchConfiguration("use_sim_time"),
+                }.items(),
+            ),
+            Node(
+                package="nav2_map_server",
+                executable="costmap_filter_info_server",
+                name="soil_filter_info_server",
+                output="screen",
+                parameters=[LaunchConfiguration("filter_info_file"), sim_time],
+            ),
+            # A manager of its own: this server starts with the node, whatever Nav2 does.
+            Node(
+                package="nav2_lifecycle_manager",
+                executable="lifecycle_manager",
+                name="lifecycle_manager_soil_filter",
+                output="screen",
+                parameters=[
+                    sim_time,
+                    {"autostart": True, "node_names": ["soil_filter_info_server"]},
+                ],
+            ),
+        ]
+    )

@@ -1,0 +1,62 @@
+"""`smallwheel explore`: a local page to set and unset effects in."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import webbrowser
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from smallwheel_ros.commands.inputs import data_options, read_inputs
+from smallwheel_ros.explore import ExploreServer, Session
+
+
+@click.command("explore", short_help="Set and unset effects in a page, see the error at once.")
+@data_options
+@click.option("--port", type=click.IntRange(0, 65535), default=0,
+              help="Port of the page; any that is free if not given.")  # fmt: skip
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+def explore(
+    data: Path,
+    model_file: Path | None,
+    own: Path | None,
+    diameter: float | None,
+    width: float | None,
+    port: int,
+    no_browser: bool,
+) -> None:
+    """Open a page on the measurements in DATA, for this machine only; Ctrl-C ends it.
+
+    Set and unset effects: the model is fitted anew, and the page shows its parameters, its
+    held-out error beside the noise floor, and what is left over a setting of your choice.
+    """
+    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
+    with tqdm(total=2, desc="reading", disable=None, leave=False) as bar:
+
+        def progress(step: str) -> None:
+            bar.set_description(step)
+            bar.update()
+
+        session = Session(measurements, base, registry, progress)
+    with ExploreServer(session, port) as server:
+        # A shell starts what runs in the background deaf to Ctrl-C.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            click.echo(server.url)
+            click.echo("Ctrl-C ends it.", err=True)
+            if not no_browser and _has_screen():
+                threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
+            server.serve_forever()
+        except KeyboardInterrupt:
+            click.echo("ended", err=True)
+
+
+def _has_screen() -> bool:
+    """Without a screen a browser in the terminal would be opened: not what is wanted."""
+    graphic = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return graphic or not sys.platform.startswith("linux")

@@ -1,0 +1,244 @@
+"""`smallwheel replay`: a thin shell over the folder replay/."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from smallwheel_ros.bags import BagReader
+from smallwheel_ros.onboard.feed import Feed
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.output import check_target
+from smallwheel_ros.replay.errors import ReplayError
+from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
+from smallwheel_ros.replay.many import (
+    Outcome,
+    found_on_disk,
+    replay_on_cluster,
+    replay_on_processors,
+    replay_one_by_one,
+    specs_of,
+)
+from smallwheel_ros.replay.merge import many_document, many_text, merge
+from smallwheel_ros.replay.one import replay as replay_bag
+from smallwheel_ros.replay.places import SUMMARY, read_summary
+from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
+from smallwheel_ros.replay.text import summary_text
+from smallwheel_ros.replay.topics import proposals, topics_document
+from smallwheel_ros.report.replay_report import write_replay_report
+from smallwheel_ros.tables import text_table, write_json
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command("replay", short_help="The node's estimator over recorded drives, without ROS.")
+@click.argument("bags", nargs=-1, required=True, type=_PATH, metavar="BAG...")
+@click.option("--config", type=_PATH, metavar="ROVER.yaml", help="The node's parameter file.")
+@click.option("-o", "--output", type=_PATH, metavar="FOLDER", help="For what is made.")
+@click.option("--remap", "remaps", multiple=True, metavar="NAME:=TOPIC",
+              help="The node's name of an input, and the bag's topic, as ROS writes it; repeat it "
+              "for more.")  # fmt: skip
+@click.option("--topics", "only_topics", is_flag=True,
+              help="Only list what is in the bag, and propose which topic is what.")  # fmt: skip
+@click.option("--clock/--no-clock", default=True, show_default=True,
+              help="Judge stamps by the times of recording, as the node does with use_sim_time; "
+              "otherwise only by each other.")  # fmt: skip
+@click.option("--copy", type=click.Choice(COPIES), default="all", show_default=True,
+              help="Topics that go into the new bag beside the estimates.")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True,
+              help="Bags at a time.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS",
+              help="Of a Dask cluster to do it on, one bag a task: tcp://host:8786.")  # fmt: skip
+@click.option("--json", "json_file", metavar="FILE",
+              help="Write the summary as JSON, - for standard output.")  # fmt: skip
+def replay(
+    bags: tuple[Path, ...],
+    config: Path | None,
+    output: Path | None,
+    remaps: tuple[str, ...],
+    only_topics: bool,
+    clock: bool,
+    copy: Copy,
+    jobs: int,
+    scheduler: str | None,
+    json_file: str | None,
+) -> None:
+    """Give recorded drives to the estimator that the node runs, with the node's parameters.
+
+    BAG is a rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag. Into FOLDER go: the estimates
+    (CSV, Parquet), a bag with the estimates next to the originals, steady stretches as a table for
+    `smallwheel diagnose`, and a report. Several bags get a folder each. What is done already is
+    not done again: after an interruption give the same command once more.
+
+    Exit code 1: a bag ended early, failed, or was interrupted; what there was is written.
+    """
+    if json_file not in (None, "-"):
+        check_target(str(json_file))
+    remapped = read_remaps(remaps)
+    if only_topics:
+        for bag in bags:
+            _topics(bag, config, remapped, json_file)
+        return
+    if config is None or output is None:
+        raise click.UsageError("give --config ROVER.yaml and -o FOLDER (or --topics)")
+    like = ReplaySpec(bags[0], config, output, remapped, clock, copy)
+    _, notes = like.settings()
+    for note in notes:
+        click.echo(f"warning: {note}", err=True)
+    if len(bags) == 1 and scheduler is None:
+        _one(like, json_file)
+    else:
+        _many(specs_of(bags, like), output, jobs, scheduler, json_file)
+
+
+def _one(spec: ReplaySpec, json_file: str | None) -> None:
+    with tqdm(unit=" messages", disable=None, leave=False) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        result = replay_bag(spec, progress=progress, report=write_replay_report)
+    summary = read_summary(spec.folder)
+    assert summary is not None, "replay writes it last"
+    if json_file is not None:
+        write_json(json_file, summary)
+    if json_file != "-":
+        click.echo(summary_text(summary))
+        click.echo()
+        for name in (*summary["files"].values(), SUMMARY):
+            click.echo(f"written: {spec.folder / name}")
+    if result.state != "complete":
+        click.echo(f"{result.state.replace('_', ' ')}: {result.ended}", err=True)
+        raise SystemExit(1)
+
+
+def _many(
+    specs: list[ReplaySpec],
+    folder: Path,
+    jobs: int,
+    scheduler: str | None,
+    json_file: str | None,
+) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ReplayError(f"folder {folder} cannot be used: {error.strerror or error}") from error
+    if scheduler is not None:
+        # Workers may stand elsewhere in the tree of folders than this process does.
+        absolute = [_absolute(spec) for spec in specs]
+        source = replay_on_cluster(absolute, scheduler, write_replay_report)
+    elif jobs > 1:
+        source = replay_on_processors(specs, jobs, write_replay_report)
+    else:
+        source = replay_one_by_one(specs, write_replay_report)
+    found: dict[str, Outcome] = {}
+    stopped = False
+    bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
+    try:
+        with _terminated_as_interrupted(), bar, closing(source):
+            for outcome in source:
+                found[outcome.spec.name] = outcome
+                bar.update()
+                if outcome.state == "failed":
+                    bar.clear()
+                    click.echo(f"{outcome.spec.bag}: {outcome.error}", err=True)
+    except KeyboardInterrupt:
+        stopped = True
+    outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
+    done = [o for o in outcomes if o.state in ("complete", "ended_early")]
+    files = merge(folder, done) if done else {}
+    document = many_document(outcomes, files)
+    write_json(str(folder / "replays.json"), document)
+    if json_file is not None:
+        write_json(json_file, document)
+    if json_file != "-":
+        click.echo(many_text(outcomes))
+        for name in (*files.values(), "replays.json"):
+            click.echo(f"written: {folder / name}")
+    _say_how_it_ended(outcomes, stopped)
+
+
+def _say_how_it_ended(outcomes: list[Outcome], stopped: bool) -> None:
+    done = sum(o.state in ("complete", "ended_early") for o in outcomes)
+    if stopped or any(o.state in ("interrupted", "not_begun") for o in outcomes):
+        click.echo(
+            f"interrupted: {done} of {len(outcomes)} bags are done; the same command does the rest",
+            err=True,
+        )
+        raise SystemExit(1)
+    if all(o.state == "failed" for o in outcomes):
+        raise SystemExit(2)
+    if any(o.state != "complete" for o in outcomes):
+        click.echo(f"{done} of {len(outcomes)} bags are done, see above for the others", err=True)
+        raise SystemExit(1)
+
+
+def _absolute(spec: ReplaySpec) -> ReplaySpec:
+    return dataclasses.replace(
+        spec, bag=spec.bag.absolute(), config=spec.config.absolute(), folder=spec.folder.absolute()
+    )
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Take SIGTERM as Ctrl-C: the processes that are at work must end too."""
+
+    def take(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, take)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: str | None) -> None:
+    with BagReader(bag, salvage=True) as reader:
+        inputs: tuple[Input, ...] = ()
+        if config is not None:
+            settings, _ = ReplaySpec(bag, config, Path()).settings()
+            feed = Feed(Onboard(settings.onboard), settings)
+            inputs = inputs_of(feed.topics, remaps)
+        content = topics_document(reader, inputs, proposals(reader, inputs))
+    if json_file is not None:
+        write_json(json_file, content)
+    if json_file == "-":
+        return
+    click.echo(_topics_text(content, config is not None))
+    if content["damage"]:
+        click.echo(f"damaged: {content['damage']}", err=True)
+        raise SystemExit(1)
+
+
+def _topics_text(content: dict[str, Any], has_config: bool) -> str:
+    rows = [
+        [
+            topic["name"],
+            topic["type"],
+            str(topic["messages"]),
+            "-" if topic["rate"] is None else f"{topic['rate']:.1f}",
+            topic["role"],
+        ]
+        for topic in content["topics"]
+    ]
+    lines = [f"{content['bag']}: {content['messages']} messages in {content['duration']:.1f} s", ""]
+    lines.append(text_table(["topic", "type", "messages", "Hz", "is"], rows))
+    if not has_config:
+        lines += ["", "Give --config ROVER.yaml too, and it says which topic is which input."]
+    else:
+        if content["missing"]:
+            lines += ["", "Missing", *(f"  {text}" for text in content["missing"])]
+        if content["proposals"]:
+            lines += ["", "These may be them", *(f"  {p['add']}" for p in content["proposals"])]
+        if not (content["missing"] or content["proposals"]):
+            lines += ["", "Every input of the node is there."]
+    return "\n".join(lines)

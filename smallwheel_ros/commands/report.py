@@ -1,0 +1,103 @@
+"""`smallwheel report`: the whole story of a table in one page."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from smallwheel_ros.commands.bench_compare import standing_contenders
+from smallwheel_ros.commands.inputs import data_options, read_inputs
+from smallwheel_ros.compare.comparison import compare
+from smallwheel_ros.compare.document import comparison_document
+from smallwheel_ros.diagnosis.apply import base_physics
+from smallwheel_ros.diagnosis.candidates import settings_of
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.display import words
+from smallwheel_ros.output import OutputError, check_target
+from smallwheel_ros.report import Picture, whole_report, write_page
+from smallwheel_ros.report.residual_picture import (
+    AFTER,
+    BEFORE,
+    Shown,
+    failing_settings,
+    residual_panels,
+)
+from smallwheel_ros.tables import write_json
+
+_STEPS = 5  # that a diagnosis tells of
+
+
+@click.command("report", short_help="The whole story of a table of measurements in one HTML page.")
+@data_options
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="FILE",
+              help="HTML file to write.")  # fmt: skip
+@click.option("--json", "json_file", metavar="FILE",
+              help="Write comparison and diagnosis as JSON, - for standard output.")  # fmt: skip
+def report(
+    data: Path,
+    model_file: Path | None,
+    own: Path | None,
+    diameter: float | None,
+    width: float | None,
+    output: Path,
+    json_file: str | None,
+) -> None:
+    """Write one self-contained HTML page on the measurements in DATA (CSV or Parquet).
+
+    The data, models side by side, where the model fails, which effect is missing, the held-out
+    error step by step, what this data cannot tell, what to measure next.
+    """
+    targets = [output, *(Path(name) for name in (json_file,) if name not in (None, "-"))]
+    for target in targets:
+        check_target(target)
+        if target.exists() and data.exists() and os.path.samefile(target, data):
+            raise OutputError(f"{target}: is the table of measurements, expected another name")
+    if len({target.resolve() for target in targets}) < len(targets):
+        raise OutputError(f"{output}: -o and --json name the same file, expected two")
+    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
+    standing = [] if model_file is None else standing_contenders([model_file], own)
+    with tqdm(desc="comparing", unit="fit", disable=None, leave=False) as bar:
+
+        def count(done: int, needed: int) -> None:
+            bar.total = needed
+            bar.update(done - bar.n)
+
+        comparison = compare(measurements, standing, progress=count)
+    base = base_physics(base, measurements, registry)
+    with tqdm(desc="diagnosing", total=_STEPS, disable=None, leave=False) as bar:
+
+        def step(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
+
+        diagnosis = diagnose(measurements, base, registry=registry, progress=step)
+    html = whole_report(comparison, diagnosis.document, _pictures(diagnosis))
+    document = {
+        "schema": 1,
+        "comparison": comparison_document(comparison),
+        "diagnosis": diagnosis.document,
+    }
+    write_page(output, html)
+    if json_file is not None:
+        write_json(json_file, document)
+    click.echo(f"written: {', '.join(str(target) for target in targets)}", err=json_file == "-")
+
+
+def _pictures(diagnosis: Diagnosis) -> dict[str, list[Picture]]:
+    """What the base leaves in the places where it fails, before and after what was added."""
+    if diagnosis.workbench is None:
+        return {}
+    observations = diagnosis.workbench.observations
+    first, *added = diagnosis.steps
+    shown = [Shown(first.errors, BEFORE, "base model")]
+    caption = "Held-out errors with a smooth and its 95 % band"
+    if added:
+        names = ", ".join(words(step.added or "") for step in added)
+        shown.append(Shown(added[-1].errors, AFTER, f"with {names}"))
+        caption += ", before and after what was added"
+    pairs = failing_settings(diagnosis.document, settings_of(observations))
+    figure = residual_panels(diagnosis.measurements, observations, shown, pairs)
+    return {"steps": [Picture(figure, caption + ".")]}

@@ -1,0 +1,1 @@
+"""Cost of ground for a planner, from what wheels have found in it; without ROS."""

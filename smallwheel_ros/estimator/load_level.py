@@ -1,0 +1,53 @@
+"""The load that a wheel carries, told apart from the noise of the load cell.
+
+How strongly sinkage depends on n goes with ln load. Where that slope follows the noise of the load
+cell, a constant load looks like a varied one: n seems determined, and comes out wrong (regression
+dilution). The remedy is regression calibration (Carroll and others 2006, Measurement Error in
+Nonlinear Models, chapter 4): in place of the measured load stands the best guess of the true one,
+
+    mean + r (measured - mean),  r = variance of the true load / variance of the measured one
+
+over the newest readings. A load that varies by much more than its noise passes as it is (r near 1),
+a constant one is its mean.
+"""
+
+from __future__ import annotations
+
+import math
+
+_MEMORY = 500  # readings
+_JUMP = 3.0  # standard deviations of one reading: beyond, what is off is load rather than noise
+_CLEAR = 3.0  # chance variation of the variance, in its standard deviations
+
+
+class LoadLevel:
+    """Mean and variance of ln load over the newest readings of one wheel."""
+
+    def __init__(self) -> None:
+        self._readings = 0
+        self._mean = 0.0
+        self._variance = 0.0
+        self._noise = 0.0
+
+    def follow(self, load: float, variance: float) -> tuple[float, float]:
+        """Take a reading (N) and the variance of its logarithm.
+
+        Gives the best guess of the true load (N), and the variance of the logarithm of that.
+        """
+        if variance <= 0.0:
+            return load, 0.0
+        log = math.log(load)
+        self._readings = count = min(self._readings + 1, _MEMORY)
+        off = log - self._mean
+        self._mean += off / count
+        self._variance += ((1.0 - 1.0 / count) * off * off - self._variance) / count
+        self._noise += (variance - self._noise) / count
+        off = log - self._mean
+        true = self._variance - self._noise
+        chance = _CLEAR * self._noise * math.sqrt(2.0 / count)
+        reliability = true / (true + variance) if true > chance else 0.0
+        if off * off > 0.0:
+            # A wheel that has just been loaded: the memory does not know of it yet.
+            reliability = max(reliability, 1.0 - _JUMP**2 * variance / (off * off))
+        left = (max(true, 0.0) + self._noise / count) * (1.0 - reliability) ** 2
+        return math.exp(self._mean + reliability * off), reliability**2 * variance + left

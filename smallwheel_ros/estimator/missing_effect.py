@@ -1,0 +1,275 @@
+"""The alarm that physics is missing: what the estimator's errors follow, tested as it drives.
+
+A filter can hide a missing effect: it bends k and n, or takes each slippery place for another soil.
+So this test does not look at what the filter makes of the measurements. It keeps the measurements
+of the last metres, outliers included, as medians over short pieces of way, and asks of the change
+from each piece to the next of one wheel: does ln sinkage change as n and m say, or also as slip,
+speed or load do? Changes, since soil drifts and ends: a border between soils is one great change
+that nothing explains, which Student's t distribution allows for, while an effect comes back
+wherever its cause does.
+
+The statistic of an effect is that of a score test, as in `diagnosis`: twice the gain in log
+likelihood when its column joins those of n and m, the largest over the forms of its family. Forms
+differ little over a drive; the name is that of the family.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import families
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
+from smallwheel_ros.estimator.way_pieces import Changes, WayPieces
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
+from smallwheel_ros.physics.soil import Soil
+
+Array = NDArray[np.float64]
+
+WINDOW = 40.0  # m of way that the test looks back on
+EVERY = 2.0  # m between tests
+_ENOUGH = 60  # changes from piece to piece
+_RAISE, _CLEAR = 30.0, 12.0  # of the statistic
+_IN_A_ROW = 2  # tests over `_RAISE`
+_APART = 12.0  # between the best effect and one that is no rival
+_LEFT = 0.5  # least share of a column that n and m cannot imitate
+_LEAST_CHANGE = 0.3  # of a column, in standard deviations of a change (root mean square)
+_KNOWN = 0.5  # least share of the changes for which a covariate is known
+_STEP = 0.02  # of n and m
+_NOT_TESTED = ("contact_geometry", "sinkage_offset")  # no change from piece to piece shows them
+
+
+@dataclass(frozen=True)
+class EffectScore:
+    """One family in one test.
+
+    form, strength: its best form, and the first parameter of that by the linear fit. statistic:
+    twice the gain in log likelihood. follows: the covariate that it reads, 'load' where none.
+    reason: why it could not be tested, else "".
+    """
+
+    effect: str
+    form: str
+    statistic: float
+    strength: float
+    follows: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class MissingEffect:
+    """What the model misses, as far as the last metres tell.
+
+    Attributes
+    ----------
+    effect
+        Id of the effect that explains it best.
+    rivals
+        Ids that explain it nearly as well: this drive cannot tell them apart.
+    follows
+        What the errors follow: 'slip', 'speed', 'load'.
+    statistic
+        Evidence: twice the gain in log likelihood.
+    distance
+        Travel (m) at which it was raised.
+    message
+        The same for people.
+    """
+
+    effect: str
+    rivals: tuple[str, ...]
+    follows: str
+    statistic: float
+    distance: float
+    message: str
+
+
+class MissingEffectWatch:
+    """Watches for effects that the model has not.
+
+    effects: of the model. spot: m, length of a piece of way.
+    """
+
+    def __init__(self, effects: Sequence[Effect], spot: float) -> None:
+        self._effects = tuple(effects)
+        present = {effect.id for effect in effects} | set(_NOT_TESTED)
+        self._forms = [
+            form
+            for name, forms in families().items()
+            for form in forms
+            if name not in present
+            and "sinkage" in form.channels
+            and form.parameters()
+            # One that is made from another form differs from it in the forces only.
+            and not any(issubclass(form, other) for other in forms if other is not form)
+        ]
+        self._spot = spot
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._pieces = WayPieces(self._spot, WINDOW)
+        self._next: float | None = None
+        self._over = 0
+        self.scores: tuple[EffectScore, ...] = ()
+        self.alarm: MissingEffect | None = None
+
+    def add(
+        self,
+        wheel: str,
+        distance: float,
+        sinkage: float,
+        variance: float,
+        settings: tuple[float, float, float],
+        slip: float | None,
+        speed: float | None,
+    ) -> bool:
+        """Take a measurement of a rolling wheel, fitting or not; True when a test is due.
+
+        settings: load (N), diameter, width (m).
+        """
+        self._pieces.add(wheel, distance, sinkage, variance, settings, slip, speed)
+        if self._next is None:
+            self._next = distance + EVERY
+        return distance >= self._next
+
+    def test(self, soil: Soil, distance: float) -> None:
+        """Test every family about a soil; see `alarm` and `scores`."""
+        self._next = distance + EVERY
+        changes = self._pieces.changes()
+        if changes is None or changes.later.size < _ENOUGH:
+            return
+        try:
+            self.scores = _scores(soil, self._effects, self._forms, changes)
+        except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+            return  # a soil in which the wheels have no sinkage: nothing to compare
+        best = self.scores[0]
+        if best.statistic >= _RAISE:
+            self._over += 1
+        else:
+            self._over = 0
+        if self._over >= _IN_A_ROW:
+            since = distance if self.alarm is None else self.alarm.distance
+            self.alarm = _describe(self.scores, since)
+        elif best.statistic < _CLEAR:
+            self.alarm = None
+
+
+def _describe(scores: Sequence[EffectScore], distance: float) -> MissingEffect:
+    best = scores[0]
+    rivals = tuple(
+        s.effect for s in scores[1:] if not s.reason and s.statistic > best.statistic - _APART
+    )
+    name = " or ".join((best.effect, *rivals))
+    return MissingEffect(
+        best.effect,
+        rivals,
+        best.follows,
+        best.statistic,
+        distance,
+        f"the model misses something that follows {best.follows}: {name} fits (evidence "
+        f"{best.statistic:.0f}, raised from {_RAISE:.0f}); record a drive and run `smallwheel "
+        f"diagnose`, or add the effect to the model file",
+    )
+
+
+def _scores(
+    soil: Soil, effects: Sequence[Effect], forms: Sequence[type[Effect]], changes: Changes
+) -> tuple[EffectScore, ...]:
+    """Score every family, the best first."""
+    covariates = {}
+    usable = np.ones(changes.later.size, dtype=bool)
+    for name, column in (("slip", changes.slip), ("speed", changes.speed)):
+        known_here = np.isfinite(column)
+        both = known_here[changes.later] & known_here[changes.earlier]
+        # Not known where a wheel stands: those pieces are left out, not the covariate.
+        if both.mean() > _KNOWN:
+            covariates[name] = np.where(known_here, column, np.median(column[known_here]))
+            usable &= both
+    rolling = np.full(changes.load.size, ROLLING)
+    conditions = Conditions(
+        changes.load, changes.diameter, changes.width, rolling, None, covariates
+    )
+
+    def log_sinkage(law: Soil, *added: Effect) -> Array:
+        z = predict(Model(law, effects=(*effects, *added)), conditions).sinkage
+        return np.asarray(np.log(np.where(z > 0.0, z, np.nan)))
+
+    def change(column: Array) -> Array:
+        return (column[changes.later] - column[changes.earlier]) / changes.deviation
+
+    plain = log_sinkage(soil)
+    missed = change(changes.log_sinkage - plain)
+    others = (replace(soil, n=soil.n + _STEP), replace(soil, m=soil.m + _STEP))
+    known = np.column_stack([change(log_sinkage(law) - plain) / _STEP for law in others])
+    usable &= np.isfinite(missed) & np.isfinite(known).all(axis=1)
+    missed, known = missed[usable], known[usable]
+    known = known[:, _size(known) > 1e-3]
+    base = robust_fit(missed, known)
+    best: dict[str, EffectScore] = {}
+    load_varies = float(_size(change(np.log(changes.load)))) > _LEAST_CHANGE
+    for form in forms:
+        follows = form.needs[0] if form.needs else "load"
+        absent = [name for name in form.needs if name not in conditions]
+        if absent:
+            score = EffectScore(form.id, form.form, 0.0, 0.0, follows, f"{absent[0]} is not known")
+        elif not (form.needs or load_varies):
+            score = EffectScore(form.id, form.form, 0.0, 0.0, follows, "load hardly varied")
+        else:
+            strength, effect = _trial(form)
+            column = change(log_sinkage(soil, effect) - plain)[usable] / strength
+            score = _score(form, follows, base, missed, known, column, strength)
+        if form.id not in best or score.statistic > best[form.id].statistic:
+            best[form.id] = score
+    return tuple(sorted(best.values(), key=lambda s: -s.statistic))
+
+
+def _size(columns: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(columns**2, axis=0)))
+
+
+def _trial(form: type[Effect]) -> tuple[float, Effect]:
+    """A form at its start, and how far that is from where it vanishes."""
+    first = form.parameters()[0]
+    neutral = 0.0 if first.neutral is None else first.neutral
+    high = first.bounds[1]
+    at = first.start if first.start != neutral else neutral + 0.1 * (high - neutral)
+    return at - neutral, form(**{first.name: at})
+
+
+def _score(
+    form: type[Effect],
+    follows: str,
+    base: RobustFit,
+    missed: Array,
+    known: Array,
+    column: Array,
+    strength: float,
+) -> EffectScore:
+    """Add a form's column to those of n and m."""
+    untested = EffectScore(form.id, form.form, 0.0, 0.0, follows, "")
+    if not np.isfinite(column).all():
+        return replace(untested, reason="it has no sinkage in this soil")
+    size = float(_size(column))
+    if size * abs(strength) < _LEAST_CHANGE:
+        return replace(untested, reason=f"{follows} hardly varied")
+    if known.shape[1]:
+        rest = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        if float(_size(rest)) < _LEFT * size:
+            return replace(untested, reason="n and m would do the same")
+    fit = robust_fit(missed, np.column_stack([known, column]), np.append(base.coefficients, 0.0))
+    first = form.parameters()[0]
+    neutral = 0.0 if first.neutral is None else first.neutral
+    found = neutral + float(fit.coefficients[-1])
+    low, high = first.bounds
+    gain = 2.0 * (fit.log_likelihood - base.log_likelihood)
+    if not low <= found <= high or not math.isfinite(gain):
+        return replace(untested, reason="its strength would be outside of its bounds")
+    return replace(untested, statistic=max(gain, 0.0), strength=found)

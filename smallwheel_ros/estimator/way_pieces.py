@@ -1,0 +1,144 @@
+"""Measurements of each wheel as medians over short pieces of its way."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from statistics import fmean, median
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_MOST_READINGS = 40  # in a piece: a wheel that stands fills one
+_LEAST_SINKAGE = 2e-4  # m: the logarithm of less is noise
+_MEDIAN_VARIANCE = 1.57  # of a median over that of a mean
+_SCATTER = 0.04  # of ln sinkage from piece to piece, besides the instrument's noise
+
+
+class _Piece(NamedTuple):
+    distance: float
+    log_sinkage: float
+    variance: float  # of that, from the instrument
+    load: float
+    diameter: float
+    width: float
+    slip: float
+    speed: float
+
+
+@dataclass
+class _Open:
+    """A piece of way that a wheel is on."""
+
+    start: float
+    rows: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+    seen: int = 0
+
+
+class Changes(NamedTuple):
+    """All pieces, arrays of shape (pieces,), and the pairs of neighbours among them.
+
+    log_sinkage: ln m. load N, diameter and width m; slip and speed NaN where not known. later,
+    earlier: indices of each pair, shape (pairs,); deviation: of the change in ln sinkage, known up
+    to a factor common to all.
+    """
+
+    log_sinkage: Array
+    load: Array
+    diameter: Array
+    width: Array
+    slip: Array
+    speed: Array
+    later: NDArray[np.intp]
+    earlier: NDArray[np.intp]
+    deviation: Array
+
+
+def _mean(values: tuple[float, ...]) -> float:
+    """Mean of those that are known, NaN without any."""
+    known = [value for value in values if not math.isnan(value)]
+    return fmean(known) if known else math.nan
+
+
+class WayPieces:
+    """Collects pieces of `length` (m), and keeps those of the last `window` (m)."""
+
+    def __init__(self, length: float, window: float) -> None:
+        self._length, self._window = length, window
+        self._open: dict[str, _Open] = {}
+        self._wheels: dict[str, tuple[float, float]] = {}
+        self._done: dict[str, deque[_Piece]] = {}
+
+    def add(
+        self,
+        wheel: str,
+        distance: float,
+        sinkage: float,
+        variance: float,
+        settings: tuple[float, float, float],
+        slip: float | None,
+        speed: float | None,
+    ) -> None:
+        """Take a measurement; settings: load, diameter, width."""
+        if sinkage < _LEAST_SINKAGE:
+            return
+        load, diameter, width = settings
+        piece = self._open.get(wheel)
+        if piece is None or not 0.0 <= distance - piece.start < self._length:
+            if piece is not None:
+                self._close(wheel, piece)
+            piece = self._open[wheel] = _Open(distance)
+        self._wheels[wheel] = diameter, width
+        piece.seen += 1
+        if len(piece.rows) < _MOST_READINGS:
+            row = (
+                sinkage,
+                variance,
+                load,
+                math.nan if slip is None else slip,
+                math.nan if speed is None else speed,
+            )
+            piece.rows.append(row)
+
+    def _close(self, wheel: str, piece: _Open) -> None:
+        columns = list(zip(*piece.rows, strict=True))
+        z = median(columns[0])
+        noise = fmean(columns[1]) / (z * z) * _MEDIAN_VARIANCE / len(piece.rows)
+        diameter, width = self._wheels[wheel]
+        done = self._done.setdefault(wheel, deque())
+        done.append(
+            _Piece(
+                piece.start,
+                math.log(z),
+                noise,
+                fmean(columns[2]),
+                diameter,
+                width,
+                _mean(columns[3]),
+                _mean(columns[4]),
+            )
+        )
+        while done[-1].distance - done[0].distance > self._window:
+            done.popleft()
+
+    def changes(self) -> Changes | None:
+        """Give what is kept; None while there is nothing."""
+        rows: list[_Piece] = []
+        later: list[int] = []
+        for done in self._done.values():
+            for i, piece in enumerate(done):
+                # Over a gap the soil may be any other.
+                if i and piece.distance - done[i - 1].distance < 3.0 * self._length:
+                    later.append(len(rows))
+                rows.append(piece)
+        if not later:
+            return None
+        table = np.array(rows)
+        at = np.array(later)
+        deviation = np.sqrt(table[at, 2] + table[at - 1, 2] + _SCATTER**2)
+        load, diameter, width, slip, speed = table[:, 3:].T
+        return Changes(table[:, 1], load, diameter, width, slip, speed, at, at - 1, deviation)

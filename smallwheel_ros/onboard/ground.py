@@ -1,0 +1,67 @@
+"""From results of the estimate to the cost of the ground under the wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.onboard.streams import nanoseconds
+from smallwheel_ros.physics.wheel import Quantity, Wheel
+
+_STALE = nanoseconds(2.0)  # estimates of other wheels from longer ago do not count
+
+
+def vehicle_margin(estimates: Iterable[MobilityEstimate]) -> Quantity | None:
+    """Margin of a whole vehicle: drawbar pull of all wheels over load of all wheels.
+
+    All wheels stand on one estimated soil, so their errors are taken to go together. None where no
+    wheel has a margin.
+    """
+    total = pull = deviation = 0.0
+    for estimate in estimates:
+        margin = estimate.forces.margin if estimate.forces is not None else None
+        if margin is not None and estimate.load is not None:
+            total += estimate.load.value
+            pull += estimate.load.value * margin.value
+            deviation += estimate.load.value * margin.standard_deviation
+    return Quantity(pull / total, deviation / total) if total > 0 else None
+
+
+class GroundMapper:
+    """Lays results down where their wheels were: what the vehicle can do on such ground.
+
+    It is the vehicle's margin that counts, not the single wheel's: a wheel that cannot even move
+    itself is dragged along by the others.
+    """
+
+    def __init__(self, cost_map: CostMap, wheels: Mapping[str, Wheel]) -> None:
+        self.map = cost_map
+        self.wheels = wheels
+        self._newest: dict[str, MobilityEstimate] = {}
+
+    def clear(self) -> None:
+        """Forget the ground."""
+        self.map.clear()
+        self._newest.clear()
+
+    def add(self, result: Result, frame: str) -> None:
+        """Take a result; frame is that of the odometry, empty where it is not known.
+
+        Nothing is known where the soil has not been measured yet or the measured sinkage did not
+        fit; a wheel that is sunk to its axle or digs itself in is stuck there.
+        """
+        mobility, place = result.mobility, result.place
+        self._newest[mobility.wheel] = mobility
+        if place is None or not frame:
+            return
+        self.map.follow(frame, *place)
+        measured = result.soil.accepted > 0
+        stuck = mobility.digging_in or (measured and mobility.status is Status.SUNK_TO_AXLE)
+        margin: Quantity | None = None
+        if measured and mobility.status is not Status.REJECTED:
+            since = mobility.stamp - _STALE
+            margin = vehicle_margin(e for e in self._newest.values() if e.stamp >= since)
+        width = self.wheels[mobility.wheel].width
+        self.map.add(mobility.wheel, frame, place, width, margin, stuck=stuck)

@@ -1,0 +1,1 @@
+"""Replay of a recorded drive through the node's estimator, without ROS."""

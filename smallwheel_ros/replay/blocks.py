@@ -1,0 +1,187 @@
+"""From a drive to steady measurements: one row for each wheel and stretch of way.
+
+Readings that a sensor takes one after the other are no independent evidence: they share the spot.
+So each row is the median of a wheel's readings over a stretch of way no shorter than a turn of the
+largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or speed
+changed are left out, since a row is to be one steady measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.physics.conditions import PRESSED
+from smallwheel_ros.physics.wheel import Wheel
+
+Array = NDArray[np.float64]
+
+_MOST_ROWS = 2000
+_FEWEST_READINGS = 3
+# Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
+# load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
+_STEADY_SLIP, _STEADY_SHARE = 0.1, 0.5
+_DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
+
+
+class _Key(NamedTuple):
+    soil: int
+    stretch: int
+    wheel: int
+
+
+class _Row(NamedTuple):
+    """Medians of one wheel over one stretch, and how well the sinkage's is known."""
+
+    load: float
+    sinkage: float
+    sinkage_std: float
+    slip: float  # NaN for a pressed wheel
+    speed: float
+    readings: int
+
+
+@dataclass
+class _Open:
+    """The readings of a stretch that still goes on: load, sinkage, variance, slip, speed."""
+
+    key: _Key
+    readings: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+
+
+class Blocks:
+    """Takes results as they come, and gives the rows of a section 5 table at the end."""
+
+    def __init__(self, wheels: Sequence[Wheel]) -> None:
+        self._wheels = tuple(wheels)
+        self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
+        self._turn = math.pi * max(wheel.diameter for wheel in wheels)
+        self._scale = 1
+        self._open: dict[int, _Open] = {}
+        self._rows: dict[_Key, _Row] = {}
+        self._soil = 1
+        self._changes = 0
+        self._way = 0.0
+        self.unsteady = 0
+        self.unusable = 0
+
+    def add(self, result: Result, speed: float | None) -> None:
+        """Take one result; speed: of the wheel's place (m/s), None where it is not known."""
+        found, soil = result.mobility, result.soil
+        order = self._order[found.wheel]
+        wheel = self._wheels[order]
+        if soil.soil_changes != self._changes or soil.distance < self._way - 1e-9:
+            self._next_soil()
+            self._changes = soil.soil_changes
+        self._way = soil.distance
+        pressed = wheel.contact == PRESSED
+        moving = pressed or (found.slip is not None and speed is not None)
+        if found.load is None or found.sinkage_measured is None or not moving:
+            self.unusable += 1
+            return
+        length = _DEPTH if pressed else self._turn
+        key = _Key(self._soil, int(soil.distance / (length * self._scale)), order)
+        now = self._open.get(order)
+        if now is None or now.key != key:
+            self._close(order)
+            now = self._open[order] = _Open(key)
+        now.readings.append(
+            (
+                found.load.value,
+                found.sinkage_measured.value,
+                found.sinkage_measured.standard_deviation**2,
+                math.nan if found.slip is None else found.slip.value,
+                math.nan if speed is None else abs(speed),
+            )
+        )
+
+    def _next_soil(self) -> None:
+        """Begin another soil; the stretches where it was not yet noticed belong to neither."""
+        last = max((key.stretch for key in self._rows if key.soil == self._soil), default=None)
+        for key in [k for k in self._rows if k.soil == self._soil and k.stretch == last]:
+            del self._rows[key]
+            self.unsteady += 1
+        self.unsteady += len(self._open)
+        self._open.clear()
+        self._soil += 1
+
+    def _close(self, order: int) -> None:
+        block = self._open.pop(order, None)
+        if block is None:
+            return
+        row = self._row(np.array(block.readings), self._wheels[order])
+        if row is None:
+            self.unsteady += 1
+            return
+        self._rows[block.key] = row
+        while len(self._rows) > _MOST_ROWS:
+            self._merge()
+
+    def _row(self, readings: Array, wheel: Wheel) -> _Row | None:
+        pressed = wheel.contact == PRESSED
+        if not pressed and len(readings) < _FEWEST_READINGS:
+            return None
+        load, sinkage, variance, slip, speed = np.median(readings, axis=0).tolist()
+        if sinkage > wheel.diameter / 2:
+            return None
+        low, high = np.percentile(readings, [25.0, 75.0], axis=0)
+        spread = high - low
+        if not pressed and (
+            spread[3] > _STEADY_SLIP
+            or spread[0] > _STEADY_SHARE * load
+            or spread[4] > _STEADY_SHARE * speed
+        ):
+            return None
+        # What the readings scatter, and what their sensor declares: the larger one counts.
+        scatter = 1.4826 * float(np.median(np.abs(readings[:, 1] - sinkage)))
+        deviation = max(scatter, math.sqrt(variance)) / math.sqrt(len(readings))
+        return _Row(load, sinkage, deviation, slip, speed, len(readings))
+
+    def _merge(self) -> None:
+        """Double the stretches' length, so that a long drive still is a table of some rows."""
+        merged: dict[_Key, list[_Row]] = {}
+        for key, row in self._rows.items():
+            merged.setdefault(key._replace(stretch=key.stretch // 2), []).append(row)
+        self._rows = {key: _mean(rows) for key, rows in merged.items()}
+        self._scale *= 2
+
+    def finish(self) -> None:
+        """Close the last stretches: nothing more will come."""
+        for order in list(self._open):
+            self._close(order)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def table(self, prefix: str = "") -> Iterator[dict[str, str | float]]:
+        """Give the rows by column; prefix: put before soil and run, the name of the drive."""
+        for key in sorted(self._rows):
+            wheel, row = self._wheels[key.wheel], self._rows[key]
+            yield {
+                "load [N]": row.load,
+                "diameter [m]": wheel.diameter,
+                "width [m]": wheel.width,
+                "sinkage [m]": row.sinkage,
+                "sinkage_std [m]": row.sinkage_std,
+                "slip": "" if math.isnan(row.slip) else row.slip,
+                "speed [m/s]": "" if math.isnan(row.speed) else row.speed,
+                "contact": wheel.contact,
+                "soil": f"{prefix}soil {key.soil}",
+                "run": f"{prefix}{key.soil}.{key.stretch}",
+                "wheel": wheel.name,
+            }
+
+
+def _mean(rows: Sequence[_Row]) -> _Row:
+    """One row of several, weighted by their readings."""
+    weight = np.array([row.readings for row in rows], dtype=float)
+    values = np.array([row[:5] for row in rows])
+    load, sinkage, _, slip, speed = np.average(values, axis=0, weights=weight).tolist()
+    deviation = math.sqrt(float(np.sum((weight * values[:, 2]) ** 2))) / float(weight.sum())
+    return _Row(load, sinkage, deviation, slip, speed, int(weight.sum()))

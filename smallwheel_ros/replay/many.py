@@ -1,0 +1,197 @@
+"""Many bags: one after the other, on several processors, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.replay.document import document
+from smallwheel_ros.replay.errors import ReplayError
+from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.places import done_before, read_summary
+from smallwheel_ros.replay.result import Replayed
+from smallwheel_ros.replay.spec import ReplaySpec
+
+Report = Callable[[Replayed, Path], None]
+_PATIENCE = 60.0  # s that a worker has to put away what it has begun
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one bag.
+
+    state: ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``. error: in
+    words, empty where there is none. before: it was done by an earlier command. summary: as in
+    replay.json, empty where the replay failed.
+    """
+
+    spec: ReplaySpec
+    state: str
+    error: str
+    before: bool
+    summary: dict[str, Any]
+
+
+def no_report(_result: Replayed, _path: Path) -> None:
+    """Write no page."""
+
+
+def replay_or_say(spec: ReplaySpec, report: Report = no_report) -> Outcome:
+    """Replay one bag, unless that is done already; what goes wrong is in the outcome."""
+    try:
+        found = done_before(spec)
+        if found is not None:
+            return Outcome(spec, str(found["state"]), str(found["ended"]), True, found)
+        result = replay(spec, report=report)
+    except SmallwheelError as error:
+        return Outcome(spec, "failed", str(error), False, {})
+    except Exception as error:  # one bag's trouble must not be that of the others
+        return Outcome(spec, "failed", f"{type(error).__name__}: {error}", False, {})
+    summary = read_summary(spec.folder) or document(result, {})
+    return Outcome(spec, result.state, result.ended, False, summary)
+
+
+def found_on_disk(spec: ReplaySpec) -> Outcome:
+    """Return what became of a bag whose process could not tell any more."""
+    found = done_before(spec)
+    if found is not None:
+        return Outcome(spec, str(found["state"]), str(found["ended"]), False, found)
+    summary = read_summary(spec.folder) or {}
+    if summary.get("state") == "interrupted":
+        return Outcome(spec, "interrupted", str(summary["ended"]), False, summary)
+    return Outcome(spec, "not_begun" if not summary else "interrupted", "", False, {})
+
+
+def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
+    """Return one replay for each bag, each into a folder of its own in `like`'s.
+
+    Raises
+    ------
+    ReplayError
+        If two bags have one name.
+    """
+    named: dict[str, ReplaySpec] = {}
+    for bag in bags:
+        spec = replace(like, bag=bag)
+        if spec.name in named:
+            raise ReplayError(
+                f"bags {named[spec.name].bag} and {bag} have one name, {spec.name}: replay them"
+                " into different folders"
+            )
+        named[spec.name] = replace(spec, folder=like.folder / spec.name)
+    return list(named.values())
+
+
+Outcomes = Generator[Outcome, None, None]
+
+
+def replay_one_by_one(specs: Sequence[ReplaySpec], report: Report) -> Outcomes:
+    """Replay in this process; ends after a bag that somebody interrupted."""
+    for spec in specs:
+        outcome = replay_or_say(spec, report)
+        yield outcome
+        if outcome.state == "interrupted":
+            return
+
+
+def replay_on_processors(specs: Sequence[ReplaySpec], jobs: int, report: Report) -> Outcomes:
+    """Replay in so many processes at a time; outcomes as they come.
+
+    A process that dies (no memory, killed) costs only its own bag. KeyboardInterrupt ends all of
+    them: what they had finished stays.
+    """
+    left = yield from _in_a_pool(specs, jobs, report)
+    for spec in left:
+        # A process died, and took the others' bags with it: each alone, to see whose fault it was.
+        again = yield from _in_a_pool([spec], 1, report)
+        for lost in again:
+            text = "the process that replayed it died (killed, or out of memory)"
+            yield Outcome(lost, "failed", text, False, {})
+
+
+def _in_a_pool(
+    specs: Sequence[ReplaySpec], jobs: int, report: Report
+) -> Generator[Outcome, None, list[ReplaySpec]]:
+    """Give outcomes, and return those that were lost when a process died."""
+    pool = ProcessPoolExecutor(
+        min(jobs, len(specs)),
+        # A fresh interpreter: a forked one may hold locks of threads that are not there.
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_leave_signals_to_replay,
+    )
+    futures: dict[Future[Outcome], ReplaySpec] = {}
+    try:
+        for spec in specs:
+            futures[pool.submit(replay_or_say, spec, report)] = spec
+        lost = []
+        waiting = set(futures)
+        while waiting:
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    lost.append(futures[future])
+        pool.shutdown()
+        return lost
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        children = multiprocessing.active_children()
+        for child in children:
+            child.terminate()  # those at work take it as a wish to stop, and put away what they have
+        for child in children:
+            child.join(_PATIENCE)
+        raise
+
+
+def _leave_signals_to_replay() -> None:
+    """Ctrl-C goes to all processes of a terminal; one that waits for work ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report) -> Outcomes:
+    """Replay on an existing Dask cluster, one bag a task; outcomes as they come.
+
+    The workers need this package, and the bags, the parameter file and the output folder under
+    the same paths as here.
+
+    Raises
+    ------
+    ReplayError
+        If dask.distributed is not installed, or nobody answers at the address.
+    """
+    try:
+        from distributed import (  # type: ignore[import-not-found,unused-ignore]
+            Client,
+            as_completed,
+        )
+    except ImportError:
+        raise ReplayError(
+            "option --scheduler needs dask.distributed: pip install 'smallwheel_ros[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=5)
+    except (OSError, ValueError) as error:
+        raise ReplayError(f"no Dask scheduler answers at {address}: {error}") from error
+    try:
+        # Not pure: the same bag may be replayed again by a later command.
+        futures = {
+            client.submit(replay_or_say, spec, report, pure=False, retries=1): spec
+            for spec in specs
+        }
+        for future in as_completed(list(futures)):
+            try:
+                outcome = future.result()
+            except Exception as error:  # the worker died twice, or has not this package
+                text = f"{type(error).__name__}: {error}"
+                outcome = Outcome(futures[future], "failed", text, False, {})
+            yield outcome
+    finally:
+        client.close()

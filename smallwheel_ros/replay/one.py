@@ -1,0 +1,311 @@
+"""Replay one bag: read it, estimate, write everything."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from smallwheel_ros.bag_files import BagError, Storage, storage_kind
+from smallwheel_ros.bags import BagReader
+from smallwheel_ros.onboard.feed import Feed, Handler
+from smallwheel_ros.onboard.intake import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameters import NodeSettings
+from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.replay.blocks import Blocks
+from smallwheel_ros.replay.document import document
+from smallwheel_ros.replay.errors import ReplayError
+from smallwheel_ros.replay.inputs import (
+    CLOCK,
+    ODOMETRY_TYPE,
+    VELOCITY_TYPE,
+    Missing,
+    check_enough,
+    check_fields,
+    inputs_of,
+    missing_inputs,
+    resolved,
+)
+from smallwheel_ros.replay.new_bag import NewBag
+from smallwheel_ros.replay.places import Places
+from smallwheel_ros.replay.record import Record
+from smallwheel_ros.replay.result import Replayed
+from smallwheel_ros.replay.rows import columns, estimate_of
+from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.table_files import TableFiles
+from smallwheel_ros.replay.topics import proposal_text
+from smallwheel_ros.replay.track import Track
+
+Key = tuple[str, str]
+_STEP = 256  # messages between two looks at signals, problems and progress
+_CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+_BY_CLOCK = ("stamp_in_future", "stamp_too_old")
+_HINT = (
+    "header stamps are far from the times of recording, so most messages were refused, as the node"
+    " would refuse them; with --no-clock stamps are judged only by each other"
+)
+
+
+class _Stop:
+    """Whether somebody asked to stop, by Ctrl-C or SIGTERM; asked twice it stops at once."""
+
+    def __init__(self) -> None:
+        self.asked = ""
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Take signals meanwhile; only the main thread can."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        signals = (signal.SIGINT, signal.SIGTERM)
+        before = [signal.signal(number, self._take) for number in signals]
+        try:
+            yield
+        finally:
+            for number, handler in zip(signals, before, strict=True):
+                signal.signal(number, handler)
+
+    def _take(self, number: int, _frame: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = signal.Signals(number).name
+
+
+def replay(
+    spec: ReplaySpec,
+    *,
+    progress: Callable[[int, int], None] = lambda _done, _all: None,
+    report: Callable[[Replayed, Path], None] = lambda _result, _path: None,
+) -> Replayed:
+    """Replay one bag into the spec's folder.
+
+    Parameters
+    ----------
+    progress
+        Called now and then with the messages done and all.
+    report
+        Called with the result and a path before the replay counts as done, to write a page.
+
+    Returns
+    -------
+    Replayed
+        Also where the bag is damaged or somebody interrupts: with what there was until then.
+
+    Raises
+    ------
+    BagError
+        If nothing can be read, or the new bag cannot be written.
+    ParametersError
+        If the parameter file cannot be used.
+    ReplayError
+        If nothing can be estimated from the bag, or a file cannot be written.
+    """
+    settings, notes = spec.settings()
+    places, stop = Places(spec), _Stop()
+    with BagReader(spec.bag, salvage=True) as reader, stop.listening():
+        session = _Session(spec, settings, notes, reader)
+        places.begin()
+        with TableFiles(places.estimates, columns()) as table:
+            bag = NewBag(places.bag, _storage(spec), reader, session.copied)
+            with bag:
+                session.run(table, bag, stop, progress)
+        result = session.result
+        places.write_measurements(result.blocks)
+        report(result, places.report)
+        places.finish(document(result, places.files()))
+    return result
+
+
+def _storage(spec: ReplaySpec) -> Storage:
+    """Storage of the new bag: that of the old one, so that its readers read this one too."""
+    files = list(spec.bag.iterdir()) if spec.bag.is_dir() else [spec.bag]
+    return "sqlite3" if any(storage_kind(file) == ".db3" for file in files) else "mcap"
+
+
+class _Session:
+    def __init__(
+        self, spec: ReplaySpec, settings: NodeSettings, notes: list[str], reader: BagReader
+    ) -> None:
+        onboard = Onboard(settings.onboard)
+        if settings.soil_file:
+            notes = [*notes, "soil_file is not read: a replay begins with the configured soil"]
+        self._feed = Feed(onboard, settings)
+        inputs = inputs_of(self._feed.topics, spec.remaps)
+        topics = reader.topics
+        if not reader.message_count or reader.start_time is None or reader.end_time is None:
+            raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
+        missing = missing_inputs(inputs, topics)
+        check_enough(onboard, missing, proposal_text(reader, inputs, spec.bag))
+        self._reader, self._onboard = reader, onboard
+        self._wheels = {wheel.name: wheel for wheel in settings.onboard.wheels}
+        self._handlers: dict[Key, list[Handler]] = {}
+        for topic in self._feed.topics:
+            name = resolved(topic.name)
+            key = (spec.remaps.get(name, name), topic.type)
+            self._handlers.setdefault(key, []).append(topic.handle)
+        self._track = Track(settings.onboard)
+        self._jumps = 0
+        self._checked: set[Key] = set()
+        self._decoders = {key: reader.decoder(key[1]) for key in self._handlers}
+        self._clock_key = (CLOCK, _CLOCK_TYPE)
+        present = {(topic.name, topic.type) for topic in topics}
+        self._has_clock = spec.clock and self._clock_key in present
+        used = {key for key in self._handlers if key in present}
+        if self._clock_key in present:
+            used.add(self._clock_key)
+        self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
+        self._read = {name for name, _ in used | self.copied}
+        total = sum(t.message_count for t in topics if t.name in self._read)
+        self.result = Replayed(
+            spec=spec,
+            settings=settings,
+            notes=list(notes),
+            inputs=inputs,
+            missing=missing,
+            topics=topics,
+            start=reader.start_time,
+            end=reader.end_time,
+            message_count=total,
+            onboard=onboard,
+            record=Record(onboard, reader.start_time),
+            blocks=Blocks(settings.onboard.wheels),
+        )
+
+    def run(
+        self, table: TableFiles, bag: NewBag, stop: _Stop, progress: Callable[[int, int], None]
+    ) -> None:
+        """Read the bag to its end, its damage, or a signal."""
+        result, total = self.result, self.result.message_count
+        time = result.start
+        self._table, self._bag = table, bag
+        messages = self._messages(bag)
+        try:
+            for time in messages:
+                result.messages_read += 1
+                if result.messages_read % _STEP == 0:
+                    result.record.take_problems(time)
+                    progress(result.messages_read, total)
+                    if stop.asked:
+                        result.state = "interrupted"
+                        result.ended = (
+                            f"stopped by {stop.asked} {(time - result.start) / SECOND:.3f} s after"
+                            f" the bag's beginning, after {result.messages_read} of {total}"
+                            " messages; the same command does all of it"
+                        )
+                        break
+        except BagError as error:
+            if error.path != result.spec.bag:
+                raise  # not of the bag that is read: the new one cannot be written
+            result.state = "ended_early"
+            result.ended = str(error)
+        finally:
+            with contextlib.suppress(BagError):
+                messages.close()
+        self._take(self._onboard.flush(), time)
+        bag.finish(self._feed.odometry_frame)
+        result.record.take_problems(time)
+        result.record.finish()
+        result.blocks.finish()
+        result.end = max(time, result.start) if result.state != "complete" else result.end
+        result.prefix, result.left_out = bag.prefix, bag.left_out
+        if bag.damaged:
+            result.notes.append(f"{bag.damaged} damaged messages are not in the new bag")
+        lost = {entry.input.stream for entry in result.missing}
+        result.missing += [
+            Missing(item, "never in a message")
+            for item in result.inputs
+            if item.stream not in lost and not self._onboard.received[item.stream]
+        ]
+        if result.spec.clock and self._most_are_refused_by_the_clock():
+            result.notes.append(_HINT)
+        result.has_parquet = table.has_parquet
+        progress(result.messages_read, total)
+
+    def _most_are_refused_by_the_clock(self) -> bool:
+        counts = self._onboard.counts
+        refused = sum(n for (_, why), n in counts.items() if why in _BY_CLOCK)
+        return 2 * refused > self._onboard.received.total()
+
+    def _messages(self, bag: NewBag) -> Generator[int, None, None]:
+        """Work on one message after the other; gives their log times."""
+        now: int | None = None
+        handlers = self._handlers
+        for topic, kind, log_time, data in self._reader.raw_messages(self._read):
+            key = (topic, kind)
+            bag.copy(key, log_time, data)
+            if key == self._clock_key:
+                if self._has_clock:
+                    now = self._clock(data)
+            elif key in handlers:
+                if not self._has_clock and self.result.spec.clock:
+                    now = log_time
+                message = self._decoded(key, data)
+                if message is not None:
+                    self._handle(key, message, now, log_time)
+            yield log_time
+
+    def _clock(self, data: bytes) -> int:
+        decoder = self._reader.decoder(_CLOCK_TYPE)
+        assert decoder is not None
+        clock = decoder(data).clock
+        return int(clock.sec) * SECOND + int(clock.nanosec)
+
+    def _decoded(self, key: Key, data: bytes) -> Any:
+        decoder = self._decoders[key]
+        assert decoder is not None
+        try:
+            message = decoder(data)
+        except Exception as error:  # damaged bytes make rosbags raise as it likes
+            text = f"a message cannot be deserialised ({error or type(error).__name__})"
+            self._onboard.report(self._stream(key), "undecodable", text)
+            return None
+        if key not in self._checked:
+            check_fields(*key, message)
+            self._checked.add(key)
+        return message
+
+    def _stream(self, key: Key) -> str:
+        return next(i.stream for i in self.result.inputs if (i.topic, i.type) == key)
+
+    def _handle(self, key: Key, message: Any, now: int | None, log_time: int) -> None:
+        found: list[Result] = []
+        moves = key[1] in (ODOMETRY_TYPE, VELOCITY_TYPE)
+        refused = self._refused_motion() if moves else 0
+        for handler in self._handlers[key]:
+            found += handler(message, now)
+        if moves and self._refused_motion() == refused:
+            self._follow(key[1], message)
+        if found:
+            self._take(found, log_time)
+
+    def _refused_motion(self) -> int:
+        return sum(
+            count
+            for (stream, reason), count in self._onboard.counts.items()
+            if stream in (ODOMETRY, VELOCITY) and reason not in ("time_jump", "no_orientation")
+        )
+
+    def _follow(self, kind: str, message: Any) -> None:
+        """Take odometry for the positions, from the beginning where time went back."""
+        counts = self._onboard.counts
+        jumps = sum(count for (_, reason), count in counts.items() if reason == "time_jump")
+        if jumps != self._jumps:
+            self._jumps = jumps
+            self._track.clear()
+        self._track.add(kind, message)
+
+    def _take(self, found: list[Result], log_time: int) -> None:
+        result, frame = self.result, self._feed.odometry_frame
+        for item in found:
+            place = self._track.at(item.mobility.stamp, self._wheels[item.mobility.wheel])
+            estimate = estimate_of(item, place, result.start)
+            self._table.add(estimate.row)
+            self._bag.write(estimate, log_time, frame)
+            result.record.add(item, place)
+            result.blocks.add(item, place.speed)

@@ -1,0 +1,282 @@
+"""The report of a replayed drive: the way, the wheels, the soil, and what was not used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from smallwheel_ros.display import number
+from smallwheel_ros.pictures.replay import (
+    map_of_way,
+    slip_over_time,
+    soil_over_time,
+    wheels_over_time,
+)
+from smallwheel_ros.replay.document import document
+from smallwheel_ros.replay.result import Replayed
+from smallwheel_ros.report.page import (
+    Block,
+    Callout,
+    Details,
+    Picture,
+    Section,
+    Table,
+    Text,
+    page,
+    write_page,
+)
+
+_REASONS = {
+    "gate": "does not fit the soil (outlier gate)",
+    "load_missing": "no usable load near it",
+    "load_not_positive": "load is not positive",
+    "not_finite": "not a finite number",
+    "not_plausible": "not a plausible number",
+    "stamp_zero": "header stamp is zero",
+    "stamp_in_future": "header stamp ahead of the clock",
+    "stamp_too_old": "header stamp far behind the clock",
+    "late": "came too late, out of order",
+    "duplicate": "the same stamp twice",
+    "time_jump": "time went back: all began anew",
+    "dropped_by_reset": "still waited when time went back",
+    "undecodable": "cannot be deserialised",
+    "no_velocities": "no velocities in the message",
+    "no_efforts": "no efforts in the message",
+    "out_of_range": "means a soil outside the model's range",
+    "range_out_of_limits": "outside the range sensor's limits",
+}
+_MOST_EVENTS = 25
+
+
+def write_replay_report(result: Replayed, path: Path) -> None:
+    """Write the page of a replay. Raises OutputError where it cannot be written."""
+    write_page(path, replay_report(result))
+
+
+def replay_report(result: Replayed) -> str:
+    """One self-contained HTML page that tells a replay in order."""
+    summary = document(result, {})
+    return page(
+        "Replay of a drive",
+        [
+            Section("In short", _in_short(summary)),
+            Section("The way", _way(result)),
+            Section("The wheels", _wheels(result, summary)),
+            Section("The soil", _soil(result, summary)),
+            Section("What happened", _events(summary)),
+            Section("What was not used", _not_used(summary)),
+            Section("Inputs", _inputs(summary)),
+            Section("What to keep in mind", [_caveats(summary)]),
+        ],
+        summary["bag"],
+        f"Parameters: {summary['config']}.",
+    )
+
+
+def _quantity(found: dict[str, Any], scale: float = 1.0, unit: str | None = None) -> str:
+    unit = found["unit"] if unit is None else unit
+    text = f"{number(scale * found['value'])} ± {number(scale * found['std'], 2)} {unit}"
+    return text.removesuffix(" 1")
+
+
+def _in_short(summary: dict[str, Any]) -> list[Block]:
+    blocks: list[Block] = []
+    if summary["state"] != "complete":
+        headline = {
+            "ended_early": "The bag is damaged: this is what could be read of it.",
+            "interrupted": "The replay was interrupted: this is not the whole drive.",
+        }[summary["state"]]
+        blocks.append(Callout(headline, [summary["ended"]], "warning"))
+    if summary["estimates"] == 0:
+        text = "Nothing could be estimated: see what was not used, and what is missing."
+        blocks.append(Callout(text, summary["missing"], "warning"))
+        return blocks
+    soil = summary["soil"]
+    lines = [
+        f"{summary['duration']:.0f} s, {summary['travel']:.1f} m, {summary['estimates']} estimates"
+        f" of {len(summary['wheels'])} wheels.",
+        "Pressure at "
+        f"{1e3 * soil['reference_sinkage']:g} mm sinkage under a wheel of"
+        f" {1e3 * soil['reference_diameter']:g} mm, at the end: "
+        f"{_quantity(soil['reference_pressure'], 1e-3, 'kPa')}.",
+    ]
+    if soil["status"]:
+        lines.append(f"Not known: {'; '.join(soil['status'])}.")
+    digging = sum(event["kind"] == "digging_in" for event in summary["events"])
+    headline = f"The soil changed {_times(soil['changes'])}"
+    headline += f", and a wheel began to dig in {_times(digging)}." if digging else "."
+    if soil["changes"] == 0 and not digging:
+        headline = "One soil throughout, and no wheel dug itself in."
+    blocks.append(Callout(headline, lines, "warning" if digging else "result"))
+    alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
+    if alarms:
+        texts = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
+        texts.append("`smallwheel diagnose measurements.csv` takes all of the drive into account.")
+        blocks.append(Callout("The model misses something", texts, "warning"))
+    if summary["missing"]:
+        blocks.append(Callout("Inputs that the bag lacks", summary["missing"], "warning"))
+    return blocks
+
+
+def _times(count: int) -> str:
+    return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def _way(result: Replayed) -> list[Block]:
+    figure = map_of_way(result.record.courses, result.record.events)
+    if figure is None:
+        return []
+    return [
+        Picture(
+            figure,
+            "The vehicle's way in the frame of its odometry. Drawbar margin: drawbar pull over load "
+            "at the reference slip, of all wheels together; it is the tangent of the slope that "
+            "could be climbed beyond the present one. Red: the wheels do not carry the vehicle on "
+            "level ground. Grey: not known.",
+        )
+    ]
+
+
+def _wheels(result: Replayed, summary: dict[str, Any]) -> list[Block]:
+    record = result.record
+    blocks: list[Block] = []
+    if any(course.points for course in record.courses.values()):
+        every = max(course.every for course in record.courses.values())
+        thinned = f" Every {every}th estimate is shown." if every > 1 else ""
+        blocks.append(
+            Picture(
+                wheels_over_time(record.courses, record.events),
+                "Sinkage as predicted before the measurement of that instant is used, and drawbar "
+                f"pull at the slip of that instant; bands: 95 %. Dotted: the soil changed.{thinned}",
+            )
+        )
+        slip = slip_over_time(record.courses)
+        if slip is not None:
+            blocks.append(Picture(slip, "Slip: positive when driving, negative when braking."))
+    blocks.append(_match_rates(summary))
+    return blocks
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{100.0 * part / whole:.1f} %" if whole else "-"
+
+
+def _match_rates(summary: dict[str, Any]) -> Table:
+    rows = []
+    for name, wheel in summary["wheels"].items():
+        count, rms = wheel["estimates"], wheel["sinkage_rms"]
+        rows.append(
+            [
+                name,
+                str(count),
+                _share(wheel["with_load"], count),
+                _share(wheel["with_slip"], count) if wheel["rolls"] else "-",
+                _share(wheel["used_for_soil"], count),
+                "-" if rms is None else number(1e3 * rms),
+            ]
+        )
+    header = ["wheel", "estimates", "with a load", "with slip", "used for the soil",
+              "measured - predicted [mm rms]"]  # fmt: skip
+    caption = "How many measurements had what they need at their instant"
+    return Table(header, rows, caption, range(1, 6))
+
+
+def _soil(result: Replayed, summary: dict[str, Any]) -> list[Block]:
+    soil = summary["soil"]
+    if summary["estimates"] == 0:
+        return []
+    rows = []
+    for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
+        found = soil[name]
+        verdict = "yes" if found["determined"] else "no: essentially what was configured"
+        rows.append(
+            [name.replace("_", " "), number(found["value"], 4), number(found["std"], 2),
+             found["unit"].replace("1", "-") if found["unit"] == "1" else found["unit"], verdict]
+        )  # fmt: skip
+    header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
+    blocks: list[Block] = [Table(header, rows, numbers=(1, 2))]
+    if soil["status"]:
+        blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
+    record = result.record
+    blocks.append(
+        Picture(
+            soil_over_time(record.courses, record.events),
+            "The law p = k zⁿ Dᵐ as it was believed; bands: 95 %. The reference pressure is what "
+            "the drive determines first; k is the pressure at one metre of sinkage, far from what "
+            "small wheels do.",
+        )
+    )
+    return blocks
+
+
+def _events(summary: dict[str, Any]) -> list[Block]:
+    rows = [
+        [f"{event['time']:.1f}", f"{event['travel']:.1f}", event["text"]]
+        for event in summary["events"]
+    ]
+    if not rows:
+        return [
+            Text(
+                "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
+            )
+        ]
+    header = ["time [s]", "way [m]", "what"]
+    blocks: list[Block] = [Table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
+    if rows[_MOST_EVENTS:]:
+        more = Table(header, rows[_MOST_EVENTS:], numbers=(0, 1))
+        blocks.append(Details(f"{len(rows) - _MOST_EVENTS} more", [more]))
+    if summary["unlisted_events"]:
+        blocks.append(Text(f"{summary['unlisted_events']} more are not listed."))
+    return blocks
+
+
+def _not_used(summary: dict[str, Any]) -> list[Block]:
+    received = {item["stream"]: item["messages"] for item in summary["inputs"]}
+    rows = []
+    for drop in summary["not_used"]:
+        first = drop["first_time"]
+        rows.append(
+            [
+                drop["topic"],
+                _REASONS.get(drop["reason"], drop["reason"].replace("_", " ")),
+                str(drop["count"]),
+                _share(drop["count"], received.get(drop["stream"], 0)),
+                "-" if first is None else f"{first:.1f}",
+                drop["example"],
+            ]
+        )
+    if not rows:
+        return [Text("Every message was used.")]
+    header = ["topic", "why", "messages", "share", "first [s]", "the first one"]
+    return [Table(header, rows, numbers=(2, 3, 4))]
+
+
+def _inputs(summary: dict[str, Any]) -> list[Block]:
+    rows = [
+        [item["stream"], item["topic"], item["type"], str(item["messages"])]
+        for item in summary["inputs"]
+    ]
+    blocks: list[Block] = [Table(["input", "topic", "type", "messages"], rows, numbers=(3,))]
+    if summary["remaps"]:
+        blocks.append(Text("Remapped:", [f"{a} to {b}" for a, b in summary["remaps"].items()]))
+    if summary["notes"]:
+        blocks.append(Callout("Parameters", summary["notes"], "warning"))
+    if summary["not_copied"]:
+        text = "Not in the new bag, since nobody knows their type:"
+        blocks.append(Text(text, summary["not_copied"]))
+    return blocks
+
+
+def _caveats(summary: dict[str, Any]) -> Block:
+    rows = summary["measurements"]["rows"]
+    lines = [
+        "Cohesion, friction angle and shear deformation are configured, not estimated: drawbar pull "
+        "and margin are as good as those.",
+        "A filter can hide a missing physical effect by bending k, n and m.",
+    ]
+    if rows:
+        lines[1] += (
+            f" The {rows} steady stretches in measurements.csv are for that question: "
+            "`smallwheel diagnose measurements.csv`."
+        )
+    return Text(items=lines)

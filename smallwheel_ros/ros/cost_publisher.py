@@ -1,0 +1,91 @@
+"""The node's cost map: terrain classes in, grid out, at a bounded rate and only when it changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.lifecycle import LifecyclePublisher
+
+from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.costmap.grid import CostMapError
+from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.ros.conversions import nanoseconds_of
+from smallwheel_ros.ros.grids import grid_from, grid_message
+
+TERRAIN_CLASSES = "terrain_classes"
+
+
+class CostPublisher:
+    """Keeps the cost map of a vehicle, and publishes it.
+
+    received: how many grids of terrain classes have come. report: takes stream, reason and words of
+    a grid that cannot be used.
+    """
+
+    def __init__(
+        self,
+        settings: CostSettings,
+        wheels: Mapping[str, Wheel],
+        publisher: LifecyclePublisher,
+        report: Callable[[str, str, str], None],
+    ) -> None:
+        self._publisher = publisher
+        self._report = report
+        self._stamp = 0
+        self._last: Any = None
+        self.received = 0
+        self.published = 0
+        self._ground = GroundMapper(CostMap(settings), wheels)
+
+    @property
+    def map(self) -> CostMap:
+        """The cost map itself."""
+        return self._ground.map
+
+    def apply(self, settings: CostSettings, wheels: Mapping[str, Wheel]) -> bool:
+        """Go on with other settings; return whether the map starts over because of them."""
+        self._ground.wheels = wheels
+        if settings == self.map.settings:
+            return False
+        classes = self.map.class_grid
+        self._ground = GroundMapper(CostMap(settings), wheels)
+        if classes is not None:
+            self.map.take_classes(classes)
+        return True
+
+    def add(self, result: Result, frame: str) -> None:
+        """Take a result of the estimate; frame is that of the odometry."""
+        self._stamp = max(self._stamp, result.mobility.stamp)
+        self._ground.add(result, frame)
+
+    def on_classes(self, message: Any) -> None:
+        """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
+        if message == self._last:
+            return
+        self._last = message
+        self.received += 1
+        try:
+            self.map.take_classes(grid_from(message))
+        except CostMapError as error:
+            self._report(TERRAIN_CLASSES, "malformed_grid", f"not used: {error}")
+            return
+        self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
+        if self.map.problem:
+            self._report(TERRAIN_CLASSES, "other_frame", self.map.problem)
+
+    def clear(self) -> None:
+        """Forget the ground: the soil is another one, or time has gone back."""
+        self._ground.clear()
+        self._stamp = 0
+
+    def publish(self, now: int) -> None:
+        """Publish the grid if it has changed; now (ns) is its stamp before any measurement."""
+        if not self.map.changed:
+            return
+        grid = self.map.grid()
+        if grid is not None:
+            self._publisher.publish(grid_message(grid, self._stamp or now))
+            self.published += 1

@@ -1,0 +1,211 @@
+"""The entries of /diagnostics; docs/diagnostics.md says what each means and what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from smallwheel_ros.onboard.ground import vehicle_margin
+from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.settings import VelocitySource
+from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.ros.cost_publisher import CostPublisher
+from smallwheel_ros.ros.reporting import Reporter
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+_LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
+
+
+def status(
+    name: str, level: bytes, message: str, values: Mapping[str, str] | None = None
+) -> DiagnosticStatus:
+    """Return one entry of the diagnostics."""
+    return DiagnosticStatus(
+        name=name,
+        level=level,
+        message=message,
+        hardware_id="",
+        values=[KeyValue(key=key, value=value) for key, value in (values or {}).items()],
+    )
+
+
+def entries(
+    name: str,
+    onboard: Onboard,
+    reporter: Reporter,
+    newest: Iterable[MobilityEstimate],
+    cost: CostPublisher,
+) -> list[DiagnosticStatus]:
+    """Return the diagnostics of an active node of that name."""
+    estimates = list(newest)
+    return [
+        inputs_status(f"{name}: inputs", onboard, reporter),
+        soil_status(f"{name}: soil", onboard),
+        filter_status(f"{name}: filter", onboard),
+        alarm_status(f"{name}: alarms", onboard, estimates),
+        cost_status(f"{name}: cost", cost),
+        vehicle_status(f"{name}: vehicle", estimates),
+        *(wheel_status(f"{name}: wheel {estimate.wheel}", estimate) for estimate in estimates),
+    ]
+
+
+def inputs_status(name: str, onboard: Onboard, reporter: Reporter) -> DiagnosticStatus:
+    """Rates and ages of the inputs, what is missing, and what could not be used, by reason."""
+    reporter.measure(onboard)
+    missing, silent = reporter.waiting_for(onboard), reporter.silent()
+    values = {
+        f"{item.topic}{item.detail}": reporter.flow(onboard, item.stream)
+        for item in reporter.inputs.values()
+    }
+    refused = reporter.refused(onboard)
+    values |= {key: str(count) for key, count in refused.items()}
+    words = [f"still waiting for {text}" for text in missing] + silent
+    settings = onboard.settings
+    said = []
+    if settings.static_loads:
+        said.append("loads are not measured, they are configured")
+    if settings.velocity is VelocitySource.NONE:
+        said.append("odometry comes from the wheels: slip is unknown")
+    if words:
+        return status(name, WARN, "; ".join(words + said), values)
+    text = f"all {len(reporter.inputs)} inputs come in"
+    if refused:
+        text += f"; {sum(refused.values())} messages could not be used, see the counts"
+    level = WARN if settings.velocity is VelocitySource.NONE else OK
+    return status(name, level, "; ".join([text, *said]), values)
+
+
+def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
+    """The soil in numbers, and what is not determined, in words."""
+    soil = onboard.soil
+    pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
+    spread = soil.covariance.diagonal() ** 0.5
+    known = soil.identifiable
+    values = {
+        "reference pressure [Pa]": f"{pressure:.6g} +- {deviation:.2g}",
+        "effective modulus [Pa/m^n]": "{:.6g} +- {:.2g}".format(*soil.effective_modulus()),
+        "k [Pa/m^(n+m)]": f"{soil.k:.6g} +- {spread[0]:.2g}",
+        "n": f"{soil.n:.4f} +- {spread[1]:.2g}",
+        "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
+        "determined": _names(
+            {
+                "reference pressure": known.reference_pressure,
+                "effective modulus": known.effective_modulus,
+                "k": known.k,
+                "n": known.n,
+                "m": known.m,
+            }
+        ),
+        "soil changes": str(soil.soil_changes),
+        "travel [m]": f"{soil.distance:.2f}",
+    }
+    text = "; ".join(soil.status) or "k, n and m are determined"
+    return status(name, OK, text, values)
+
+
+def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
+    """Whether the filter's innovations are what it expects them to be."""
+    soil, health = onboard.soil, onboard.health
+    mean = health.mean_square
+    values = {
+        "accepted": str(soil.accepted),
+        "rejected": str(onboard.rejected),
+        "outliers": str(soil.outliers),
+        "outliers lately": f"{health.outlier_share:.1%} of {health.count}",
+        "mean square of normalised innovations": "" if mean is None else f"{mean:.2f}",
+    }
+    if health.concern:
+        return status(name, WARN, health.concern, values)
+    text = "innovations are as expected" if health.count else "no measurement yet"
+    return status(name, OK, text, values)
+
+
+def alarms(onboard: Onboard, estimates: Iterable[MobilityEstimate]) -> list[str]:
+    """What somebody should act on now, in words."""
+    digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
+    words = []
+    if digging:
+        words.append(f"{', '.join(digging)}: digging in (slip and sinkage up, speed down): stop")
+    if onboard.missing_effect is not None:
+        words.append(onboard.missing_effect.message)
+    return words
+
+
+def alarm_status(
+    name: str, onboard: Onboard, estimates: Iterable[MobilityEstimate]
+) -> DiagnosticStatus:
+    """The alarms, and what they rest on."""
+    estimates = list(estimates)
+    digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
+    missing = onboard.missing_effect
+    values = {"digging in": ", ".join(digging) or "no", "missing effect": "none shows"}
+    if missing is not None:
+        values["missing effect"] = ", ".join((missing.effect, *missing.rivals))
+        values["follows"] = missing.follows
+        values["evidence"] = f"{missing.statistic:.0f}"
+    level = ERROR if digging else WARN if missing is not None else OK
+    return status(name, level, "; ".join(alarms(onboard, estimates)) or "none", values)
+
+
+def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
+    """What the cost map rests on."""
+    places = cost.map.classes.places()
+    values = {
+        "grids published": str(cost.published),
+        "grids of terrain classes received": str(cost.received),
+        "places crossed by class": ", ".join(f"{k}: {n}" for k, n in places.items()) or "none",
+    }
+    if cost.map.problem:
+        return status(name, WARN, cost.map.problem, values)
+    text = "terrain classes and crossed ground" if cost.map.class_grid else "crossed ground"
+    return status(name, OK, text if cost.published else "no grid yet: no pose has come", values)
+
+
+def vehicle_status(name: str, estimates: Iterable[MobilityEstimate]) -> DiagnosticStatus:
+    """All wheels together, by their newest estimates."""
+    estimates = list(estimates)
+    margin = vehicle_margin(estimates)
+    if margin is None:
+        return status(name, OK, "nothing known of any wheel yet")
+    energy = [e.forces.energy_per_metre for e in estimates if e.forces is not None]
+    known = [e.value for e in energy if e is not None]
+    slope = math.degrees(math.atan(margin.value))
+    values = {
+        "load [N]": f"{sum(e.load.value for e in estimates if e.load is not None):.4g}",
+        "mobility margin": _written(margin),
+        "steepest slope [deg]": f"{slope:.1f}",
+        "energy per metre [J/m]": f"{sum(known):.4g}" if len(known) == len(energy) else "unknown",
+    }
+    if margin.value <= 0:
+        return status(
+            name, ERROR, "the soil holds the vehicle on no slope, nor on the level", values
+        )
+    return status(name, OK, f"holds slopes up to {slope:.0f} degrees", values)
+
+
+def wheel_status(name: str, estimate: MobilityEstimate) -> DiagnosticStatus:
+    """How one wheel does."""
+    values = {"status": estimate.status.name}
+    quantities = {
+        "load [N]": estimate.load,
+        "slip": estimate.slip,
+        "sinkage measured [m]": estimate.sinkage_measured,
+        "sinkage predicted [m]": estimate.sinkage_predicted,
+    }
+    if estimate.forces is not None:
+        quantities["drawbar pull [N]"] = estimate.forces.drawbar_pull
+        quantities["mobility margin"] = estimate.forces.margin
+    values |= {key: _written(value) for key, value in quantities.items() if value is not None}
+    level = ERROR if estimate.digging_in else _LEVELS.get(estimate.status, OK)
+    return status(name, level, estimate.status_text or "OK", values)
+
+
+def _written(quantity: Quantity) -> str:
+    return f"{quantity.value:.4g} +- {quantity.standard_deviation:.2g}"
+
+
+def _names(flags: Mapping[str, bool]) -> str:
+    return ", ".join(name for name, flag in flags.items() if flag) or "nothing"

@@ -1,0 +1,74 @@
+"""The node's subscriptions: made when it is activated, destroyed when it is deactivated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from geometry_msgs.msg import TwistStamped, WrenchStamped
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState, Range
+
+from smallwheel_ros.msg import WheelSinkage
+from smallwheel_ros.onboard.feed import Topic
+from smallwheel_ros.ros import qos
+from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
+
+_TYPES = {
+    "geometry_msgs/msg/TwistStamped": TwistStamped,
+    "geometry_msgs/msg/WrenchStamped": WrenchStamped,
+    "nav_msgs/msg/Odometry": Odometry,
+    "sensor_msgs/msg/JointState": JointState,
+    "sensor_msgs/msg/Range": Range,
+    "smallwheel_ros/msg/WheelSinkage": WheelSinkage,
+}
+
+
+class Listening:
+    """What the node listens to now.
+
+    on: whether it listens.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._subscriptions: list[Subscription] = []
+
+    @property
+    def on(self) -> bool:
+        """Whether there is any subscription."""
+        return bool(self._subscriptions)
+
+    def start(
+        self,
+        topics: Iterable[Topic],
+        take: Callable[[Topic, Any], None],
+        take_classes: Callable[[Any], None],
+    ) -> None:
+        """Subscribe to topics, and to grids of terrain classes."""
+        for topic in topics:
+            self._subscribe(_TYPES[topic.type], topic.name, partial(take, topic), qos.INPUT)
+        # A classifier's grids come as they are made, a map server's one grid was there before us.
+        for profile in (qos.INPUT, qos.LATCHED):
+            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, profile)
+
+    def stop(self) -> None:
+        """Listen no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
+
+    def _subscribe(
+        self, kind: Any, topic: str, callback: Callable[[Any], None], profile: QoSProfile
+    ) -> None:
+        # Each event handler costs time at every wait: what they would tell of inputs, the reporter
+        # finds out where a topic stays silent.
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._subscriptions.append(
+            self._node.create_subscription(kind, topic, callback, profile, event_callbacks=events)
+        )

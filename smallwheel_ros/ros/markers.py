@@ -1,0 +1,77 @@
+"""Markers for RViz and Foxglove: how deep each wheel is, and what it can still hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.ros.conversions import time_message
+
+# A colour for each margin, from stuck to easy: dark red, orange, yellow-green. They differ in
+# lightness too, for those who cannot tell red from green.
+_COLOURS = ((0.0, (0.55, 0.0, 0.1)), (0.1, (0.95, 0.55, 0.1)), (0.2, (0.75, 0.9, 0.45)))
+_UNKNOWN = (0.6, 0.6, 0.6)
+_EXAGGERATION = 10.0  # sinkages are small beside a vehicle
+
+
+def markers(newest: Mapping[str, Result], wheels: Mapping[str, Wheel], frame: str) -> MarkerArray:
+    """A column under each wheel, ten times as high as it is deep, with its sinkage in words.
+
+    newest: results by wheel; those without a place are left out. frame: of the odometry.
+    """
+    array = MarkerArray()
+    for i, (name, wheel) in enumerate(wheels.items()):
+        result = newest.get(name)
+        if result is not None and result.place is not None:
+            array.markers.extend(_of_wheel(i, result, wheel, frame))
+    return array
+
+
+def _of_wheel(number: int, result: Result, wheel: Wheel, frame: str) -> Iterator[Marker]:
+    mobility, place = result.mobility, result.place
+    assert place is not None
+    depth = mobility.sinkage_measured or mobility.sinkage_predicted
+    if depth is None:
+        return
+    margin = mobility.forces.margin if mobility.forces is not None else None
+    for namespace, kind in (
+        ("sinkage", Marker.CYLINDER),
+        ("sinkage_text", Marker.TEXT_VIEW_FACING),
+    ):
+        marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
+        marker.header.stamp = time_message(mobility.stamp)
+        marker.header.frame_id = frame
+        marker.pose.position.x, marker.pose.position.y = place
+        marker.pose.orientation.w = 1.0
+        height = max(_EXAGGERATION * depth.value, 1e-3)
+        if kind == Marker.CYLINDER:
+            marker.pose.position.z = -0.5 * height
+            marker.scale.x = marker.scale.y = wheel.width
+            marker.scale.z = height
+            marker.color = _colour(None if margin is None else margin.value)
+        else:
+            marker.pose.position.z = wheel.diameter
+            marker.scale.z = 0.5 * wheel.width
+            marker.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+            held = "" if margin is None else f"\nholds {math.degrees(math.atan(margin.value)):.0f}°"
+            marker.text = f"{wheel.name}\n{1e3 * depth.value:.1f} mm{held}"
+        yield marker
+
+
+def _colour(margin: float | None) -> ColorRGBA:
+    if margin is None:
+        red, green, blue = _UNKNOWN
+    else:
+        places = [place for place, _ in _COLOURS]
+        at = min(max(margin, places[0]), places[-1])
+        i = max(j for j, place in enumerate(places[:-1]) if place <= at)
+        share = (at - places[i]) / (places[i + 1] - places[i])
+        red, green, blue = (
+            a + share * (b - a) for a, b in zip(_COLOURS[i][1], _COLOURS[i + 1][1], strict=True)
+        )
+    return ColorRGBA(r=red, g=green, b=blue, a=0.9)

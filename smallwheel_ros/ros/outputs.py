@@ -1,0 +1,112 @@
+"""Everything that the node publishes of its estimates, each at its rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from nav_msgs.msg import OccupancyGrid
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.qos import QoSProfile, qos_policy_name_from_kind
+from visualization_msgs.msg import MarkerArray
+
+from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
+from smallwheel_ros.msg import SoilEstimate as SoilMessage
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameters import NodeSettings
+from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.ros import qos
+from smallwheel_ros.ros.conversions import mobility_message, soil_message
+from smallwheel_ros.ros.cost_publisher import CostPublisher
+from smallwheel_ros.ros.markers import markers
+
+_SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
+
+# Takes topic, reason and words of something that went wrong.
+Report = Callable[[str, str, str], None]
+
+
+class Outputs:
+    """The publishers of a configured node; `destroy` them in the end.
+
+    newest: each wheel's newest result. cost: the cost map.
+    """
+
+    def __init__(self, node: LifecycleNode, settings: NodeSettings, report: Report) -> None:
+        self._node = node
+        self._report = report
+        self._mobility = self._publisher(MobilityMessage, "~/mobility", qos.ESTIMATE)
+        self._soil = self._publisher(SoilMessage, "~/soil", qos.LATCHED)
+        self._markers = self._publisher(MarkerArray, "~/markers", qos.ESTIMATE)
+        self._cost = self._publisher(OccupancyGrid, "~/cost", qos.LATCHED)
+        self._wheels = _wheels(settings)
+        self.cost = CostPublisher(settings.cost, self._wheels, self._cost, report)
+        self.newest: dict[str, Result] = {}
+        self._soil_sent: int | None = None
+        self._soil_waits: Result | None = None
+
+    def _publisher(self, kind: Any, topic: str, profile: QoSProfile) -> LifecyclePublisher:
+        def incompatible(event: Any) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            text = f"a subscriber asks for QoS that is not offered ({policy}): it gets nothing"
+            self._report(topic, "incompatible_qos", text)
+
+        events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
+        return self._node.create_lifecycle_publisher(kind, topic, profile, event_callbacks=events)
+
+    def destroy(self) -> None:
+        """Take the topics away."""
+        for publisher in (self._mobility, self._soil, self._markers, self._cost):
+            self._node.destroy_lifecycle_publisher(publisher)
+
+    def apply(self, settings: NodeSettings) -> bool:
+        """Go on with other settings; return whether the cost map starts over because of them."""
+        self._wheels = _wheels(settings)
+        return self.cost.apply(settings.cost, self._wheels)
+
+    def start_over(self) -> None:
+        """Forget what was published: the soil is another one, or time has gone back."""
+        self.cost.clear()
+        self.newest, self._soil_sent, self._soil_waits = {}, None, None
+
+    def publish(self, results: Sequence[Result], frame: str) -> None:
+        """Publish mobility at once and the soil at its rate, and keep the rest for its timer.
+
+        frame: of the odometry, empty where it is not known.
+        """
+        for result in results:
+            self._mobility.publish(mobility_message(result.mobility))
+            self.cost.add(result, frame)
+            self.newest[result.mobility.wheel] = result
+            stamp, sent = result.mobility.stamp, self._soil_sent
+            self._soil_waits = result
+            if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
+                self.publish_waiting_soil(frame)
+
+    def publish_waiting_soil(self, frame: str) -> None:
+        """Publish the newest soil unless it has been already."""
+        result = self._soil_waits
+        if result is not None:
+            stamp = result.mobility.stamp
+            self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
+            self._soil_sent, self._soil_waits = stamp, None
+
+    def publish_soil_of(self, onboard: Onboard, frame: str) -> None:
+        """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
+        stamp = self._node.get_clock().now().nanoseconds
+        self._soil.publish(soil_message(onboard.soil, stamp, frame, onboard.rejected))
+
+    def publish_cost(self) -> None:
+        """Publish the cost map if it has changed."""
+        self.cost.publish(self._node.get_clock().now().nanoseconds)
+
+    def publish_markers(self, frame: str) -> None:
+        """Publish the markers if anybody looks at them."""
+        if self.newest and self._markers.get_subscription_count():
+            self._markers.publish(markers(self.newest, self._wheels, frame))
+
+
+def _wheels(settings: NodeSettings) -> dict[str, Wheel]:
+    return {wheel.name: wheel for wheel in settings.onboard.wheels}

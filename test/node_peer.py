@@ -1,0 +1,201 @@
+"""The other side of the node in tests: publishes and listens in the test's own process."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+ONE_WHEEL = """/**:
+  ros__parameters:
+    wheels: [front]
+    front:
+      diameter: 0.25
+      width: 0.1
+    timing:
+      reorder_time: 0.05
+      silent_after: 0.1
+"""
+NODE = "mobility_estimator"
+SECOND = 10**9
+
+
+class Peer:
+    """Publishes for one wheel, `front`, and collects everything that the node publishes."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from geometry_msgs.msg import WrenchStamped
+        from rclpy.node import Node
+        from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
+
+        rclpy.init(args=[])
+        self.rclpy = rclpy
+        self.node = Node("peer")
+        self.mobility: list[Any] = []
+        self.diagnostics: dict[str, Any] = {}
+        self.listen(MobilityEstimate, "mobility", self.mobility.append)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
+        self.load = self.node.create_publisher(WrenchStamped, "/front/load", 100)
+        self.sinkage = self.node.create_publisher(WheelSinkage, "/front/sinkage", 100)
+        self._publishers: dict[str, Any] = {}
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self.rclpy.try_shutdown()
+
+    def _diagnose(self, message: Any) -> None:
+        for status in message.status:
+            self.diagnostics[status.name] = status
+
+    # --- Listening
+
+    def listen(self, kind: Any, output: str, callback: Callable[[Any], Any]) -> Any:
+        return self.node.create_subscription(kind, f"/{NODE}/{output}", callback, 100)
+
+    def latched(self, kind: Any, output: str) -> list[Any]:
+        """Collect a latched output; a subscription made late gets the newest."""
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        found: list[Any] = []
+        profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(kind, f"/{NODE}/{output}", found.append, profile)
+        return found
+
+    def spin_until(self, done: Callable[[], bool], what: str, seconds: float = 25.0) -> None:
+        deadline = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+            self.rclpy.spin_once(self.node, timeout_sec=0.02)
+
+    def spin(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.rclpy.spin_once(self.node, timeout_sec=0.02)
+
+    def wait_for_node(self) -> None:
+        """Wait until the node listens to this side, and this side hears it."""
+        self.spin_until(lambda: self.sinkage.get_subscription_count() > 0, "the node listens")
+        self.spin_until(
+            lambda: self.node.count_publishers(f"/{NODE}/mobility") > 0, "the node publishes"
+        )
+        self.spin(0.5)
+
+    # --- Publishing
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish, by a publisher that is made the first time."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(type(message), topic, 100)
+            self.spin(0.5)  # until the other side has found it
+        self._publishers[topic].publish(message)
+
+    def now(self) -> int:
+        return int(self.node.get_clock().now().nanoseconds)
+
+    def stamp(self, message: Any, stamp: int | None = None) -> int:
+        stamp = self.now() if stamp is None else stamp
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
+        return stamp
+
+    def send_load(self, force: float, stamp: int | None = None) -> int:
+        from geometry_msgs.msg import WrenchStamped
+
+        message = WrenchStamped()
+        stamp = self.stamp(message, stamp)
+        message.wrench.force.z = force
+        self.load.publish(message)
+        return stamp
+
+    def send_sinkage(self, sinkage: float, stamp: int | None = None, variance: float = 0.0) -> int:
+        from smallwheel_ros.msg import WheelSinkage
+
+        message = WheelSinkage(sinkage=sinkage, variance=variance)
+        stamp = self.stamp(message, stamp)
+        self.sinkage.publish(message)
+        return stamp
+
+    def send_odometry(
+        self, x: float, speed: float, stamp: int | None = None, frame: str = "odom", y: float = 0.0
+    ) -> int:
+        from nav_msgs.msg import Odometry
+
+        message = Odometry(child_frame_id="base_link")
+        stamp = self.stamp(message, stamp)
+        message.header.frame_id = frame
+        message.pose.pose.position.x, message.pose.pose.position.y = x, y
+        message.pose.pose.orientation.w = 1.0
+        message.twist.twist.linear.x = speed
+        self.publish("/odom", message)
+        return stamp
+
+    def send_wheel_speed(self, turning: float, stamp: int | None = None) -> int:
+        from sensor_msgs.msg import JointState
+
+        message = JointState(name=["front_joint"], velocity=[turning])
+        stamp = self.stamp(message, stamp)
+        self.publish("/joint_states", message)
+        return stamp
+
+    def drive(
+        self,
+        start: float,
+        end: float,
+        *,
+        sinkage: float = 0.008,
+        step: float = 0.02,
+        load: float = 60.0,
+        frame: str = "odom",
+        begin: int | None = None,
+        slip: float = 0.1,
+        period: float = 0.02,
+    ) -> int:
+        """Drive along x, publishing everything at each step; return the last stamp.
+
+        begin: first stamp; later ones follow at the period, however fast this runs.
+        """
+        count = math.ceil((end - start) / step)
+        speed = step / period
+        stamp = 0
+        for i in range(count):
+            # Loads vary, or n would never be told from the pressure.
+            force = load * (1.0 + 0.3 * math.sin(0.7 * i))
+            depth = sinkage * (force / load) ** 0.7
+            moment = None if begin is None else begin + round(i * period * SECOND)
+            stamp = self.send_odometry(start + i * step, speed, moment, frame)
+            self.send_wheel_speed(speed / (1.0 - slip) / 0.125, stamp)
+            self.send_load(force, stamp)
+            self.send_sinkage(depth, stamp, variance=1e-7)
+            self.spin(period)
+        return stamp
+
+    # --- Asking
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, f"/{NODE}/{service}")
+        self.spin_until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request)
+        self.spin_until(future.done, f"answer of {service}")
+        return future.result()
+
+    def trigger(self, service: str) -> Any:
+        from std_srvs.srv import Trigger
+
+        return self.call(Trigger, service, Trigger.Request())
+
+    def set_parameter(self, name: str, value: object) -> Any:
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        message = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[message])
+        return self.call(SetParameters, "set_parameters", request).results[0]
+
+    def entry(self, name: str) -> Any:
+        return self.diagnostics.get(f"{NODE}: {name}")
+
+    def counts(self) -> dict[str, str]:
+        status = self.entry("inputs")
+        return {} if status is None else {v.key: v.value for v in status.values}

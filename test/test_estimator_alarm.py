@@ -1,0 +1,154 @@
+"""The alarm that an effect is missing, on drives whose truth has it in another form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks._drives import measurements
+from benchmarks.missing_effect import both
+from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.estimator.missing_effect import MissingEffectWatch
+from smallwheel_ros.estimator.robust_regression import robust_fit
+from smallwheel_ros.estimator.soil_estimator import MissingEffect, SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.way_pieces import WayPieces
+from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.pictures.innovations import innovations_picture
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+
+
+def alarms(
+    seed: int, hidden: tuple[str, ...], distance: float, terrain: str
+) -> list[MissingEffect]:
+    """Every alarm of a drive, each once."""
+    drive = simulate_drive(
+        DriveSettings(seed=seed, distance=distance, terrain=terrain, hidden=hidden, outliers=0.02)
+    )
+    e = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
+    found: dict[str, MissingEffect] = {}
+    for one in measurements(drive):
+        e.update(one)
+        if e.missing_effect is not None:
+            found.setdefault(e.missing_effect.effect, e.missing_effect)
+    return list(found.values())
+
+
+@pytest.mark.parametrize("terrain", ["single", "mixed"])
+def test_hidden_slip_sinkage_is_named(terrain: str) -> None:
+    found = alarms(3, ("slip_sinkage",), 20.0, terrain)
+    assert [one.effect for one in found] == ["slip_sinkage"]
+    assert found[0].rivals == ()
+    assert found[0].follows == "slip"
+    assert "follows slip: slip_sinkage fits" in found[0].message
+
+
+@pytest.mark.parametrize("terrain", ["single", "mixed"])
+def test_without_a_hidden_effect_it_is_quiet(terrain: str) -> None:
+    assert alarms(3, (), 25.0, terrain) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("terrain", ["single", "mixed"])
+def test_hidden_slip_sinkage_is_named_within_30_m(terrain: str) -> None:
+    places, wrong, drives = [], 0, 40
+    for seed in range(drives):
+        found = alarms(seed, ("slip_sinkage",), 30.0, terrain)
+        places += [one.distance for one in found if one.effect == "slip_sinkage" and not one.rivals]
+        wrong += any(one.effect != "slip_sinkage" for one in found)
+    print(
+        f"{terrain}: named in {len(places)} of {drives} drives, after "
+        f"{np.percentile(places, [50, 90, 100])} m; another name in {wrong}"
+    )
+    assert len(places) >= 0.9 * drives
+    assert wrong <= 0.02 * drives
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("terrain", ["single", "mixed"])
+def test_200_m_without_a_hidden_effect_are_quiet(terrain: str) -> None:
+    found = [alarms(seed, (), 200.0, terrain) for seed in range(25)]
+    print(f"{terrain}: alarms {[[one.effect for one in drive] for drive in found]}")
+    assert sum(map(bool, found)) <= 0.02 * 50
+
+
+def test_the_effect_added_the_same_drive_is_quiet_and_white(tmp_path: Path) -> None:
+    first, before, second, after = both(4)
+    assert first.missing_effect is not None
+    assert second.missing_effect is None
+    assert after.alarm is None
+    assert before.correlation[0][0] > 0.3
+    assert abs(after.correlation[0][0]) < 0.08
+    assert np.mean(np.clip(after.normalised, -6, 6) ** 2) < 1.25
+    assert second.soil_changes <= first.soil_changes
+    innovations_picture(before, after).savefig(tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 20_000
+
+
+# ---- Parts
+
+
+def test_robust_fit_lets_a_few_great_errors_be() -> None:
+    rng = np.random.default_rng(1)
+    columns = rng.standard_normal((400, 2))
+    y = columns @ [0.5, -1.0] + 0.1 * rng.standard_normal(400)
+    y[:20] += 5.0
+    fit = robust_fit(y, columns)
+    np.testing.assert_allclose(fit.coefficients, [0.5, -1.0], atol=0.02)
+    assert fit.scale < 0.15
+    # One column more than there is reason for gains what chance gives.
+    more = robust_fit(y, np.column_stack([columns, rng.standard_normal(400)]), np.zeros(3))
+    assert -0.01 < 2 * (more.log_likelihood - fit.log_likelihood) < 12
+    assert robust_fit(y, np.zeros((400, 0))).coefficients.size == 0
+
+
+def test_pieces_are_medians_and_gaps_part_them() -> None:
+    pieces = WayPieces(0.2, 40.0)
+    settings = (60.0, 0.25, 0.1)
+    for i in range(100):
+        z = 0.05 if i % 10 == 5 else 0.01
+        slip = None if i % 10 == 5 else 0.1
+        at = 0.03 * i + (5.0 if i >= 50 else 0.0)
+        pieces.add("a", at, z, 1e-6, settings, slip, None)
+    changes = pieces.changes()
+    assert changes is not None
+    np.testing.assert_allclose(changes.log_sinkage, np.log(0.01))
+    np.testing.assert_allclose(changes.slip, 0.1)
+    assert np.isnan(changes.speed).all()
+    # Two groups with 5 m between them: the first piece of each is no change.
+    assert changes.later.size == changes.log_sinkage.size - 2
+    assert WayPieces(0.2, 40.0).changes() is None
+
+
+def test_old_pieces_are_forgotten() -> None:
+    pieces = WayPieces(0.2, 40.0)
+    for i in range(100_000):
+        pieces.add("a", 0.05 * i, 0.01, 1e-6, (60.0, 0.25, 0.1), 0.1, 0.2)
+    changes = pieces.changes()
+    assert changes is not None
+    assert changes.log_sinkage.size <= 202
+
+
+def test_what_cannot_be_tested_says_why() -> None:
+    drive = simulate_drive(DriveSettings(seed=1, distance=12.0, terrain="single"))
+    e = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
+    for one in measurements(drive):
+        e.update(replace(one, slip=None))
+    reasons = {score.effect: score.reason for score in e.effect_scores}
+    assert reasons["slip_sinkage"] == "slip is not known"
+    assert reasons["moisture"] == "moisture is not known"
+    assert reasons["load_dependent_modulus"]
+
+
+def test_an_effect_of_the_model_is_not_looked_for() -> None:
+    watch = MissingEffectWatch((Exponential(a=1.0),), 0.2)
+    drive = simulate_drive(DriveSettings(seed=1, distance=12.0, terrain="single"))
+    for one in measurements(drive):
+        settings = one.load, one.diameter, one.width
+        due = watch.add(one.wheel, one.distance, one.sinkage, 1e-7, settings, one.slip, one.speed)
+        if due:
+            watch.test(soil("dry_sand"), one.distance)
+    assert watch.scores
+    assert "slip_sinkage" not in {score.effect for score in watch.scores}

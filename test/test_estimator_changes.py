@@ -1,0 +1,182 @@
+"""Changes of soil, gross outliers and gaps, on simulated drives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks._drives import measurements
+from smallwheel_ros.estimator.soil_estimator import (
+    EstimatorSettings,
+    Outcome,
+    SinkageMeasurement,
+    SoilEstimator,
+    SoilPrior,
+)
+from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+
+BORDER = 8.0  # m
+FRONT = 0.35  # m, of the front axle before the vehicle's origin
+DIAMETER = 0.25  # m
+
+
+def ground(pressure: float) -> dict[str, object]:
+    return {"n": 0.85, "m": 0.35, "pressure": pressure, "friction_angle": 0.54, "cohesion": 600.0}
+
+
+def drive(seed: int, factor: float, outliers: float = 0.0, distance: float = 13.0) -> Drive:
+    """From a dry sand to a soil of `factor` times its modulus."""
+    stretches = [Stretch(0.0, soil_of_pressure("first", **ground(19e3)))]
+    if factor != 1.0:
+        stretches.append(Stretch(BORDER, soil_of_pressure("then", **ground(19e3 * factor))))
+    return simulate_drive(
+        DriveSettings(seed=seed, distance=distance, stretches=tuple(stretches), outliers=outliers)
+    )
+
+
+def estimator(**settings: float) -> SoilEstimator:
+    return SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), EstimatorSettings(**settings))
+
+
+def follow(e: SoilEstimator, given: list[SinkageMeasurement]) -> list[float]:
+    """Where (m) changes of soil were found."""
+    return [one.distance for one in given if e.update(one).reason == "soil_changed"]
+
+
+def modulus_error(e: SoilEstimator, driven: Drive) -> float:
+    """Error of ln k D^m at 10 mm at the drive's end."""
+    last = driven.stretches[-1].soil
+    estimate = e.estimate()
+    expected = math.log(last.k * DIAMETER**last.m * 0.01**last.n)
+    return estimate.log_reference_pressure + estimate.m * math.log(DIAMETER / 0.2) - expected
+
+
+def check_change(seed: int, factor: float, outliers: float) -> None:
+    driven = drive(seed, factor, outliers)
+    e = estimator()
+    found = follow(e, measurements(driven))
+    assert len(found) == 1
+    assert 0.0 < found[0] - (BORDER - FRONT) < 3 * DIAMETER
+    assert e.soil_changes == 1
+    assert abs(modulus_error(e, driven)) < 0.25
+
+
+@pytest.mark.parametrize(("factor", "outliers"), [(2.0, 0.0), (0.5, 0.02)])
+def test_another_soil_is_found_within_three_diameters(factor: float, outliers: float) -> None:
+    check_change(1, factor, outliers)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.33, 0.5, 2.0, 3.0])
+def test_every_change_is_found_once(factor: float) -> None:
+    late, extra, off = [], 0, []
+    for seed in range(40):
+        driven = drive(seed, factor, 0.02)
+        e = estimator()
+        found = follow(e, measurements(driven))
+        extra += len(found) - 1
+        late.append(found[0] - (BORDER - FRONT) if found else math.inf)
+        off.append(modulus_error(e, driven))
+    print(f"factor {factor}: found after {np.percentile(late, [50, 95, 100])} m, {extra} more")
+    assert min(late) > 0.0
+    assert max(late) < 3 * DIAMETER
+    # At the border a wheel on either soil now and then makes it count three times.
+    assert extra <= 6
+    assert float(np.sqrt(np.mean(np.square(off)))) < 0.12
+
+
+@pytest.mark.slow
+def test_one_soil_is_no_other_soil() -> None:
+    """At most one false alarm in 200 m of one soil, with 2 % gross outliers."""
+    alarms = []
+    for seed in range(10):
+        e = estimator()
+        alarms.append(len(follow(e, measurements(drive(seed, 1.0, 0.02, 200.0)))))
+    print(f"false changes of soil in each of 10 drives of 200 m: {alarms}")
+    assert sum(alarms) <= 10
+
+
+def test_a_soil_met_before_is_taken_up_again() -> None:
+    stretches = tuple(
+        Stretch(start, soil_of_pressure("s", **ground(19e3 * factor)))
+        for start, factor in ((0.0, 1.0), (6.0, 2.5), (9.0, 1.0))
+    )
+    driven = simulate_drive(DriveSettings(seed=3, distance=12.0, stretches=stretches))
+    given = measurements(driven)
+    e = estimator()
+    found = follow(e, given)
+    assert len(found) == 2
+    # Back on the first soil, it is known as well as one that was never left.
+    stayed = estimator()
+    for one in given:
+        if one.distance < 5.6:
+            stayed.update(one)
+    assert e.estimate().log_covariance[1, 1] < stayed.estimate().log_covariance[1, 1]
+    assert abs(modulus_error(e, driven)) < 0.2
+
+
+def single(seed: int, outliers: float) -> tuple[SoilEstimator, Drive]:
+    driven = simulate_drive(
+        DriveSettings(
+            seed=seed, distance=20.0, wheels="two_sizes", terrain="single", outliers=outliers
+        )
+    )
+    e = estimator()
+    follow(e, measurements(driven))
+    return e, driven
+
+
+@pytest.mark.slow
+def test_outliers_barely_move_the_estimate() -> None:
+    errors = {0.0: [], 0.02: []}
+    for seed in range(40):
+        for share, found in errors.items():
+            e, driven = single(seed, share)
+            truth, estimate = driven.stretches[0].soil, e.estimate()
+            found.append([modulus_error(e, driven), estimate.n - truth.n, estimate.m - truth.m])
+    size = {k: np.sqrt(np.mean(np.square(v), axis=0)) for k, v in errors.items()}
+    print(f"error with 2 % outliers over that without: {np.round(size[0.02] / size[0.0], 3)}")
+    assert np.all(size[0.02] < 1.2 * size[0.0])
+
+
+def test_gross_outliers_are_left_out() -> None:
+    e, driven = single(2, 0.05)
+    wild = sum(int(r.outlier.sum()) for r in driven.sinkage.values())
+    assert 0.9 * wild < e.outliers < 1.2 * wild
+    assert e.soil_changes == 0
+    assert abs(modulus_error(e, driven)) < 0.1
+
+
+# ---- Gaps and standing
+
+
+def test_a_gap_is_only_a_gap() -> None:
+    """No measurement for 5 m: the uncertainty grows by the drift, and the next one fits."""
+    given = measurements(drive(5, 1.0, distance=12.0))
+    e = estimator()
+    follow(e, [one for one in given if one.distance < 4.0])
+    before = e.estimate().log_covariance
+    rest = [one for one in given if one.distance > 9.0]
+    assert e.update(rest[0]).outcome is Outcome.ACCEPTED
+    assert follow(e, rest[1:]) == []
+    assert e.estimate().log_covariance[0, 0] < 2.0 * before[0, 0]
+
+
+def test_standing_still_teaches_the_spot_only() -> None:
+    """An hour at one place tells no more of the soil than a minute, and covariance stays sound."""
+    rng = np.random.default_rng(5)
+    e = estimator()
+    one = SinkageMeasurement(0.0, "w", 0.012, 2.5e-7, 60.0, 0.5, 0.2, 0.1, 3.0)
+    deviations = []
+    for i in range(6000):
+        z = 0.012 + 5e-4 * rng.standard_normal()
+        e.update(replace(one, time=float(i), sinkage=float(z)))
+        if i in (600, 5999):
+            deviations.append(math.sqrt(e.estimate().log_covariance[0, 0]))
+    assert deviations[1] > 0.9 * deviations[0] > 0.9 * 0.06
+    assert np.linalg.eigvalsh(e.estimate().log_covariance).min() > 0.0

@@ -1,0 +1,165 @@
+"""Saving the estimate and going on from it."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.estimator.soil_estimator import (
+    EstimatorError,
+    Outcome,
+    SinkageMeasurement,
+    SoilEstimator,
+    SoilPrior,
+)
+from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.simulate.truth import static_sinkage
+
+PRIOR = SoilPrior.from_soil(soil("dry_sand"))
+ONE = SinkageMeasurement(1.0, "w", 0.012, 2.5e-7, 60.0, 0.5, 0.25, 0.1, 0.0, slip=0.1, speed=0.2)
+
+
+@cache
+def series() -> tuple[list[float], list[float]]:
+    """Loads (N) and sinkages (m) of one wheel over fresh soil."""
+    rng = np.random.default_rng(1)
+    load = 60.0 * np.exp(0.4 * np.sin(0.4 * np.arange(200)))
+    k = 1.5 * 1.604e6 * np.exp(0.06 * rng.standard_normal(200)) * 0.25**0.39
+    full = np.ones(200)
+    z = static_sinkage(lambda depth: k[:, None] * depth**0.7, load, 0.25 * full, 0.1 * full)
+    return load.tolist(), z.tolist()
+
+
+def driven(e: SoilEstimator) -> SoilEstimator:
+    for i, (load, z) in enumerate(zip(*series(), strict=True)):
+        e.update(replace(ONE, time=0.1 * i, distance=0.3 * i, sinkage=z, variance=1e-8, load=load))
+    return e
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "state" / "soil.json"
+    driven(SoilEstimator(PRIOR)).save(path)
+    return path
+
+
+def test_a_restart_goes_on_where_it_was(saved: Path) -> None:
+    before = driven(SoilEstimator(PRIOR)).estimate()
+    again = SoilEstimator(PRIOR)
+    again.restore(saved)
+    after = again.estimate()
+    assert (after.k, after.n, after.m) == pytest.approx((before.k, before.n, before.m), rel=1e-12)
+    np.testing.assert_allclose(after.log_covariance, before.log_covariance, rtol=1e-9)
+    assert after.status == before.status
+    assert after.accepted == before.accepted
+    assert after.identifiable == before.identifiable
+    # Time and travel begin anew, and it goes on learning.
+    driven(again)
+    assert again.accepted == 2 * before.accepted
+    assert again.soil_changes == 0
+    assert again.estimate().log_covariance[1, 1] < before.log_covariance[1, 1]
+
+
+def test_a_restart_on_another_soil_finds_that(saved: Path) -> None:
+    again = SoilEstimator(PRIOR)
+    again.restore(saved)
+    for i in range(20):
+        again.update(replace(ONE, time=float(i), distance=0.3 * i, sinkage=0.03))
+    assert again.soil_changes == 1
+    assert again.predict(60.0, 0.25, 0.1).sinkage == pytest.approx(0.03, rel=0.1)
+
+
+def test_nothing_measured_is_saved_as_the_prior(tmp_path: Path) -> None:
+    SoilEstimator(PRIOR).save(tmp_path / "soil.json")
+    again = SoilEstimator(PRIOR)
+    again.restore(tmp_path / "soil.json")
+    assert again.estimate().status == SoilEstimator(PRIOR).estimate().status
+
+
+def change(path: Path, **values: object) -> None:
+    content = json.loads(path.read_text())
+    for name, value in values.items():
+        place, *inner = name.split("__")
+        if inner:
+            content[place][inner[0]] = value
+        else:
+            content[place] = value
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"format": "something"}, "expected a file of format"),
+        ({"version": 7}, "version 7"),
+        ({"prior": None}, "prior or effects are missing"),
+        ({"prior__n": 0.5}, "another prior"),
+        ({"prior__soil": "snow"}, "another prior"),
+        ({"effects": [{"id": "slip_sinkage"}]}, "another model"),
+        ({"accepted": -1}, "negative"),
+        ({"soil": 3}, "TypeError"),
+        ({"soil__mean": [1.0, 2.0]}, "is no soil"),
+        ({"soil__mean": [1e300, 0.8, 0.3]}, "outside of the model's range"),
+        ({"soil__deviation": ["a", 0.0, 0.0]}, "ValueError"),
+        ({"soil__reference": [60.0, -0.2, 0.1]}, "is no soil"),
+        ({"soil__covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}, "LinAlgError"),
+        ({"soil__covariance": [[1, 0.5, 0], [0.2, 1, 0], [0, 0, 1]]}, "not symmetric"),
+        ({"diameters": [0.3, 0.2]}, "no range"),
+    ],
+)
+def test_a_wrong_file_is_named_and_changes_nothing(
+    saved: Path, values: dict[str, object], words: str
+) -> None:
+    change(saved, **values)
+    e = driven(SoilEstimator(PRIOR))
+    before = e.estimate()
+    with pytest.raises(EstimatorError, match=words) as error:
+        e.restore(saved)
+    assert str(saved) in str(error.value)
+    assert e.estimate().k == before.k
+    assert e.update(replace(ONE, time=1e3, distance=1e2)).outcome is not Outcome.REFUSED
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.97])
+def test_half_a_file_is_no_state(saved: Path, share: float) -> None:
+    whole = saved.read_bytes()
+    saved.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(EstimatorError, match="not a whole saved soil"):
+        SoilEstimator(PRIOR).restore(saved)
+    saved.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(EstimatorError, match="not a whole saved soil"):
+        SoilEstimator(PRIOR).restore(saved)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(EstimatorError, match=r"nowhere.json: no saved soil"):
+        SoilEstimator(PRIOR).restore(tmp_path / "nowhere.json")
+
+
+def test_another_model_is_refused(saved: Path) -> None:
+    with pytest.raises(EstimatorError, match="another model"):
+        SoilEstimator(PRIOR, effects=(Exponential(a=1.0),)).restore(saved)
+
+
+def test_what_cannot_be_written_leaves_the_old_file(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = saved.read_bytes()
+    with pytest.raises(EstimatorError, match="cannot be saved"):
+        SoilEstimator(PRIOR).save(saved / "below_a_file")
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(EstimatorError, match="No space left"):
+        SoilEstimator(PRIOR).save(saved)
+    assert saved.read_bytes() == old
+    assert list(saved.parent.iterdir()) == [saved]

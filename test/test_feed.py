@@ -1,0 +1,321 @@
+"""From messages to the estimate: each way of input, with real messages (those of bags)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.bags import message_type
+from smallwheel_ros.onboard.feed import Feed, Topic
+from smallwheel_ros.onboard.mobility import Status
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.streams import SECOND
+
+START = 1_700_000_000 * SECOND
+ONE_WHEEL = {
+    "wheels": ["front"],
+    "front.diameter": 0.25,
+    "front.width": 0.1,
+    "timing.reorder_time": 0.05,
+    "timing.silent_after": 0.1,
+}
+QUARTER = math.sqrt(0.5)
+
+
+def make(**changes: object) -> Feed:
+    settings = settings_from({**ONE_WHEEL, **changes})
+    return Feed(Onboard(settings.onboard), settings)
+
+
+def topic(feed: Feed, name: str) -> Topic:
+    (found,) = [item for item in feed.topics if item.name == name]
+    return found
+
+
+def header(stamp: int, frame: str = "odom") -> Any:
+    time = message_type("builtin_interfaces/msg/Time")(sec=stamp // SECOND, nanosec=stamp % SECOND)
+    return message_type("std_msgs/msg/Header")(stamp=time, frame_id=frame)
+
+
+def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+    return message_type("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
+
+
+def wrench(stamp: int, force: float) -> Any:
+    forces = message_type("geometry_msgs/msg/Wrench")(force=vector(z=force), torque=vector())
+    return message_type("geometry_msgs/msg/WrenchStamped")(header=header(stamp), wrench=forces)
+
+
+def twist(speed: float, turn: float = 0.0) -> Any:
+    return message_type("geometry_msgs/msg/Twist")(linear=vector(x=speed), angular=vector(z=turn))
+
+
+def velocity(stamp: int, speed: float) -> Any:
+    return message_type("geometry_msgs/msg/TwistStamped")(header=header(stamp), twist=twist(speed))
+
+
+def odometry(
+    stamp: int,
+    x: float,
+    speed: float,
+    orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+) -> Any:
+    names = dict(zip("xyzw", orientation, strict=True))
+    quaternion = message_type("geometry_msgs/msg/Quaternion")(**names)
+    place = message_type("geometry_msgs/msg/Point")(x=x, y=2.0, z=0.0)
+    pose = message_type("geometry_msgs/msg/Pose")(position=place, orientation=quaternion)
+    nothing = np.zeros(36)
+    return message_type("nav_msgs/msg/Odometry")(
+        header=header(stamp),
+        child_frame_id="base_link",
+        pose=message_type("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=nothing),
+        twist=message_type("geometry_msgs/msg/TwistWithCovariance")(
+            twist=twist(speed), covariance=nothing
+        ),
+    )
+
+
+def joints(stamp: int, velocity: list[float], effort: list[float], names: list[str]) -> Any:
+    return message_type("sensor_msgs/msg/JointState")(
+        header=header(stamp),
+        name=names,
+        position=np.zeros(len(names)),
+        velocity=np.array(velocity),
+        effort=np.array(effort),
+    )
+
+
+def sinkage(stamp: int, value: float, variance: float = 1e-6) -> Any:
+    return message_type("smallwheel_ros/msg/WheelSinkage")(
+        header=header(stamp), sinkage=value, variance=variance
+    )
+
+
+def distance(stamp: int, value: float, low: float = 0.05, high: float = 2.0) -> Any:
+    return message_type("sensor_msgs/msg/Range")(
+        header=header(stamp),
+        radiation_type=0,
+        field_of_view=0.1,
+        min_range=low,
+        max_range=high,
+        range=value,
+        variance=4e-6,
+    )
+
+
+def step(i: int) -> int:
+    return START + i * SECOND // 50
+
+
+class TestUsual:
+    def test_topics(self) -> None:
+        feed = make()
+        assert {(t.name, t.type) for t in feed.topics} == {
+            ("front/load", "geometry_msgs/msg/WrenchStamped"),
+            ("front/sinkage", "smallwheel_ros/msg/WheelSinkage"),
+            ("odom", "nav_msgs/msg/Odometry"),
+            ("joint_states", "sensor_msgs/msg/JointState"),
+        }
+        streams = {name for t in feed.topics for name in t.streams}
+        assert streams == set(feed.onboard.streams)
+
+    def run(self, feed: Feed, **how: Any) -> list[Result]:
+        results: list[Result] = []
+        for i in range(30):
+            turned = how.get("orientation", (0.0, 0.0, 0.0, 1.0))
+            results += topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5, turned), None)
+            state = joints(step(i), [0.5 / 0.9 / 0.125], [], ["front_joint"])
+            results += topic(feed, "joint_states").handle(state, None)
+            results += topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+        return results + feed.onboard.flush()
+
+    def test_everything_arrives(self) -> None:
+        feed = make(**{"front.lateral_position": 0.3, "front.longitudinal_position": 0.2})
+        results = self.run(feed)
+        assert len(results) == 30
+        last = results[-1]
+        assert last.mobility.load.value == 60.0
+        assert last.mobility.slip.value == pytest.approx(0.1)
+        assert last.mobility.sinkage_measured.value == 0.008
+        assert last.place == pytest.approx((0.29 + 0.2, 2.0 + 0.3))
+        assert feed.odometry_frame == "odom"
+
+    def test_the_wheel_is_where_the_robot_is_turned_to(self) -> None:
+        feed = make(**{"front.lateral_position": 0.3, "front.longitudinal_position": 0.2})
+        last = self.run(feed, orientation=(0.0, 0.0, QUARTER, QUARTER))[-1]
+        assert last.place == pytest.approx((0.29 - 0.3, 2.0 + 0.2))
+
+    def test_without_an_orientation_there_is_no_place_and_that_is_said(self) -> None:
+        feed = make()
+        last = self.run(feed, orientation=(0.0, 0.0, 0.0, 0.0))[-1]
+        assert last.place is None
+        assert last.mobility.slip is not None
+        assert feed.onboard.counts["odom", "no_orientation"] == 30
+
+    def test_joints_without_velocities_are_counted(self) -> None:
+        feed = make()
+        state = joints(START, [], [], ["front_joint"])
+        assert topic(feed, "joint_states").handle(state, None) == []
+        assert feed.onboard.counts["front/wheel_speed", "no_velocities"] == 1
+        assert feed.onboard.received["front/wheel_speed"] == 1
+        # Joints of others are none of our business.
+        topic(feed, "joint_states").handle(joints(START, [], [], ["arm"]), None)
+        assert feed.onboard.received["front/wheel_speed"] == 1
+
+    def test_load_sign(self) -> None:
+        feed = make(load_sign=-1)
+        topic(feed, "front/load").handle(wrench(START, -60.0), None)
+        assert feed.onboard.counts == {}
+
+
+class TestRange:
+    def feed(self) -> Feed:
+        return make(**{"front.sinkage_source": "Range", "front.range_height": 0.3})
+
+    def test_nearer_ground_is_a_deeper_wheel(self) -> None:
+        feed = self.feed()
+        assert topic(feed, "front/sinkage").type == "sensor_msgs/msg/Range"
+        topic(feed, "front/load").handle(wrench(START, 60.0), None)
+        topic(feed, "front/sinkage").handle(distance(START, 0.288), None)
+        (result,) = feed.onboard.flush()
+        measured = result.mobility.sinkage_measured
+        assert measured.value == pytest.approx(0.012)
+        assert measured.standard_deviation == pytest.approx(0.002)
+
+    @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 0.01, 3.0])
+    def test_outside_of_its_limits_is_counted(self, value: float) -> None:
+        feed = self.feed()
+        assert topic(feed, "front/sinkage").handle(distance(START, value), None) == []
+        assert feed.onboard.counts["front/sinkage", "range_out_of_limits"] == 1
+        assert feed.onboard.rejected == 1
+        (problem,) = feed.onboard.take_problems()
+        assert "expected a number from 0.05 to 2 m" in problem.text
+
+    def test_limits_that_nobody_filled_in_do_not_count(self) -> None:
+        feed = self.feed()
+        topic(feed, "front/sinkage").handle(distance(START, 0.29, 0.0, 0.0), None)
+        assert feed.onboard.counts == {}
+
+    def test_higher_than_on_hard_ground_is_a_wrong_height(self) -> None:
+        feed = self.feed()
+        topic(feed, "front/sinkage").handle(distance(START, 0.31), None)
+        assert feed.onboard.counts["front/sinkage", "sinkage_negative"] == 1
+
+
+class TestLoads:
+    def test_efforts_of_joints(self) -> None:
+        feed = make(
+            **{
+                "load.source": "joint_states",
+                "load.per_effort": 2.0,
+                "load_sign": -1,
+                "front.load_joint": "leg",
+            }
+        )
+        assert not [t for t in feed.topics if t.name == "front/load"]
+        names = ["arm", "leg", "front_joint"]
+        handle = topic(feed, "joint_states").handle
+        handle(joints(START, [0.0, 0.0, 4.0], [9.0, -30.0, 0.0], names), None)
+        topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
+        (result,) = feed.onboard.flush()
+        assert result.mobility.load.value == pytest.approx(60.0)
+        handle(joints(step(1), [0.0, 0.0, 4.0], [], names), None)
+        assert feed.onboard.counts["front/load", "no_efforts"] == 1
+
+    def test_a_static_load_is_used_and_said(self) -> None:
+        feed = make(**{"load.source": "static", "load.mass": 6.0})
+        assert "front/load" not in feed.onboard.streams
+        results = topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
+        results += feed.onboard.flush()
+        (result,) = results
+        load = result.mobility.load
+        assert load.value == pytest.approx(58.86)
+        assert load.standard_deviation == pytest.approx(0.3 * 58.86)
+        assert "load not measured: 58.9 N as configured" in result.mobility.status_text
+        assert result.mobility.forces is not None
+
+    def test_a_guessed_load_makes_everything_less_sure(self) -> None:
+        def spread(**changes: object) -> float:
+            feed = make(**changes)
+            for i in range(40):
+                if "load.source" not in changes:
+                    topic(feed, "front/load").handle(wrench(step(i), 58.86), None)
+                topic(feed, "odom").handle(odometry(step(i), 0.1 * i, 0.5), None)
+                topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+            feed.onboard.flush()
+            return float(feed.onboard.soil.log_covariance[0, 0])
+
+        guessed = spread(**{"load.source": "static", "load.mass": 6.0})
+        assert guessed > 2.0 * spread()
+
+    def test_without_sinkage_and_load_sensors_odometry_gives_the_times(self) -> None:
+        feed = make(**{"load.source": "static", "load.mass": 6.0, "front.sinkage_topic": ""})
+        results: list[Result] = []
+        for i in range(100):
+            results += topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+        assert len(results) == pytest.approx(20, abs=3)
+        assert all(r.mobility.sinkage_predicted is not None for r in results)
+
+
+class TestVelocity:
+    def slip(self, feed: Feed) -> Result:
+        results: list[Result] = []
+        for i in range(10):
+            state = joints(step(i), [0.5 / 0.125], [], ["front_joint"])
+            topic(feed, "joint_states").handle(state, None)
+            # Odometry made from the wheels: as fast as they turn.
+            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+            if "radar" in {t.name for t in feed.topics}:
+                topic(feed, "radar").handle(velocity(step(i), 0.3), None)
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+        return (results + feed.onboard.flush())[-1]
+
+    def test_a_velocity_of_its_own_shows_the_slip_that_the_wheels_hide(self) -> None:
+        feed = make(velocity_topic="radar", odometry_from_wheels=True)
+        assert "velocity" in feed.onboard.streams
+        assert topic(feed, "radar").type == "geometry_msgs/msg/TwistStamped"
+        assert self.slip(feed).mobility.slip.value == pytest.approx(0.4)
+
+    def test_odometry_from_the_wheels_alone_shows_none_and_says_so(self) -> None:
+        last = self.slip(make(odometry_from_wheels=True)).mobility
+        assert last.slip is None
+        assert last.status is Status.SLIP_UNKNOWN
+        assert "odometry comes from the wheels, and there is no velocity_topic" in last.status_text
+        assert last.forces.margin is not None
+
+    def test_a_bad_velocity_is_counted(self) -> None:
+        feed = make(velocity_topic="radar")
+        topic(feed, "radar").handle(velocity(START, math.nan), None)
+        assert feed.onboard.counts["velocity", "not_finite"] == 1
+
+
+class TestApply:
+    def test_other_noise_leaves_the_soil_another_prior_does_not(self) -> None:
+        feed = make()
+        TestUsual().run(feed)
+        onboard, settings = feed.onboard, feed.onboard.settings
+        learnt = onboard.soil.accepted
+        assert learnt > 10
+        assert not onboard.apply(replace(settings, standstill_speed=0.02))
+        assert onboard.soil.accepted == learnt
+        # The way goes on from where it was, or nothing more would be accepted.
+        way = onboard.soil.distance
+        for i in range(30, 60):
+            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+        onboard.flush()
+        assert onboard.soil.accepted > learnt + 20
+        assert onboard.soil.distance == pytest.approx(way + 0.29, abs=0.02)
+        assert onboard.apply(
+            replace(settings, estimator=replace(settings.estimator, process_noise=0.03))
+        )
+        assert onboard.soil.accepted == 0
+        assert onboard.rejected == 0

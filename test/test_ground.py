@@ -1,0 +1,153 @@
+"""From results to the cost of the ground, and how the filter's health is judged."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_onboard import messages_of, settings_of
+
+from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.estimator.soil_estimator import Outcome, UpdateResult
+from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
+from smallwheel_ros.onboard.health import FilterHealth
+from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+
+NOTHING = Quantity(0.0, 0.0)
+WHEELS = {name: Wheel(name, 0.25, 0.1) for name in ("a", "b")}
+
+
+def estimate(
+    wheel: str, load: float | None, margin: Quantity | None, stamp: int = 1
+) -> MobilityEstimate:
+    forces = WheelForces(NOTHING, NOTHING, NOTHING, NOTHING, None, None, None, margin)
+    return MobilityEstimate(
+        wheel,
+        stamp,
+        Status.OK,
+        "",
+        None if load is None else Quantity(load, 1.0),
+        None,
+        None,
+        NOTHING,
+        forces,
+    )
+
+
+@pytest.fixture(scope="module")
+def results() -> list[Result]:
+    """Of a drive without place, since the messages of this test have no orientation."""
+    drive = simulate_drive(DriveSettings(seed=2, distance=4.0, terrain="single"))
+    onboard = Onboard(settings_of(drive))
+    return [r for message in messages_of(drive) for r in message.give(onboard)]
+
+
+class TestVehicle:
+    def test_margins_are_weighted_by_load_and_errors_go_together(self) -> None:
+        found = vehicle_margin(
+            [estimate("a", 30.0, Quantity(0.3, 0.02)), estimate("b", 90.0, Quantity(-0.1, 0.06))]
+        )
+        assert found.value == pytest.approx(0.0)
+        assert found.standard_deviation == pytest.approx(0.05)
+
+    def test_wheels_without_load_or_margin_do_not_count(self) -> None:
+        known = estimate("a", 30.0, Quantity(0.3, 0.02))
+        unknown = [estimate("b", None, Quantity(0.1, 0.1)), estimate("c", 30.0, None)]
+        assert vehicle_margin([known, *unknown]) == Quantity(0.3, 0.02)
+        assert vehicle_margin(unknown) is None
+        assert vehicle_margin([]) is None
+
+
+class TestGroundMapper:
+    def made(self, results: list[Result], **changes: object) -> np.ndarray | None:
+        """Cells of a map on which each result is laid down at x = 0.05 i."""
+        cost_map = CostMap(CostSettings(size=60.0))
+        names = {r.mobility.wheel: Wheel(r.mobility.wheel, 0.25, 0.1) for r in results}
+        mapper = GroundMapper(cost_map, names)
+        for i, result in enumerate(results):
+            place = {"place": (0.05 * i, 0.0), **changes}
+            mapper.add(replace(result, **place), "odom")
+        grid = cost_map.grid()
+        return None if grid is None else grid.cells
+
+    def test_a_drive_leaves_its_track(self, results: list[Result]) -> None:
+        cells = self.made(results[100:300])
+        assert (cells >= 0).sum() > 50
+        assert cells.max() <= 99
+
+    def test_without_a_place_or_a_frame_there_is_no_map(self, results: list[Result]) -> None:
+        assert results[0].place is None
+        assert self.made(results, place=None) is None
+        mapper = GroundMapper(CostMap(CostSettings()), WHEELS)
+        mapper.add(replace(results[0], place=(0.0, 0.0)), "")
+        assert mapper.map.grid() is None
+
+    def test_a_soil_that_nobody_has_measured_is_unknown(self, results: list[Result]) -> None:
+        prior = [replace(r, soil=replace(r.soil, accepted=0)) for r in results[:50]]
+        assert self.made(prior).max() == -1
+        sunk = [
+            replace(r, mobility=replace(r.mobility, status=Status.SUNK_TO_AXLE, forces=None))
+            for r in prior
+        ]
+        assert self.made(sunk).max() == -1
+
+    def test_what_did_not_fit_is_unknown_and_what_is_stuck_is_lethal(
+        self, results: list[Result]
+    ) -> None:
+        def like(**changes: object) -> np.ndarray:
+            some = results[200:220]
+            return self.made([replace(r, mobility=replace(r.mobility, **changes)) for r in some])
+
+        assert like(status=Status.REJECTED).max() == -1
+        assert like(status=Status.SUNK_TO_AXLE, forces=None).max() == 100
+        assert like(digging_in=True).max() == 100
+
+
+class TestHealth:
+    def made(self, squares: list[float], outliers: int = 0) -> FilterHealth:
+        health = FilterHealth()
+        for square in squares:
+            health.add(
+                UpdateResult(Outcome.ACCEPTED, "accepted", "", normalised_innovation_squared=square)
+            )
+        for _ in range(outliers):
+            health.add(
+                UpdateResult(Outcome.OUTLIER, "gate", "", normalised_innovation_squared=50.0)
+            )
+        return health
+
+    def test_right_innovations_are_no_concern(self) -> None:
+        rng = np.random.default_rng(4)
+        health = self.made((rng.normal(size=200) ** 2).tolist(), outliers=4)
+        assert health.concern == ""
+        assert health.mean_square == pytest.approx(1.0, abs=0.3)
+        assert health.outlier_share == pytest.approx(0.02)
+
+    @pytest.mark.parametrize(
+        ("scale", "outliers", "words"),
+        [
+            (3.0, 0, "larger than they should be"),
+            (0.1, 0, "smaller than they should be"),
+            (1.0, 80, "do not fit"),
+        ],
+    )
+    def test_concerns(self, scale: float, outliers: int, words: str) -> None:
+        rng = np.random.default_rng(4)
+        squares = (scale * rng.normal(size=200) ** 2).tolist()
+        assert words in self.made(squares, outliers).concern
+
+    def test_a_few_updates_say_nothing_yet(self) -> None:
+        assert self.made([9.0] * 20).concern == ""
+        health = self.made([9.0] * 100)
+        assert health.concern
+        health.reset()
+        assert health.concern == ""
+        assert health.mean_square is None
+        health.add(UpdateResult(Outcome.REFUSED, "not_finite", ""))
+        assert health.count == 0
+        assert math.isfinite(health.outlier_share)

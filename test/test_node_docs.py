@@ -1,0 +1,70 @@
+"""The node's documentation: every reason is explained, every command of the first steps runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from smallwheel_ros.onboard.mobility import Status
+from smallwheel_ros.onboard.streams import StampFault
+
+
+def reasons(repository: Path) -> set[str]:
+    """Keys that messages are counted by, as they stand in the code."""
+    found = {fault.value for fault in StampFault}
+    calls = r"(?:problems\.add|refuse|report|_report)\(\s*[^,]+,\s*\"([a-z_]+)\""
+    for folder in ("onboard", "ros"):
+        for file in (repository / "smallwheel_ros" / folder).glob("*.py"):
+            found |= set(re.findall(calls, file.read_text()))
+    return found
+
+
+def test_every_reason_is_in_the_table(repository: Path) -> None:
+    text = (repository / "docs" / "diagnostics.md").read_text()
+    found = reasons(repository)
+    assert len(found) > 12
+    for reason in found:
+        assert re.search(rf"^\|[^|]*\b{reason}\b", text, re.MULTILINE), reason
+
+
+def test_every_status_is_in_the_table(repository: Path) -> None:
+    text = (repository / "docs" / "node.md").read_text()
+    for status in Status:
+        assert f"| {status.name} |" in text
+
+
+@pytest.mark.parametrize("name", ["node", "nav2", "diagnostics", "bag_to_map"])
+def test_links_lead_somewhere(repository: Path, name: str) -> None:
+    file = repository / "docs" / f"{name}.md"
+    for target in re.findall(r"\]\(([^)#]+)\)", file.read_text()):
+        assert (file.parent / target).exists(), target
+
+
+def test_the_first_steps_run(repository: Path, tmp_path: Path) -> None:
+    text = (repository / "docs" / "bag_to_map.md").read_text()
+    blocks = re.findall(r"^```sh\n(.*?)```", text, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 3
+    for part in ("config", "examples"):
+        (tmp_path / part).symlink_to(repository / part)
+    for block in blocks:
+        program, *arguments = block.split()
+        command = [sys.executable, *arguments]
+        if program == "smallwheel":
+            command = [sys.executable, "-m", "smallwheel_ros.cli", *arguments]
+        done = subprocess.run(
+            command,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            env={**os.environ, "PYTHONPATH": str(repository)},
+        )
+        assert done.returncode == 0, done.stderr
+    picture = (tmp_path / "cost_map.png").read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    assert "cells are known" in done.stdout

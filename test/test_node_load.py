@@ -1,0 +1,124 @@
+"""The node under load: six wheels at 200 Hz for ten minutes of stamps, nothing lost, flat memory.
+
+Stamps go at 200 Hz, however fast the machine is: the sender holds back while too many sinkages are
+without answer. SMALLWHEEL_LOAD_MINUTES shortens it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from node_peer import NODE, SECOND, Peer
+
+from smallwheel_ros.node_process import NodeProcess
+
+pytestmark = [pytest.mark.dds, pytest.mark.slow]
+
+MINUTES = float(os.environ.get("SMALLWHEEL_LOAD_MINUTES", "10"))
+RATE = 200
+WHEELS = [f"wheel_{i}" for i in range(6)]
+MOST_UNANSWERED = 24  # less than the depth of the node's queues
+
+
+def resident(pid: int) -> float:
+    """Memory of a process, MB."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+class Rover:
+    """Publishes for six wheels, and counts the answers."""
+
+    def __init__(self, peer: Peer) -> None:
+        from geometry_msgs.msg import WrenchStamped
+        from nav_msgs.msg import Odometry
+        from sensor_msgs.msg import JointState
+        from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
+
+        self.peer = peer
+        node = peer.node
+        self.loads = [node.create_publisher(WrenchStamped, f"/{n}/load", 200) for n in WHEELS]
+        self.sinkages = [node.create_publisher(WheelSinkage, f"/{n}/sinkage", 200) for n in WHEELS]
+        self.odometry = node.create_publisher(Odometry, "/odom", 200)
+        self.joints = node.create_publisher(JointState, "/joint_states", 200)
+        self.sent = self.answered = self.unusable = 0
+        node.create_subscription(MobilityEstimate, f"/{NODE}/mobility", self._on_answer, 2000)
+        self.pose, self.turning = Odometry(), JointState(name=[f"{n}_joint" for n in WHEELS])
+        self.pose.header.frame_id = "odom"
+        self.pose.pose.pose.orientation.w = 1.0
+        self.pose.twist.twist.linear.x = 0.5
+        self.turning.velocity = [0.5 / 0.9 / 0.125] * len(WHEELS)
+        self.wrench, self.depth = WrenchStamped(), WheelSinkage(variance=1e-6)
+
+    @property
+    def heard(self) -> bool:
+        publishers = (*self.loads, *self.sinkages, self.odometry, self.joints)
+        return all(p.get_subscription_count() > 0 for p in publishers)
+
+    def _on_answer(self, message: Any) -> None:
+        self.answered += 1
+        self.unusable += not message.load_valid or not message.slip_valid
+
+    def tick(self, i: int, begin: int) -> None:
+        stamp = begin + i * SECOND // RATE
+        x = 0.5 * i / RATE
+        # Around a field, so that the window of the cost map moves and comes back.
+        self.pose.pose.pose.position.x = 30.0 * math.cos(x / 30.0)
+        self.pose.pose.pose.position.y = 30.0 * math.sin(x / 30.0)
+        for message, publisher in ((self.pose, self.odometry), (self.turning, self.joints)):
+            self.peer.stamp(message, stamp)
+            publisher.publish(message)
+        for w, (load, sinkage) in enumerate(zip(self.loads, self.sinkages, strict=True)):
+            force = 60.0 * (1.0 + 0.3 * math.sin(3.0 * x + w))
+            self.wrench.wrench.force.z = force
+            self.peer.stamp(self.wrench, stamp)
+            load.publish(self.wrench)
+            texture = 1.0 + 0.05 * math.sin(17.0 * x + 2.0 * w)
+            self.depth.sinkage = 0.008 * (force / 60.0) ** 0.7 * texture
+            self.peer.stamp(self.depth, stamp)
+            sinkage.publish(self.depth)
+            self.sent += 1
+
+
+def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
+    peer: Peer, tmp_path: Path
+) -> None:
+    sizes = "".join(f"    {n}: {{diameter: 0.25, width: 0.1}}\n" for n in WHEELS)
+    parameters = tmp_path / "rover.yaml"
+    parameters.write_text(f"/**:\n  ros__parameters:\n    wheels: [{', '.join(WHEELS)}]\n{sizes}")
+    log = tmp_path / "node.log"
+    rover = Rover(peer)
+    ticks = round(MINUTES * 60 * RATE)
+    memory: list[float] = []
+    # Without a clock the node compares stamps only with each other: it may be slower than they are.
+    with NodeProcess([parameters], log, {"use_sim_time": "true"}) as node:
+        peer.spin_until(lambda: rover.heard, "the node listens")
+        peer.spin(1.0)
+        begin = peer.now()
+        for i in range(ticks):
+            rover.tick(i, begin)
+            deadline = time.monotonic() + 60.0
+            while rover.sent - rover.answered > MOST_UNANSWERED:
+                peer.rclpy.spin_once(peer.node, timeout_sec=0.05)
+                assert node.death() is None, node.death()
+                assert time.monotonic() < deadline, f"{rover.answered} of {rover.sent} answered"
+            if i % max(1, ticks // 20) == 0:
+                memory.append(resident(node.process_id))
+        peer.spin_until(lambda: rover.answered == rover.sent, "the last answers", 60.0)
+        peer.spin(2.0)
+        memory.append(resident(node.process_id))
+        assert rover.sent == ticks * len(WHEELS)
+        assert rover.unusable == 0
+        counts = peer.counts()
+        for name in WHEELS:
+            assert f", {ticks} received" in "".join(v for k, v in counts.items() if name in k)
+        assert not [key for key in counts if ": " in key and "gate" not in key], counts
+        # The first fifth is for caches, buffers and the whole window of the cost map.
+        settled = memory[len(memory) // 5 :]
+        assert max(settled) - settled[0] < 10.0, memory
+    assert "Traceback" not in log.read_text()

@@ -1,0 +1,188 @@
+"""The node's cost map, markers and services over real DDS."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from node_peer import SECOND, Peer
+
+from smallwheel_ros.node_process import NodeProcess
+
+pytestmark = pytest.mark.dds
+FAST = {"cost.period": "0.2", "cost.size": "8.0"}
+
+
+def assert_nav2_takes_it(message: Any, frame: str) -> None:
+    """The rules of nav2_util::validateMsg for an OccupancyGrid, and of KeepoutFilter's masks."""
+    assert message.header.frame_id == frame != ""
+    assert 0 <= message.header.stamp.nanosec < SECOND
+    info = message.info
+    assert math.isfinite(info.resolution)
+    assert info.resolution > 0
+    position, turn = info.origin.position, info.origin.orientation
+    assert all(math.isfinite(v) for v in (position.x, position.y, position.z))
+    length = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
+    assert abs(length - 1.0) < 1e-3
+    assert turn.w == 1.0
+    assert len(message.data) == info.width * info.height > 0
+    cells = np.asarray(message.data)
+    assert cells.min() >= -1
+    assert cells.max() <= 100
+
+
+def cells_of(message: Any) -> np.ndarray:
+    return np.asarray(message.data).reshape(message.info.height, message.info.width)
+
+
+def cost_at(message: Any, x: float, y: float) -> int:
+    info = message.info
+    row = math.floor((y - info.origin.position.y) / info.resolution)
+    column = math.floor((x - info.origin.position.x) / info.resolution)
+    return int(cells_of(message)[row, column])
+
+
+def class_grid(peer: Peer, cells: np.ndarray, frame: str = "odom", **info: Any) -> Any:
+    from nav_msgs.msg import OccupancyGrid
+
+    message = OccupancyGrid()
+    peer.stamp(message)
+    message.header.frame_id = frame
+    message.info.resolution = 0.5
+    message.info.height, message.info.width = cells.shape
+    message.info.origin.position.x, message.info.origin.position.y = -1.0, -1.0
+    message.info.origin.orientation.w = 1.0
+    for name, value in info.items():
+        setattr(message.info, name, value)
+    message.data = cells.ravel().tolist()
+    return message
+
+
+def test_crossed_ground_becomes_a_grid_that_nav2_takes(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    from nav_msgs.msg import OccupancyGrid
+    from visualization_msgs.msg import Marker, MarkerArray
+
+    grids, arrays = peer.latched(OccupancyGrid, "cost"), []
+    peer.listen(MarkerArray, "markers", arrays.append)
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log, FAST) as node:
+        peer.wait_for_node()
+        assert grids == []
+        peer.drive(0.0, 2.0)
+        peer.spin_until(lambda: grids and cells_of(grids[-1]).max() >= 0, "a grid with costs")
+        peer.spin(1.0)
+        grid = grids[-1]
+        for each in grids:
+            assert_nav2_takes_it(each, "odom")
+        assert 0 <= cost_at(grid, 1.5, 0.01) <= 100
+        assert cost_at(grid, 1.5, 1.0) == -1
+        assert cost_at(grid, 3.0, 0.0) == -1
+        # At a bounded rate, and none while nothing changes.
+        assert len(grids) <= 2.0 / 0.2 + 6
+        count = len(grids)
+        peer.spin(1.5)
+        assert len(grids) == count
+
+        # Who comes late gets the newest grid.
+        late = peer.latched(OccupancyGrid, "cost")
+        peer.spin_until(lambda: bool(late), "the latched grid")
+        assert late[0] == grid
+
+        column, text = arrays[-1].markers
+        assert (column.type, text.type) == (Marker.CYLINDER, Marker.TEXT_VIEW_FACING)
+        assert column.header.frame_id == "odom"
+        assert column.pose.position.x == pytest.approx(2.0, abs=0.3)
+        assert column.scale.z == pytest.approx(0.08, abs=0.04)
+        assert text.text.startswith("front\n")
+        assert "mm" in text.text
+        status = peer.entry("cost")
+        assert status.message == "crossed ground"
+
+        answer = peer.trigger("reset")
+        assert answer.success
+        peer.spin_until(lambda: cells_of(grids[-1]).max() == -1, "an empty grid after the reset")
+        assert_nav2_takes_it(grids[-1], "odom")
+        assert node.death() is None
+    assert "Traceback" not in log.read_text()
+
+
+def test_terrain_classes_in_costs_out(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    from nav_msgs.msg import OccupancyGrid
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    # As of a map server: there before the node, and latched.
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = peer.node.create_publisher(OccupancyGrid, "/terrain_classes", latched)
+    cells = np.full((8, 12), 7, dtype=np.int8)
+    cells[:, 8:] = 3
+    cells[0, 0] = -1
+    publisher.publish(class_grid(peer, cells))
+    grids = peer.latched(OccupancyGrid, "cost")
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log, FAST) as node:
+        peer.wait_for_node()
+        # Before anything is known of any class, the whole grid is unknown.
+        peer.spin_until(lambda: bool(grids), "a grid")
+        assert set(np.unique(cells_of(grids[-1]))) == {-1}
+        peer.drive(0.0, 2.0)
+
+        def spread() -> bool:
+            return bool(cells_of(grids[-1])[7, 5] >= 0)
+
+        peer.spin_until(spread, "the class's cost in cells that nobody has crossed")
+        peer.spin(0.5)
+        grid = grids[-1]
+        assert_nav2_takes_it(grid, "odom")
+        assert (grid.info.width, grid.info.height, grid.info.resolution) == (12, 8, 0.5)
+        costs = cells_of(grid)
+        assert (costs[cells == 3] == -1).all()
+        assert costs[0, 0] == -1
+        far = costs[4:, :8]
+        assert len(set(far.ravel().tolist())) == 1
+
+        # Grids that cannot be used are counted, and the last good one stays.
+        for bad in (class_grid(peer, cells, width=13), class_grid(peer, cells, frame="")):
+            publisher.publish(bad)
+            peer.spin(0.3)  # its publisher keeps only the newest
+        wanted = {"/terrain_classes: malformed_grid": "2"}
+        peer.spin_until(lambda: wanted.items() <= peer.counts().items(), "malformed grids counted")
+        assert cells_of(grids[-1]).shape == (8, 12)
+        # A grid of another frame: said, and unknown.
+        publisher.publish(class_grid(peer, cells, frame="map"))
+        peer.spin_until(lambda: grids[-1].header.frame_id == "map", "the grid of the other frame")
+        assert_nav2_takes_it(grids[-1], "map")
+        peer.spin_until(
+            lambda: "in frame map, positions are in odom" in peer.entry("cost").message,
+            "the frame in diagnostics",
+        )
+        assert node.death() is None
+    text = log.read_text()
+    assert "has 96 cells, expected width * height = 13 * 8" in text
+    assert "Traceback" not in text
+
+
+def test_a_bag_that_loops_clears_the_grid(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    from nav_msgs.msg import OccupancyGrid
+
+    grids = peer.latched(OccupancyGrid, "cost")
+    log = tmp_path / "node.log"
+    begin = peer.now() - 100 * SECOND
+    old = {"timing.maximum_age": "1000.0", "timing.future_tolerance": "0.0"}
+    # Without a clock of its own to go by, the node sees stamps only: a simulated one that stands.
+    with NodeProcess([one_wheel], log, {**FAST, **old, "use_sim_time": "true"}) as node:
+        peer.wait_for_node()
+        peer.drive(0.0, 2.0, begin=begin)
+        peer.spin_until(lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "the first way")
+        peer.drive(0.0, 0.8, begin=begin)
+        peer.spin_until(lambda: cost_at(grids[-1], 1.5, 0.01) == -1, "the old way is forgotten")
+        peer.spin_until(lambda: cost_at(grids[-1], 0.5, 0.01) >= 0, "the new way")
+        assert "/odom: time_jump" in " ".join(peer.counts()) or any(
+            "time_jump" in key for key in peer.counts()
+        )
+        assert node.death() is None
+    assert "time went back by" in log.read_text()

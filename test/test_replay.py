@@ -1,0 +1,643 @@
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.cli import main
+from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameter_files import read_parameters
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.replay.inputs import read_remaps
+from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+_kinds = importlib.util.spec_from_file_location(
+    "bag_kinds", Path(__file__).with_name("bag_kinds.py")
+)
+bag_kinds = importlib.util.module_from_spec(_kinds)
+_kinds.loader.exec_module(bag_kinds)
+
+SECOND = 10**9
+MOBILITY = "/mobility_estimator/mobility"
+SOIL = "/mobility_estimator/soil"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("drive") / "drive"
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=4.0, wheels="two_sizes")), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def rover(repository) -> Path:
+    return repository / "config" / "two_wheel_sizes.yaml"
+
+
+def smallwheel(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert result.exit_code == code, (result.output, result.exception)
+    return result
+
+
+def table_of(folder: Path) -> pd.DataFrame:
+    return pd.read_csv(folder / "estimates.csv", float_precision="round_trip")
+
+
+def replayed(bag: Path, rover: Path, folder: Path, remaps=(), **options) -> pd.DataFrame:
+    """Replay by the library, without the page, which takes longest; return the table."""
+    replay(ReplaySpec(bag, rover, folder, read_remaps(remaps), **options))
+    return table_of(folder)
+
+
+@pytest.fixture(scope="module")
+def usual(bag, rover, tmp_path_factory) -> tuple[Path, pd.DataFrame]:
+    """A replay of the drive as it is: its folder and its table."""
+    folder = tmp_path_factory.mktemp("usual") / "out"
+    smallwheel("replay", bag, "--config", rover, "-o", folder)
+    return folder, table_of(folder)
+
+
+def directly(bag: Path, rover: Path) -> list[Result]:
+    """Give the bag's messages to the library, written out here once more."""
+    settings = settings_from(read_parameters(rover))
+    onboard = Onboard(settings.onboard)
+    found: list[Result] = []
+    with BagReader(bag) as reader:
+        for topic, _, _, message in reader.messages():
+            stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+            wheel = topic.split("/")[1]
+            if topic.endswith("/load"):
+                found += onboard.on_load(wheel, stamp, message.wrench.force.z)
+            elif topic.endswith("/sinkage"):
+                found += onboard.on_sinkage(wheel, stamp, message.sinkage, message.variance)
+            elif topic == "/odom":
+                place, twist = message.pose.pose.position, message.twist.twist
+                found += onboard.on_odometry(
+                    stamp, place.x, place.y, twist.linear.x, twist.angular.z
+                )
+            else:
+                for name, velocity in zip(message.name, message.velocity, strict=True):
+                    joint = name.removesuffix("_joint")
+                    found += onboard.on_wheel_speed(joint, stamp, float(velocity))
+    return found + onboard.flush()
+
+
+def assert_same_estimates(one: pd.DataFrame, other: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(
+        one.drop(columns="time"), other.drop(columns="time"), rtol=1e-9, check_exact=False
+    )
+
+
+# --- What comes out
+
+
+def test_the_table_is_what_the_library_gives(bag, rover, usual):
+    _, table = usual
+    expected = directly(bag, rover)
+    assert len(table) == len(expected) > 200
+    assert list(table["stamp"]) == [r.mobility.stamp for r in expected]
+    assert list(table["wheel"]) == [r.mobility.wheel for r in expected]
+    for name, values in {
+        "sinkage_predicted": [r.mobility.sinkage_predicted.value for r in expected],
+        "soil_k": [r.soil.k for r in expected],
+        "soil_n": [r.soil.n for r in expected],
+        "soil_m_standard_deviation": [r.soil.covariance[2, 2] ** 0.5 for r in expected],
+    }.items():
+        np.testing.assert_allclose(table[name], values, rtol=1e-12, err_msg=name)
+    pulls = [r.mobility.forces.drawbar_pull for r in expected]
+    known = np.array([pull is not None for pull in pulls])
+    assert known.any()
+    assert not known.all()  # standing: slip is not known, and the cell is blank, not 0
+    np.testing.assert_array_equal(table["drawbar_pull"].notna(), known)
+    np.testing.assert_allclose(
+        table["drawbar_pull"][known], [pull.value for pull in pulls if pull is not None], rtol=1e-12
+    )
+
+
+def test_positions_and_speed_are_those_of_odometry(bag, usual):
+    _, table = usual
+    with BagReader(bag) as reader:
+        rows = [
+            (m.message.header.stamp.sec * SECOND + m.message.header.stamp.nanosec,
+             m.message.pose.pose.position.x, m.message.twist.twist.linear.x)
+            for m in reader.messages({"/odom"})
+        ]  # fmt: skip
+    stamps, x, speed = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    moving = table[table["speed"].notna()]
+    assert len(moving) > 0.95 * len(table)
+    np.testing.assert_allclose(moving["x"], np.interp(moving["stamp"], stamps, x), atol=1e-3)
+    left = moving[moving["wheel"].str.endswith("left")]["speed"].mean()
+    right = moving[moving["wheel"].str.endswith("right")]["speed"].mean()
+    assert (left + right) / 2 == pytest.approx(np.mean(speed), abs=0.02)
+
+
+def test_parquet_says_the_same_as_csv(usual):
+    pytest.importorskip("pyarrow", reason="needs pyarrow")
+    folder, table = usual
+    other = pd.read_parquet(folder / "estimates.parquet")
+    assert list(other.columns) == list(table.columns)
+    for name in table.columns:
+        if table[name].dtype == float:
+            np.testing.assert_array_equal(table[name], other[name].astype(float), err_msg=name)
+        elif name.endswith("_text"):
+            assert list(table[name].fillna("")) == list(other[name])
+        else:
+            assert list(table[name]) == list(other[name]), name
+
+
+def test_the_new_bag_has_originals_and_estimates(bag, usual):
+    folder, table = usual
+    with BagReader(bag) as reader:
+        originals = [(*m[:3], bytes(m.data)) for m in reader.raw_messages()]
+        names = {topic.name for topic in reader.topics}
+    with BagReader(folder / "bag") as reader:
+        assert {t.name for t in reader.topics} == names | {MOBILITY, SOIL}
+        copies = [(*m[:3], bytes(m.data)) for m in reader.raw_messages(names)]
+        mobility = [m.message for m in reader.messages({MOBILITY})]
+        soils = [m.message for m in reader.messages({SOIL})]
+    assert sorted(copies) == sorted(originals)
+    assert len(mobility) == len(table)
+    stamps = [m.header.stamp.sec * SECOND + m.header.stamp.nanosec for m in mobility]
+    assert stamps == list(table["stamp"])
+    assert [m.header.frame_id for m in mobility] == list(table["wheel"])
+    assert [m.sinkage_predicted for m in mobility] == list(table["sinkage_predicted"])
+    assert [m.drawbar_pull for m in mobility] == list(table["drawbar_pull"].fillna(0.0))
+    assert soils[-1].k == table["soil_k"].iloc[-1]
+    assert soils[-1].header.frame_id == "odom"
+    gaps = np.diff([s.header.stamp.sec * SECOND + s.header.stamp.nanosec for s in soils])
+    assert np.all(gaps > 0)
+    assert np.median(gaps) >= SECOND // 10
+
+
+def test_a_foreign_tool_reads_the_estimates_by_their_own_definitions(usual):
+    from rosbags.highlevel import AnyReader
+
+    folder, table = usual
+    with AnyReader([folder / "bag"]) as reader:
+        connection = next(c for c in reader.connections if c.topic == MOBILITY)
+        _, _, data = next(iter(reader.messages([connection])))
+        first = reader.deserialize(data, connection.msgtype)
+        soil = next(c for c in reader.connections if c.topic == SOIL)
+        assert soil.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
+    assert first.load == table["load"].iloc[0]
+
+
+def test_the_summary_counts_what_the_table_has(bag, usual):
+    folder, table = usual
+    summary = json.loads((folder / "replay.json").read_text())
+    assert summary["state"] == "complete"
+    assert summary["estimates"] == len(table)
+    with BagReader(bag) as reader:
+        assert summary["messages"] == {"read": reader.message_count, "in_bag": reader.message_count}
+    for wheel, rows in table.groupby("wheel"):
+        found = summary["wheels"][wheel]
+        assert found["estimates"] == len(rows)
+        assert found["with_slip"] == rows["slip"].notna().sum()
+    assert summary["missing"] == []
+    assert summary["soil"]["n"]["value"] == table["soil_n"].iloc[-1]
+    for name in summary["files"].values():
+        assert (folder / name).exists()
+    used = sum(wheel["used_for_soil"] for wheel in summary["wheels"].values())
+    assert used == table["soil_measurements_accepted"].iloc[-1]
+
+
+def test_json_on_standard_output_is_the_summary(bag, rover, tmp_path):
+    result = smallwheel("replay", bag, "--config", rover, "-o", tmp_path / "o", "--json", "-")
+    summary = json.loads(result.stdout)
+    assert summary == json.loads((tmp_path / "o" / "replay.json").read_text())
+
+
+def test_the_report_is_one_page_that_needs_nothing_else(usual):
+    folder, _ = usual
+    page = (folder / "report.html").read_text()
+    for word in ("In short", "The way", "The soil", "What was not used", "used for the soil"):
+        assert word in page
+    assert page.count("data:image/svg+xml;base64,") == 4
+    assert not re.search(r"(src|href)=\"?https?:", page)
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", page).lower().split()
+
+
+# --- Every kind of bag
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "split", "message", "file", "ros1", "foreign"])
+def test_every_kind_of_bag_gives_the_same(bag, rover, usual, tmp_path, kind):
+    other = tmp_path / ("other.bag" if kind == "ros1" else "other")
+    if kind == "ros1":
+        bag_kinds.ros1_copy(bag, other)
+    elif kind == "foreign":
+        bag_kinds.write_foreign(other, bag)
+    elif kind == "split":
+        bag_kinds.split_copy(bag, other, "sqlite3")
+    elif kind == "sqlite3":
+        with BagReader(bag) as reader, BagWriter(other, storage="sqlite3") as writer:
+            for raw in reader.raw_messages():
+                writer.write_raw(*raw)
+    else:
+        bag_kinds.compressed_copy(bag, other, "mcap", kind)
+    table = replayed(other, rover, tmp_path / "out")
+    assert_same_estimates(table, usual[1])
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        counts = {topic.name: topic.message_count for topic in reader.topics}
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert counts["/odom"] > 100
+    if kind == "foreign":
+        assert counts["/vendor/odd"] > 100
+        assert "/vendor/nobody" not in counts
+        assert summary["not_copied"] == ["/vendor/nobody (vendor_msgs/msg/Nobody)"]
+    else:
+        assert summary["not_copied"] == []
+
+
+def test_a_bag_with_estimates_in_it_keeps_both(usual, rover, tmp_path):
+    folder, table = usual
+    again = replayed(folder / "bag", rover, tmp_path / "again")
+    assert_same_estimates(again, table)
+    with BagReader(tmp_path / "again" / "bag") as reader:
+        counts = {topic.name: topic.message_count for topic in reader.topics}
+    assert counts[MOBILITY] == counts[f"/replay{MOBILITY}"] == len(table)
+
+
+@pytest.mark.parametrize(("copy", "originals"), [("none", 0), ("used", 10), ("all", 12)])
+def test_what_is_copied_can_be_chosen(bag, rover, tmp_path, copy, originals):
+    foreign = bag_kinds.write_foreign(tmp_path / "foreign", bag)
+    replayed(foreign, rover, tmp_path / "out", copy=copy)
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        topics = {topic.name for topic in reader.topics}
+    unknown = copy == "all"  # its type is not known: it cannot be copied
+    assert len(topics - {MOBILITY, SOIL}) == originals - unknown
+
+
+# --- Topics
+
+
+def renamed(bag: Path, target: Path, names: dict[str, str], joint: str = "") -> Path:
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        for topic, kind, time, message in reader.messages():
+            if joint and kind.endswith("JointState"):
+                message.name[:] = [
+                    joint.format(name.removesuffix("_joint")) for name in message.name
+                ]
+            writer.write(names.get(topic, topic), kind, time, message)
+    return target
+
+
+RENAMED = {
+    "/odom": "/rover/visual_odometry",
+    "/joint_states": "/rover/joints",
+    "/front_left/load": "/ft/fl/wrench",
+    "/front_right/load": "/ft/fr/wrench",
+    "/rear_left/load": "/ft/rl/wrench",
+    "/rear_right/load": "/ft/rr/wrench",
+    "/rear_left/sinkage": "/sinkage/RearLeft",
+}
+
+
+def test_topics_are_listed_and_proposed_and_the_proposals_work(bag, rover, usual, tmp_path):
+    other = renamed(bag, tmp_path / "other", RENAMED)
+    text = smallwheel("replay", other, "--topics").stdout
+    assert "/ft/fl/wrench" in text
+    assert "may be a wheel's load" in text
+    listed = smallwheel("replay", other, "--topics", "--config", rover, "--json", "-").stdout
+    content = json.loads(listed)
+    options = [p["add"].split() for p in content["proposals"]]
+    assert {option[1] for option in options} == {f"{a}:={b}" for a, b in RENAMED.items()}
+    assert len(content["missing"]) == 4 + 1 + 4 + 1  # a line for each wheel's speed
+    remaps = [word for option in options for word in option]
+    smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", *remaps)
+    assert_same_estimates(table_of(tmp_path / "out"), usual[1])
+
+
+def test_joints_of_other_names_are_proposed_for_the_parameter_file(bag, rover, tmp_path):
+    other = renamed(bag, tmp_path / "other", {}, joint="wheel_{}_drive")
+    listed = smallwheel("replay", other, "--topics", "--config", rover).stdout
+    assert "front_left.joint: wheel_front_left_drive" in listed
+    replayed(other, rover, tmp_path / "out")
+    missing = json.loads((tmp_path / "out" / "replay.json").read_text())["missing"]
+    assert len(missing) == 4
+    assert "joint front_left_joint): never in a message" in missing[0]
+
+
+def test_a_bag_without_what_is_needed_says_what_it_lacks(bag, rover, tmp_path):
+    names = {name: f"/x{i}" for i, name in enumerate(RENAMED)}
+    other = renamed(bag, tmp_path / "other", names)
+    text = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", code=2).stderr
+    assert "nothing can be estimated" in text
+    assert "/front_left/load (geometry_msgs/msg/WrenchStamped): not in the bag" in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_missing_topic_is_named_and_the_rest_goes_on(bag, rover, tmp_path):
+    other = renamed(bag, tmp_path / "other", {"/odom": "/elsewhere"})
+    result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out")
+    assert "missing: /odom (nav_msgs/msg/Odometry): not in the bag" in result.stdout
+    table = table_of(tmp_path / "out")
+    assert table["slip"].isna().all()
+    assert table["x"].isna().all()
+    assert "Inputs that the bag lacks" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_topic_of_another_type_is_named(bag, rover, tmp_path):
+    with BagReader(bag) as reader, BagWriter(tmp_path / "other") as writer:
+        for topic, kind, time, message in reader.messages():
+            if topic == "/odom":
+                continue
+            writer.write(topic, kind, time, message)
+        writer.write("/odom", kind, time, message)
+    result = smallwheel("replay", tmp_path / "other", "--config", rover, "-o", tmp_path / "out")
+    assert re.search(r"/odom \(nav_msgs/msg/Odometry\): the bag has it as \w+", result.stdout)
+
+
+def test_remaps_are_checked(bag, rover, tmp_path):
+    rest = ("replay", bag, "--config", rover, "-o", tmp_path / "out", "--remap")
+    assert "expected NAME:=TOPIC" in smallwheel(*rest, "odom=/x", code=2).stderr
+    assert "has no such input" in smallwheel(*rest, "odometry:=/x", code=2).stderr
+    assert read_remaps(["odom:=x/y", "~/a:=/b"]) == {"/odom": "/x/y", "/mobility_estimator/a": "/b"}
+
+
+# --- Bags as robots make them
+
+
+def rewritten(bag: Path, target: Path, change) -> Path:
+    """The messages after `change(topic, kind, time, message)` gave them back, or None."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        found = [change(*m) for m in reader.messages()]
+        for topic, kind, time, message in sorted(
+            (entry for entry in found if entry is not None), key=lambda entry: entry[2]
+        ):
+            writer.write(topic, kind, time, message)
+    return target
+
+
+def shift(message, nanoseconds: int):
+    stamp = message.header.stamp
+    total = stamp.sec * SECOND + stamp.nanosec + nanoseconds
+    message.header.stamp = message_type("builtin_interfaces/msg/Time")(
+        sec=total // SECOND, nanosec=total % SECOND
+    )
+    return message
+
+
+def test_messages_that_come_out_of_order_change_nothing(bag, rover, usual, tmp_path):
+    rng = np.random.default_rng(0)
+    # Up to 80 ms later than they came: many change places, none comes too late.
+    other = rewritten(
+        bag,
+        tmp_path / "other",
+        lambda topic, kind, time, m: (topic, kind, time + int(rng.uniform(0, 80e6)), m),
+    )
+    table = replayed(other, rover, tmp_path / "out")
+    assert_same_estimates(table, usual[1])
+
+
+def test_late_and_wrong_stamps_are_counted_by_reason(bag, rover, tmp_path):
+    count = {"/front_left/load": 0}
+
+    def change(topic, kind, time, message):
+        if topic == "/front_left/load":
+            count[topic] += 1
+            if count[topic] % 10 == 0:
+                shift(message, -3 * SECOND)  # late
+            elif count[topic] % 10 == 1:
+                shift(message, 60 * SECOND)  # ahead of the clock
+        return topic, kind, time, message
+
+    other = rewritten(bag, tmp_path / "other", change)
+    smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    dropped = {(d["topic"], d["reason"]): d for d in summary["not_used"]}
+    tenth = count["/front_left/load"] // 10
+    assert dropped["/front_left/load", "late"]["count"] == pytest.approx(tenth, abs=2)
+    assert dropped["/front_left/load", "stamp_in_future"]["count"] == pytest.approx(tenth, abs=2)
+    assert "ahead of the clock" in dropped["/front_left/load", "stamp_in_future"]["example"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "header stamp ahead of the clock" in page
+
+
+def test_a_looping_bag_begins_anew(bag, rover, usual, tmp_path):
+    """Recorded while another bag was played twice: the stamps jump back, /clock with them."""
+    clock, time_of = (
+        message_type("rosgraph_msgs/msg/Clock"),
+        message_type("builtin_interfaces/msg/Time"),
+    )
+    with BagReader(bag) as reader, BagWriter(tmp_path / "loop") as writer:
+        length = reader.end_time - reader.start_time + SECOND
+        for turn in range(2):
+            for i, (topic, kind, time, message) in enumerate(reader.messages()):
+                log_time = time + turn * length
+                if i % 20 == 0:
+                    now = clock(clock=time_of(sec=time // SECOND, nanosec=time % SECOND))
+                    writer.write("/clock", "rosgraph_msgs/msg/Clock", log_time, now)
+                writer.write(topic, kind, log_time, message)
+    table = replayed(tmp_path / "loop", rover, tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert [e["kind"] for e in summary["events"]].count("time_jump") == 1
+    once = usual[1]
+    second = table[len(once) - 5 :].reset_index(drop=True)
+    assert 0 <= 2 * len(once) - len(table) <= 8  # what waited when time went back is dropped
+    last = second.iloc[-1]
+    assert last["soil_n"] == pytest.approx(once["soil_n"].iloc[-1], rel=1e-6)
+    assert last["soil_measurements_accepted"] == once["soil_measurements_accepted"].iloc[-1]
+
+
+def test_stamps_of_another_clock_need_no_clock(bag, rover, usual, tmp_path):
+    def change(topic, kind, time, message):
+        return topic, kind, time, shift(message, -1000 * SECOND)
+
+    other = rewritten(bag, tmp_path / "other", change)
+    result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out")
+    assert "--no-clock" in result.stdout
+    assert len(table_of(tmp_path / "out")) == 0
+    table = replayed(other, rover, tmp_path / "free", clock=False)
+    assert_same_estimates(table.assign(stamp=table["stamp"] + 1000 * SECOND), usual[1])
+
+
+def test_numbers_that_are_none_are_counted_and_never_come_out(bag, rover, tmp_path):
+    rng = np.random.default_rng(1)
+
+    def change(topic, kind, time, message):
+        if rng.random() < 0.05:
+            bad = rng.choice([np.nan, np.inf, -1.0])
+            if topic.endswith("/load"):
+                message.wrench.force.z = float(bad)
+            elif topic.endswith("/sinkage"):
+                message.sinkage = float(bad)
+            elif topic == "/odom":
+                message.twist.twist.linear.x = float(rng.choice([np.nan, np.inf]))
+        return topic, kind, time, message
+
+    other = rewritten(bag, tmp_path / "other", change)
+    table = replayed(other, rover, tmp_path / "out")
+    text = (tmp_path / "out" / "estimates.csv").read_text().lower()
+    assert not re.search(r"(^|,)-?(nan|inf)(,|$)", text, re.MULTILINE)
+    assert len(table) > 200
+    reasons = {
+        d["reason"] for d in json.loads((tmp_path / "out" / "replay.json").read_text())["not_used"]
+    }
+    assert {"not_finite", "load_not_positive"} <= reasons
+
+
+def test_an_empty_bag_and_no_bag(rover, tmp_path):
+    with BagWriter(tmp_path / "empty"):
+        pass
+    rest = ("--config", rover, "-o", tmp_path / "out")
+    assert "has no messages" in smallwheel("replay", tmp_path / "empty", *rest, code=2).stderr
+    assert "does not exist" in smallwheel("replay", tmp_path / "no", *rest, code=2).stderr
+    (tmp_path / "text.mcap").write_text("no bag")
+    assert "cannot be read" in smallwheel("replay", tmp_path / "text.mcap", *rest, code=2).stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_wrong_with_the_parameters_is_said(bag, rover, tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(rover.read_text().replace("0.25", "-1.0"))
+    rest = ("-o", tmp_path / "out")
+    text = smallwheel("replay", bag, "--config", bad, *rest, code=2).stderr
+    assert "front_left.diameter is -1.0" in text
+    assert (
+        "no.yaml"
+        in smallwheel("replay", bag, "--config", tmp_path / "no.yaml", *rest, code=2).stderr
+    )
+    assert "give --config" in smallwheel("replay", bag, *rest, code=2).stderr
+
+
+def test_a_folder_of_somebody_else_is_left_alone(bag, rover, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "estimates.csv").write_text("mine")
+    text = smallwheel("replay", bag, "--config", rover, "-o", tmp_path / "out", code=2).stderr
+    assert "which no replay has made" in text
+    assert (tmp_path / "out" / "estimates.csv").read_text() == "mine"
+
+
+# --- Damaged bags
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_truncated_bag_gives_what_could_be_read(bag, rover, usual, tmp_path, storage):
+    other = tmp_path / "other"
+    with BagReader(bag) as reader, BagWriter(other, storage=storage) as writer:
+        for raw in reader.raw_messages():
+            writer.write_raw(*raw)
+    file = next(f for f in other.iterdir() if f.suffix != ".yaml")
+    os.truncate(file, int(0.6 * file.stat().st_size))
+    result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", code=1)
+    assert re.search(r"ended early: .*after \d+ messages, the last at \d+", result.stderr)
+    table = table_of(tmp_path / "out")
+    assert 0.3 * len(usual[1]) < len(table) < len(usual[1])
+    # The last ones did not get all that belonged to them.
+    whole = len(table) - 8
+    assert_same_estimates(table[:whole], usual[1][:whole])
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        assert sum(1 for _ in reader.messages({MOBILITY})) == len(table)
+    assert "The bag is damaged" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_bag_that_was_not_closed_is_read_from_its_folder(bag, rover, usual, tmp_path):
+    shutil.copytree(bag, tmp_path / "drive")
+    (tmp_path / "drive" / "metadata.yaml").unlink()
+    result = smallwheel(
+        "replay", tmp_path / "drive", "--config", rover, "-o", tmp_path / "out", code=1
+    )
+    assert "metadata.yaml is missing" in result.stderr
+    assert_same_estimates(table_of(tmp_path / "out"), usual[1])
+
+
+# --- On from a drive
+
+
+def test_changes_of_soil_are_told_where_they_are(rover, tmp_path):
+    path = tmp_path / "drive"
+    drive = simulate_drive(DriveSettings(seed=2, distance=25.0, wheels="two_sizes"))
+    write_drive_bag(drive, path)
+    smallwheel("replay", path, "--config", rover, "-o", tmp_path / "out", "--copy", "none")
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    places = [e["travel"] for e in summary["events"] if e["kind"] == "soil_change"]
+    true = [stretch.start for stretch in drive.stretches[1:]]
+    assert len(true) == 2
+    assert summary["soil"]["changes"] == len(places) == 2
+    # Within the rover's length and some turns of its wheels.
+    np.testing.assert_allclose(places, true, atol=2.5)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The soil changed twice" in page
+
+
+def test_the_measurements_are_a_table_for_the_bench(rover, tmp_path):
+    path = tmp_path / "drive"
+    write_drive_bag(simulate_drive(DriveSettings(seed=2, distance=25.0, wheels="two_sizes")), path)
+    folder = tmp_path / "out"
+    estimates = replayed(path, rover, folder)
+    data = read_measurements(folder / "measurements.csv")
+    assert 20 < len(data.line) < 100
+    assert set(data.conditions.diameter) == {0.25, 0.4}
+    rows = pd.read_csv(folder / "measurements.csv")
+    assert rows.groupby(["run", "wheel"]).size().max() == 1
+    # A row lies within what it is the median of.
+    for _, row in rows.iterrows():
+        of_wheel = estimates[estimates["wheel"] == row["wheel"]]
+        assert of_wheel["sinkage_measured"].min() <= row["sinkage [m]"]
+        assert row["sinkage [m]"] <= of_wheel["sinkage_measured"].max()
+    assert rows["soil"].nunique() <= estimates["soil_changes"].max() + 1
+    smallwheel("compare", folder / "measurements.csv")
+
+
+@pytest.mark.slow
+def test_a_missing_effect_is_found_on_from_a_drive(rover, tmp_path):
+    """The truth simulator hides slip sinkage in one drive, and nothing in the other."""
+    verdicts = {}
+    for hidden in ((), ("slip_sinkage",)):
+        name = hidden[0] if hidden else "none"
+        drive = DriveSettings(seed=3, distance=120.0, wheels="two_sizes", hidden=hidden)
+        write_drive_bag(simulate_drive(drive), tmp_path / name)
+        replayed(tmp_path / name, rover, tmp_path / f"{name}_out", copy="none")
+        result = smallwheel(
+            "diagnose", tmp_path / f"{name}_out" / "measurements.csv", "--json", "-"
+        )
+        found = json.loads(result.stdout)
+        verdicts[name] = (found["verdict"], found["missing_effects"])
+    assert verdicts == {
+        "none": ("adequate", []),
+        "slip_sinkage": ("missing_effect", ["slip_sinkage"]),
+    }
+
+
+# --- A real rig
+
+
+def test_the_rigs_own_bag_of_ros1_lists_its_topics(shared_data, rover, tmp_path):
+    raw = shared_data / "cmu_wheel_rig" / "raw" / "force-displacement_6.bag"
+    text = smallwheel("replay", raw, "--topics", "--config", rover).stdout
+    assert re.search(r"forcetorque_readings +rokubimini_msgs/msg/Reading +\d+ +\d\d", text)
+    error = smallwheel("replay", raw, "--config", rover, "-o", tmp_path / "out", code=2).stderr
+    assert "nothing can be estimated" in error
+
+
+def test_the_rigs_trial_gives_the_published_soil(shared_data, repository, tmp_path):
+    raw = shared_data / "cmu_wheel_rig" / "raw" / "force-displacement_6.bag"
+    smallwheel(
+        "convert-trial", raw, "--zero", raw.with_name("force-displacement_6_zero.bag"),
+        "--log", raw.with_suffix(".txt"), "--log-behind", 14400, "--start", 6.42, "--end", 19.8,
+        "-o", tmp_path / "trial",
+    )  # fmt: skip
+    table = replayed(tmp_path / "trial", repository / "config" / "press_rig.yaml", tmp_path / "out")
+    assert len(table) == 668
+    last = table.iloc[-1]
+    # docs/press_trial.md, where the node over DDS found them
+    assert last["soil_n"] == pytest.approx(1.43, abs=0.05)
+    assert last["soil_reference_pressure"] == pytest.approx(9.58e3, rel=0.05)
+    rows = pd.read_csv(tmp_path / "out" / "measurements.csv")
+    assert set(rows["contact"]) == {"pressed"}
+    assert read_measurements(tmp_path / "out" / "measurements.csv").line.size == len(rows)
