@@ -55,13 +55,13 @@ def test_blocks_end_where_a_setting_jumps(tmp_path: Path) -> None:
 
 
 def test_what_drifts_is_left_out(tmp_path: Path) -> None:
-    rows = 60_000
+    rows = 30_000
     slip = np.full(rows, 0.1)
-    slip[30_000:30_060] = np.linspace(0.15, 0.7, 60)  # too quick for a steady block of 30 rows
+    slip[15_000:15_060] = np.linspace(0.15, 0.7, 60)  # too quick for a steady block of 30 rows
     short = condense(drive(tmp_path, [rows], slip=slip))
     assert np.max(np.abs(short.conditions["slip"] - 0.1)) < 0.05
     note = next(note for note in short.notes if "condensed" in note)
-    assert "; 0 rows" not in note
+    assert "; 0 rows in which" not in note
 
 
 def test_a_single_gross_value_does_not_move_its_block(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_a_single_gross_value_does_not_move_its_block(tmp_path: Path) -> None:
 
 def test_correlated_rows_make_a_block_less_certain(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    rows = 60_000
+    rows = 30_000
     white = rng.normal(size=rows)
     slow = np.convolve(rng.normal(size=rows + 4), np.ones(5) / np.sqrt(5), "valid")
     alone = condense(drive(tmp_path, [rows], sinkage=0.02 * (1.0 + 0.05 * white)))
@@ -85,7 +85,7 @@ def test_correlated_rows_make_a_block_less_certain(tmp_path: Path) -> None:
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**31), st.integers(5, 200))
 def test_nothing_is_made_up(tmp_path_factory: pytest.TempPathFactory, seed: int, n: int) -> None:
     lengths = [int(x) for x in np.random.default_rng(seed).integers(1, 3 * 4200 // n + 2, n)]

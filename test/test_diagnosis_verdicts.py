@@ -68,8 +68,16 @@ def test_a_column_that_nobody_has_a_law_for_is_named(tmp_path: Path) -> None:
 
 
 def test_what_follows_nothing_recorded_gets_no_name(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4003, hidden=("unrecorded",)))
-    assert document(tmp_path, rig.table)["missing_effects"] == []
+    rig = simulate_rig(RigSettings(seed=4003, hidden=("unrecorded",), strength=1.5))
+    found = document(tmp_path, rig.table)
+    assert found["missing_effects"] == []
+    assert found["verdict"] == "unknown_effect"
+    assert "not recorded" in found["reason"]
+
+
+def test_soil_that_scatters_as_prepared_soils_do_is_adequate(tmp_path: Path) -> None:
+    rig = simulate_rig(RigSettings(seed=4014, soil_scatter=0.10))
+    assert document(tmp_path, rig.table)["verdict"] == "adequate"
 
 
 def test_an_error_of_one_channel_over_one_column_is_unknown(tmp_path: Path) -> None:
@@ -242,3 +250,35 @@ def test_recorded_wheel_calibrated_by_pressing_lacks_slip_and_skid(
     for name in ("width_dependent_modulus", "load_dependent_modulus", "multipass"):
         assert name in blind
     assert any("one wheel diameter" in note for note in found["notes"])
+
+
+def test_recorded_wheel_at_all_slip_angles(shared_data: Path) -> None:
+    folder = shared_data / "cmu_wheel_rig"
+    whole = read_measurements(folder / "indentation.csv")
+    pressed = whole.take(whole.conditions.contact == "pressed")
+    rolling = read_measurements(folder / "rolling_smooth_wheel.csv")
+    base = base_of(calibrated(fit_model(pressed), pressed), rolling)
+    found = diagnose(rolling, base).document
+    named = ["slip_angle_sinkage", "skid_sinkage", "slip_sinkage"]
+    assert set(found["missing_effects"]) == set(named)
+    errors = [step["held_out_rmse"]["sinkage"] for step in found["steps"]]
+    assert errors[0] > 0.012
+    assert errors[-1] < 0.003
+    assert any("|slip|" in region["region"] for region in found["where_it_fails"])
+    assert any("deeper than its axle" in note for note in found["notes"])
+
+
+def test_a_model_with_an_effect_is_diagnosed_and_added_to(tmp_path: Path) -> None:
+    rig = simulate_rig(RigSettings(seed=4015, hidden=("slip_sinkage", "multipass")))
+    data, first, second = (str(tmp_path / n) for n in ("rig.csv", "first.yaml", "second.yaml"))
+    write_table(rig.table, tmp_path / "rig.csv")
+    run = CliRunner()
+    assert run.invoke(main, ["fit", data, "--effects", "multipass", "-o", first]).exit_code == 0
+    added = run.invoke(
+        main, ["add", "slip_sinkage", "--model", first, "--data", data, "-o", second]
+    )
+    assert added.exit_code == 0, added.output
+    assert [e.id for e in read_model(second).model.effects] == ["multipass", "slip_sinkage"]
+    again = run.invoke(main, ["diagnose", data, "--model", first, "--plots", str(tmp_path / "p")])
+    assert again.exit_code == 0, again.output
+    assert "The model lacks slip sinkage." in again.output

@@ -16,7 +16,7 @@ from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
 from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.diagnosis.workbench import Base
 from smallwheel_ros.display import display, number, words
-from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
+from smallwheel_ros.effects.registry import Families, Registry, default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, fit_model
 from smallwheel_ros.fitting.files import calibrated
@@ -46,9 +46,13 @@ def _check(*targets: str | Path | None) -> None:
             check_target(target)
 
 
-def _registry(own: Path | None) -> Registry:
+def _registry(own: Path | None) -> tuple[Registry, Families | None]:
+    """All effects, and of them the user's own."""
     registry = default_registry()
-    return registry if own is None else registry.with_families(load_effects(own), str(own))
+    if own is None:
+        return registry, None
+    user = load_effects(own)
+    return registry.with_families(user, str(own)), user
 
 
 def _warn(measurements: Measurements) -> None:
@@ -190,12 +194,12 @@ def diagnose(
     if apply != (output is not None):
         raise BenchError("--apply and -o FILE go together: one without the other does nothing")
     _check(json_file, html, output)
-    registry = _registry(own)
+    registry, user = _registry(own)
     measurements = read_measurements(data, diameter=diameter, width=width)
     _warn(measurements)
     base = Base()
     if model_file is not None:
-        known = read_model(model_file, registry.families)
+        known = read_model(model_file, user)
         base = base_of(known, measurements)
     base = base_physics(base, measurements, registry)
     with tqdm(total=5, desc="diagnosing", disable=None, leave=False) as bar:
@@ -266,10 +270,10 @@ def add(
 ) -> None:
     """Add EFFECT to a model, fit it with the soil, and print the held-out error before and after."""
     _check(output, json_file)
-    registry = _registry(own)
+    registry, user = _registry(own)
     measurements = read_measurements(data, diameter=diameter, width=width)
     _warn(measurements)
-    known = read_model(model_file, registry.families)
+    known = read_model(model_file, user)
     base = base_physics(base_of(known, measurements), measurements, registry)
     result = add_effect(effect, base, measurements, registry=registry)
     after = result.after.rmse()

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MOST_ROWS = 4000  # from which a table is condensed
-_BLOCKS = 2000
+_BLOCKS = 600  # at most: more would cost time and say no more than the stretches allow
 _STRETCHES = 100  # runs, where the table names none
 # How far a setting may spread within a steady block (standard deviation): absolute, relative.
 _STEADY = {
@@ -90,7 +90,7 @@ def _blocks(measurements: Measurements) -> _Blocks:
 
 
 def condense(measurements: Measurements) -> Measurements:
-    """The measurements as they are, or in at most some 2000 blocks where there are over 4000 rows.
+    """The measurements as they are, or in at most 600 blocks where there are over 4000 rows.
 
     Only rolling rows are condensed: a curve of a pressed body keeps its rows.
     """
@@ -107,8 +107,10 @@ def condense(measurements: Measurements) -> Measurements:
         spread = np.array([np.std(column[rows]) for rows in members])
         steady &= ~(spread > absolute + relative * np.abs(middle) + 1e-9)
     members = [rows for rows, keep in zip(members, steady, strict=True) if keep]
+    steady_rows = sum(rows.size for rows in members)
+    members = members[:: int(np.ceil(len(members) / _BLOCKS)) or 1]
     used = sum(rows.size for rows in members)
-    if used < 0.1 * len(measurements):  # nothing is steady: the rows themselves, if slowly
+    if steady_rows < 0.1 * len(measurements):  # nothing is steady: the rows themselves, if slowly
         return measurements
     first = np.array([rows[0] for rows in members])
     taken = measurements.take(first)
@@ -127,8 +129,9 @@ def condense(measurements: Measurements) -> Measurements:
         notes=(
             *measurements.notes,
             f"{len(measurements)} rows were condensed to {len(members)} blocks of up to "
-            f"{blocks.length} neighbouring rows (medians); {len(measurements) - used} rows in which "
-            "a setting changed were left out",
+            f"{blocks.length} neighbouring rows (medians); {len(measurements) - steady_rows} rows in "
+            f"which a setting changed were left out, and {steady_rows - used} of steady blocks "
+            "beyond the largest number that is worked on",
         ),
     )
 

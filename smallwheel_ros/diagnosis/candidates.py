@@ -200,8 +200,9 @@ def list_families(
         usable: list[Form] = []
         objection = ""
         for cls in classes if not blocked else ():
-            if any(_why_not(name, (need,), observations) for need in cls.needs):
-                continue  # a form that needs more columns than the family
+            more = [need for need in cls.needs if need not in needs]
+            if _why_not("", more, observations):
+                continue  # this form needs a column that the family does not
             effect = cls.suited_to(conditions)
             objection = effect.objection(conditions) or objection
             fitted = any(p.neutral is not None for p in cls.parameters())

@@ -144,7 +144,10 @@ def diagnose(
     )
     proposals = _proposals(workbench, found, finding, families, ties)
     floors = noise_floor(workbench, found.best)
-    repeats = {name: floor.value for name, floor in repeatability(measurements).items()}
+    repeats = {
+        name: floor.value if floor.source == "repeats" else None
+        for name, floor in repeatability(measurements).items()
+    }
     document = {
         "schema": SCHEMA,
         "verdict": finding.verdict,

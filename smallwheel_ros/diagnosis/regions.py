@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 _FEWEST_RUNS = 3  # on each side of a cut
 _PERMUTATIONS = 499
 _SHOWN = 0.05
+_BOTH_SIGNS = 0.2  # least share of a range on the other side of zero
 _NOISE = 0.5  # of the variance of a standardised error: how far under its noise is no matter
 _MOST = 6
 
@@ -97,7 +98,8 @@ def _cut_by(observations: Observations, results: Sequence[str]) -> dict[str, Arr
         if name in results:
             continue
         column = columns[name] = settings_of(observations)[name]
-        if np.nanmin(column) < 0.0 < np.nanmax(column):
+        low, high = -np.nanmin(column), np.nanmax(column)
+        if min(low, high) > _BOTH_SIGNS * max(low, high):
             columns[f"|{name}|"] = np.abs(column)
     return columns
 

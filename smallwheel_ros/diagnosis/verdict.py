@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.stats import chi2
 
 from smallwheel_ros.diagnosis.candidates import Family
 from smallwheel_ros.diagnosis.held_out import one_step
@@ -21,6 +22,7 @@ _SURE = 0.005  # p-value of a misfit that no effect explains
 _LEFT_OVER = 0.001  # p-value of what the best explanation leaves
 _LEFT_SHARE = 0.7  # of the weakest effect's gain
 _MOST_EXPLAINED = 0.9  # of the error: beyond it, what is left cannot be what made a name look right
+_PREPARED = 0.15  # scatter of ln k from run to run
 _LEAST_REMOVED = 0.02  # of the standardised error, for such a misfit to matter
 
 
@@ -69,7 +71,7 @@ def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> F
     named: list[str] = []
     open_sets: list[str] = []
     pairs: list[tuple[str, str]] = []
-    reasons: list[str] = [left] if left else []
+    reasons: list[str] = [text for text in (left, unrecorded(search)) if text and accepted]
     for member in accepted:
         rivals = [name for name, _ in member.rivals]
         tied = _tied_families(member, families, ties, taken)
@@ -145,9 +147,27 @@ def _better_without_physics(
     )
 
 
+def unrecorded(search: Search) -> str:
+    """A sentence where runs differ more than soils prepared alike do (lower 95 % bound of tau)."""
+    names = search.workbench.effects.names
+    if "ln k" not in names:
+        return ""
+    tau = float(search.best.fit.scatter.tau[names.index("ln k")])
+    runs = np.unique(search.workbench.observations.run).size
+    if tau * np.sqrt((runs - 1) / chi2.ppf(0.95, runs - 1)) < _PREPARED:
+        return ""
+    return (
+        f"runs differ by {100 * tau:.0f} % in k, more than soil prepared alike does (2 to "
+        f"{100 * _PREPARED:.0f} %): something that was not recorded changes from run to run"
+    )
+
+
 def _without_name(search: Search) -> Finding:
     first = search.first
     reasons = [f"{m.family} was not accepted: {m.objection}" for m in search.members]
+    hidden = unrecorded(search)
+    if hidden:
+        return Finding("unknown_effect", (), (), (*reasons, hidden))
     gain = max(first.generic_gain, first.leads[0].gain if first.leads else 0.0)
     rows = len(search.workbench.observations)
     removed = 1.0 - float(np.exp(-gain / (2.0 * rows)))
