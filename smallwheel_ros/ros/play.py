@@ -19,6 +19,7 @@ from rosgraph_msgs.msg import Clock
 from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.replay.stop import Stop
 from smallwheel_ros.ros.conversions import time_message
 
 _CLOCK_PERIOD = SECOND // 100
@@ -92,7 +93,7 @@ class Player:
     """
 
     def __init__(self, node: Node, bag: Path | str, settings: PlaySettings | None = None) -> None:
-        self.node, self.bag = node, Path(bag)
+        self.node, self.bag, self.stop = node, Path(bag), Stop()
         self.settings = settings or PlaySettings()
         if not self.settings.rate > 0:
             raise PlayError(f"rate is {self.settings.rate:g}, expected more than 0")
@@ -129,8 +130,14 @@ class Player:
         self._executor.shutdown()
 
     def spin(self, seconds: float) -> None:
-        """Let the node's callbacks run for at most so long."""
+        """Let the node's callbacks run for at most so long. Raises KeyboardInterrupt if asked to stop."""
         self._executor.spin_once(timeout_sec=max(seconds, 0.0))
+        self._stop_if_asked()
+
+    def _stop_if_asked(self) -> None:
+        # Not from the signal's handler: raised inside of a callback or a destructor it would be lost.
+        if self.stop.asked:
+            raise KeyboardInterrupt
 
     def unheard(self) -> list[str]:
         """Topics that nobody listens to (yet)."""
@@ -188,6 +195,7 @@ class Player:
                 clock = raw.log_time
                 self._clock.publish(Clock(clock=time_message(clock)))
             self.publishers[raw.topic].publish(bytes(raw.data))
+            self._stop_if_asked()
             count += 1
         return count
 
@@ -199,10 +207,10 @@ def play(
 
     progress: gets the player, and gives back what to call at each message.
     """
-    # Ctrl-C is Python's, not ROS's: it then ends this like any other program.
+    # Ctrl-C is ours, not ROS's: it then ends this like any other program.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with Player(Node("smallwheel_play"), bag, settings) as player:
+        with Player(Node("smallwheel_play"), bag, settings) as player, player.stop.listening():
             player.wait_for_listeners(2.0)
             step = progress(player)
             return player.play(lambda _: step())
