@@ -9,20 +9,20 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from smallwheel_ros.commands.inputs import read_inputs, warn
 from smallwheel_ros.compare.scores import UNITS
-from smallwheel_ros.diagnosis.apply import Added, add_effect, base_of, base_physics
+from smallwheel_ros.diagnosis.apply import Added, add_effect, base_physics
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
 from smallwheel_ros.diagnosis.text import diagnosis_text
-from smallwheel_ros.diagnosis.workbench import Base
 from smallwheel_ros.display import display, number, words
-from smallwheel_ros.effects.registry import Families, Registry, default_registry, load_effects
+from smallwheel_ros.effects.registry import default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, fit_model
 from smallwheel_ros.fitting.files import calibrated
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Geometry
-from smallwheel_ros.model_file import read_model, write_model
+from smallwheel_ros.model_file import write_model
 from smallwheel_ros.output import check_target
 from smallwheel_ros.tables import write_json
 
@@ -44,20 +44,6 @@ def _check(*targets: str | Path | None) -> None:
     for target in targets:
         if target is not None and str(target) != "-":
             check_target(target)
-
-
-def _registry(own: Path | None) -> tuple[Registry, Families | None]:
-    """All effects, and of them the user's own."""
-    registry = default_registry()
-    if own is None:
-        return registry, None
-    user = load_effects(own)
-    return registry.with_families(user, str(own)), user
-
-
-def _warn(measurements: Measurements) -> None:
-    for warning in measurements.warnings:
-        click.echo(f"warning: {warning}", err=True)
 
 
 def _value(channel: str, value: float) -> str:
@@ -89,7 +75,7 @@ def fit(
     """Calibrate soil and effects on the measurements in DATA and write a model file."""
     _check(output, json_file)
     measurements = read_measurements(data, diameter=diameter, width=width)
-    _warn(measurements)
+    warn(measurements)
     given = [name.strip() for name in names.split(",") if name.strip()]
     registry = default_registry()
     for name in given:
@@ -194,13 +180,7 @@ def diagnose(
     if apply != (output is not None):
         raise BenchError("--apply and -o FILE go together: one without the other does nothing")
     _check(json_file, html, output)
-    registry, user = _registry(own)
-    measurements = read_measurements(data, diameter=diameter, width=width)
-    _warn(measurements)
-    base = Base()
-    if model_file is not None:
-        known = read_model(model_file, user)
-        base = base_of(known, measurements)
+    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
     base = base_physics(base, measurements, registry)
     with tqdm(total=5, desc="diagnosing", disable=None, leave=False) as bar:
 
@@ -270,11 +250,8 @@ def add(
 ) -> None:
     """Add EFFECT to a model, fit it with the soil, and print the held-out error before and after."""
     _check(output, json_file)
-    registry, user = _registry(own)
-    measurements = read_measurements(data, diameter=diameter, width=width)
-    _warn(measurements)
-    known = read_model(model_file, user)
-    base = base_physics(base_of(known, measurements), measurements, registry)
+    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
+    base = base_physics(base, measurements, registry)
     result = add_effect(effect, base, measurements, registry=registry)
     after = result.after.rmse()
     write_model(output, calibrated(result.fit, measurements, after))

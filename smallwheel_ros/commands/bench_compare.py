@@ -10,6 +10,7 @@ import click
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from smallwheel_ros.commands.inputs import warn
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.comparison import compare as compare_models
 from smallwheel_ros.compare.contenders import Contender
@@ -73,8 +74,7 @@ def compare(
             bar.update(done - bar.n)
 
         comparison = compare_models(measurements, contenders, progress=show)
-    for warning in measurements.warnings:
-        click.echo(f"warning: {warning}", err=True)
+    warn(measurements)
     if html is not None:
         write_page(html, compare_report(comparison))
     if plots is not None:

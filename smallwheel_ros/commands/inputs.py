@@ -1,4 +1,4 @@
-"""What `report` and `explore` read before they begin: measurements, a model, effects of one's own."""
+"""What the bench's commands read before they begin: measurements, a model, effects of one's own."""
 
 from __future__ import annotations
 
@@ -47,9 +47,13 @@ def read_inputs(
     registry = default_registry()
     if user is not None:
         registry = registry.with_families(user, str(own))
-    known = None if model_file is None else read_model(model_file, user)
     measurements = read_measurements(data, diameter=diameter, width=width)
+    warn(measurements)
+    base = Base() if model_file is None else base_of(read_model(model_file, user), measurements)
+    return measurements, base, registry
+
+
+def warn(measurements: Measurements) -> None:
+    """Say the table's warnings on standard error."""
     for warning in measurements.warnings:
         click.echo(f"warning: {warning}", err=True)
-    base = Base() if known is None else base_of(known, measurements)
-    return measurements, base, registry

@@ -14,7 +14,6 @@ from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting.calibrate import Calibration, calibrate
 from smallwheel_ros.fitting.files import soil_priors, starting_soils
-from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.table import Measurements
@@ -112,16 +111,7 @@ def add_effect(
         measured_forces(measurements.units),
     )
     family = _family(families, effect, registry)
-    layout = make_layout(
-        observations,
-        base.effects,
-        base.geometry,
-        soils=base.soils or None,
-        priors=base.priors,
-        thrust_form=base.thrust_form,
-        corrections=True,
-    )
-    workbench = Workbench(calibrate(observations, layout), base)
+    workbench = Workbench(calibrate(observations, base.layout(observations)), base)
     before = workbench.fit(())
     after = workbench.fit((family.forms[0],), near=before)
     after = best_form(workbench, after, family)

@@ -76,20 +76,19 @@ def bent(explanation: Explanation, families: Sequence[Family]) -> list[Array]:
     drivers: Mapping[str, Sequence[str]] = {f.name: f.drivers for f in families}
     settings = settings_of(observations)
     model = explanation.model()
+    now = predict(model, observations.conditions).sinkage
     columns = []
     for form in explanation.forms:
         kind = _kind(form.effect)
+        varied = [settings[driver] for driver in drivers[form.family] if varies(settings[driver])]
+        if kind is None or not varied:
+            continue
         rest = [effect for effect in model.effects if effect.id != form.family]
         without = predict(replace_model(model, model.soils, rest), observations.conditions)
-        acting = _acting(predict(model, observations.conditions).sinkage, without.sinkage)
-        for driver in drivers[form.family] if kind is not None else ():
-            assert kind is not None
-            if not varies(settings[driver]):
-                continue
-            for shape in _shapes(settings[driver]):
-                changed = replace_model(
-                    model, model.soils, (*model.effects, kind(by=_MISFIT * acting * shape))
-                )
-                moved = observations.pick(predict(changed, observations.conditions))
-                columns.append(moved - explanation.fit.solution.predicted)
+        acting = _acting(now, without.sinkage)
+        for shape in (shape for column in varied for shape in _shapes(column)):
+            bend = kind(by=_MISFIT * acting * shape)
+            changed = replace_model(model, model.soils, (*model.effects, bend))
+            moved = observations.pick(predict(changed, observations.conditions))
+            columns.append(moved - explanation.fit.solution.predicted)
     return columns

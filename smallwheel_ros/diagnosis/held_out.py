@@ -92,9 +92,7 @@ def one_step(workbench: Workbench, explanation: Explanation) -> Errors:
 
 def _errors(workbench: Workbench, error: Array) -> Errors:
     observations, effects = workbench.observations, workbench.effects
-    crude = np.sum(
-        (effects.loadings * effects.least) ** 2, axis=1
-    )  # of a law, whatever repeats say
+    crude = effects.scatter(effects.least)  # of a law, whatever repeats say
     return Errors(
         error,
         effects.variance + crude,
@@ -141,7 +139,7 @@ def _beyond_noise(
     effects: RunEffects, tau: Array, observations: Observations, residual: Array
 ) -> Array:
     """Mean square of each channel's residual beyond noise and the runs' scatter, for each row."""
-    known = effects.variance + np.sum((effects.loadings * tau) ** 2, axis=1)
+    known = effects.variance + effects.scatter(tau)
     count = np.maximum(np.bincount(observations.channel), 1)
     more = np.bincount(observations.channel, residual**2 - known) / count
     return np.asarray(np.maximum(more, 0.0)[observations.channel])
@@ -153,8 +151,7 @@ def noise_floor(workbench: Workbench, explanation: Explanation) -> dict[str, flo
     What repeats of one run differ by is less: a new run meets the soil a little firmer or softer.
     """
     effects, fit = workbench.effects, explanation.fit
-    scatter = np.sum((effects.loadings * fit.scatter.tau) ** 2, axis=1)
-    variance = fit.scatter.scale**2 * (effects.variance + scatter)
+    variance = fit.scatter.scale**2 * (effects.variance + effects.scatter(fit.scatter.tau))
     observations = workbench.observations
     return {
         name: float(np.sqrt(np.mean(variance[observations.channel == c])))

@@ -29,10 +29,9 @@ from smallwheel_ros.diagnosis.verdict import Finding, decide
 from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting.calibrate import Calibration, calibrate
-from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
-from smallwheel_ros.measurements.noise_floor import noise_floor as repeatability
+from smallwheel_ros.measurements.noise_floor import repeatability
 from smallwheel_ros.measurements.table import Measurements
 
 FEWEST_RUNS = 6
@@ -104,24 +103,10 @@ def diagnose(
     measurements = condense(measurements)
     observations = observe(measurements)
     present = [effect.id for effect in base.effects]
-    families = list_families(
-        observations,
-        present,
-        base.geometry,
-        registry,
-        measured_forces(measurements.units),
-    )
+    results = measured_forces(measurements.units)
+    families = list_families(observations, present, base.geometry, registry, results)
     progress("fitting the base model")
-    layout = make_layout(
-        observations,
-        base.effects,
-        base.geometry,
-        soils=base.soils or None,
-        priors=base.priors,
-        thrust_form=base.thrust_form,
-        corrections=True,
-    )
-    calibration = calibrate(observations, layout)
+    calibration = calibrate(observations, base.layout(observations))
     reason = _insufficient(observations)
     if reason:
         return _too_little(measurements, calibration, families, reason)
@@ -139,15 +124,12 @@ def diagnose(
         workbench.observations,
         steps[0].errors,
         seed,
-        measured_forces(measurements.units),
+        results,
         certain=lack_of_fit["p_value"] < ALARM,
     )
     proposals = _proposals(workbench, found, finding, families, ties)
     floors = noise_floor(workbench, found.best)
-    repeats = {
-        name: floor.value if floor.source == "repeats" else None
-        for name, floor in repeatability(measurements).items()
-    }
+    repeats = repeatability(measurements)
     document = {
         "schema": SCHEMA,
         "verdict": finding.verdict,
@@ -268,7 +250,7 @@ def _channels(
     calibration: Calibration,
     errors: Errors,
     floors: Mapping[str, float],
-    repeats: Mapping[str, float | None],
+    repeats: Mapping[str, float],
 ) -> dict[str, dict[str, Any]]:
     rmse, bias = errors.rmse(), errors.bias()
     found = {}

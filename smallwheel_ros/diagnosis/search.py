@@ -118,10 +118,9 @@ def search(workbench: Workbench, families: Sequence[Family], seed: int) -> Searc
     found = Search(workbench, families, seed, base, first, base, first)
     beam, table = [base], first
     while len(found.best.forms) < _MOST_EFFECTS:
-        if table.p_any >= _threshold(len(found.best.forms) + 1):
-            beam = _other_forms(found)
-        pool = _extend(found, beam, first.critical)
-        if table.p_any >= _threshold(len(found.best.forms) + 1):
+        may_be_chance = table.p_any >= _threshold(len(found.best.forms) + 1)
+        pool = _extend(found, _other_forms(found) if may_be_chance else beam, first.critical)
+        if may_be_chance:
             pool = [e for e in pool if cost(found.best) - cost(e) > 2.0 * first.critical]
         if not pool:
             break

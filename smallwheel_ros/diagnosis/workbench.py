@@ -17,6 +17,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.calibrate import Calibration
 from smallwheel_ros.fitting.jacobian import Predictor
 from smallwheel_ros.fitting.layout import make_layout
+from smallwheel_ros.fitting.observations import Observations
 from smallwheel_ros.fitting.parameters import Layout, SoilPrior
 from smallwheel_ros.fitting.solve import MixedFit, solve_mixed
 from smallwheel_ros.model import Geometry, Model
@@ -35,6 +36,18 @@ class Base:
     thrust_form: ThrustForm = "integrated"
     soils: tuple[Soil, ...] = ()
     priors: Mapping[str, SoilPrior] | None = None
+
+    def layout(self, observations: Observations, effects: Sequence[Effect] = ()) -> Layout:
+        """What is fitted: the base with these effects added, corrections of thrust included."""
+        return make_layout(
+            observations,
+            (*self.effects, *effects),
+            self.geometry,
+            soils=self.soils or None,
+            priors=self.priors,
+            thrust_form=self.thrust_form,
+            corrections=True,
+        )
 
 
 @dataclass(frozen=True)
@@ -128,15 +141,7 @@ class Workbench:
                 effects.append(form.at(strengths[form.family]))
             else:
                 effects.append(found if found is not None else form.effect)
-        layout = make_layout(
-            self.observations,
-            (*self.base.effects, *effects),
-            self.base.geometry,
-            soils=self.base.soils or None,
-            priors=self.base.priors,
-            thrust_form=self.base.thrust_form,
-            corrections=True,
-        )
+        layout = self.base.layout(self.observations, effects)
         start = layout.start
         source = self.calibration.fit.solution.theta if near is None else near.theta
         start[: self._common] = source[: self._common]

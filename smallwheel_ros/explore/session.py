@@ -20,10 +20,9 @@ from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.calibrate import calibrate
 from smallwheel_ros.fitting.files import calibrated
-from smallwheel_ros.fitting.layout import make_layout
 from smallwheel_ros.fitting.observations import observe
 from smallwheel_ros.fitting.result import FitResult, result_of
-from smallwheel_ros.measurements.noise_floor import noise_floor as repeatability
+from smallwheel_ros.measurements.noise_floor import repeatability
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import write_model
 from smallwheel_ros.physics.soil import nearest
@@ -96,22 +95,9 @@ class Session:
         self.present = tuple(e.id for e in base.effects)
         self.families: dict[str, Family] = {f.name: f for f in families}
         progress("fitting the base model")
-        layout = make_layout(
-            observations,
-            base.effects,
-            base.geometry,
-            soils=base.soils or None,
-            priors=base.priors,
-            thrust_form=base.thrust_form,
-            corrections=True,
-        )
-        self.workbench = Workbench(calibrate(observations, layout), base)
+        self.workbench = Workbench(calibrate(observations, base.layout(observations)), base)
         self.drivers = tuple(drivers(measurements)) or ("load",)
-        self.repeats = {
-            name: floor.value
-            for name, floor in repeatability(measurements).items()
-            if floor.source == "repeats" and floor.value is not None
-        }
+        self.repeats = repeatability(measurements)
         progress("finding the noise floor")
         self._views: dict[tuple[str, ...], View] = {}
         self._fullest = self._best_of_few()

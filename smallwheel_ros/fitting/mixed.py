@@ -72,6 +72,10 @@ class RunEffects:
         a = left[pad.index] * weight[..., None]
         return np.asarray(np.swapaxes(a, 1, 2) @ right[pad.index])
 
+    def scatter(self, tau: Array) -> Array:
+        """Variance of each observation by the runs' scatter, shape (observations,)."""
+        return np.asarray(np.sum((self.loadings * tau) ** 2, axis=1))
+
     @property
     def usual(self) -> Array:
         """Standard deviation of the half-normal prior of each effect's tau."""

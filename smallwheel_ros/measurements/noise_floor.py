@@ -54,6 +54,15 @@ def noise_floor(measurements: Measurements) -> dict[str, NoiseFloor]:
     return {name: _of_channel(measurements, name, index, runs) for name in measurements.channels}
 
 
+def repeatability(measurements: Measurements) -> dict[str, float]:
+    """What repeats of one run differ by (standard deviation), of the channels that have repeats."""
+    return {
+        name: floor.value
+        for name, floor in noise_floor(measurements).items()
+        if floor.source == "repeats" and floor.value is not None
+    }
+
+
 def _repeats(measurements: Measurements) -> tuple[NDArray[np.intp], int]:
     """The run of each row, -1 where the run's settings differ too much to be repeats."""
     if measurements.runs_given:
