@@ -124,7 +124,7 @@ class TestOdometer:
             made.add(T + nanoseconds(t), 0.0, 0.0, 0.5 * t, 0.1)
         assert made.way(T + 2 * SECOND) == pytest.approx(1.0, rel=0.01)
         assert made.way(T + SECOND) == pytest.approx(0.25, rel=0.02)
-        assert made.motion(T + SECOND, SECOND) == pytest.approx((0.5, 0.1))
+        assert made.at(T + SECOND, SECOND)[2:4] == pytest.approx((0.5, 0.1))
 
     def test_reverse_is_travel_too(self) -> None:
         made = self.odometer()
@@ -175,7 +175,7 @@ class TestOdometer:
         for i in range(5001):
             made.add(T + i * nanoseconds(0.02), 0.0, 0.0, 1.0, 0.0)
         assert made.way(T + 100 * SECOND) == pytest.approx(100.0)
-        assert len(made._series) == len(made._way) <= 110
+        assert len(made.series) == len(made._way) <= 110
 
 
 class TestPose:
@@ -186,22 +186,23 @@ class TestPose:
         odometer = self.make()
         odometer.add(SECOND, 0.0, 1.0, 0.5, 0.0, 0.0)
         odometer.add(2 * SECOND, 1.0, 3.0, 0.5, 0.0, 0.4)
-        x, y, yaw = odometer.pose(3 * SECOND // 2, SECOND)
-        assert (x, y) == pytest.approx((0.5, 2.0))
-        assert yaw == pytest.approx(0.2)
+        found = odometer.at(3 * SECOND // 2, SECOND)
+        assert (found.x, found.y) == pytest.approx((0.5, 2.0))
+        assert found.yaw == pytest.approx(0.2)
 
     def test_across_the_jump_of_the_angle(self) -> None:
         odometer = self.make()
         odometer.add(SECOND, 0.0, 0.0, 0.5, 0.0, math.pi - 0.1)
         odometer.add(2 * SECOND, 0.0, 0.0, 0.5, 0.0, -math.pi + 0.1)
-        _, _, yaw = odometer.pose(3 * SECOND // 2, SECOND)
-        assert abs(yaw) == pytest.approx(math.pi)
+        found = odometer.at(3 * SECOND // 2, SECOND)
+        assert abs(found.yaw) == pytest.approx(math.pi)
 
     def test_without_yaw_or_too_far_away_there_is_none(self) -> None:
         odometer = self.make()
-        assert odometer.pose(SECOND, SECOND) is None
+        assert odometer.at(SECOND, SECOND) is None
         odometer.add(SECOND, 0.0, 0.0, 0.5, 0.0)
-        assert odometer.pose(SECOND, SECOND) is None
+        assert odometer.at(SECOND, SECOND).yaw is None
         odometer.add(5 * SECOND, 0.0, 0.0, 0.5, 0.0, 0.3)
-        assert odometer.pose(5 * SECOND, SECOND) == pytest.approx((0.0, 0.0, 0.3))
-        assert odometer.pose(7 * SECOND, SECOND) is None
+        found = odometer.at(5 * SECOND, SECOND)
+        assert (found.x, found.y, found.yaw) == pytest.approx((0.0, 0.0, 0.3))
+        assert odometer.at(7 * SECOND, SECOND) is None

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from smallwheel_ros.onboard.intake import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import LoadSource, NodeSettings, SinkageSource
 from smallwheel_ros.onboard.streams import SECOND

@@ -6,7 +6,7 @@ import math
 
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
-from smallwheel_ros.onboard.streams import Odometer, Series, nanoseconds
+from smallwheel_ros.onboard.streams import Motion, Odometer, Series, nanoseconds
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
@@ -20,6 +20,10 @@ class Memory:
         One series for each wheel; of the sinkages only the stamps.
     odometer, velocity
         Of the vehicle; velocity is that of a sensor of its own: speed and yaw rate.
+    needed
+        For each wheel the series that its measurements are put together from.
+    timing
+        For each wheel the series that gives it its instants.
     distance
         Way so far, m.
 
@@ -45,17 +49,21 @@ class Memory:
         self.distance = self._before = distance
         self._deepest = [0.0] * len(self.settings.wheels)
         self._pressed_way = 0.0
+        self.needed = tuple(self._needed(order) for order in range(len(wheels)))
+        self.timing = tuple(self._timed_by(order) for order in range(len(wheels)))
 
-    def newest_of(self, order: int) -> list[int | None]:
-        """Newest stamp of each stream that a measurement of that wheel is put together from."""
-        newest: list[int | None] = []
-        if self._static[order] is None:
-            newest.append(self.loads[order].newest)
+    def _needed(self, order: int) -> tuple[Series, ...]:
+        series = [] if self._static[order] is not None else [self.loads[order]]
         if self.settings.wheels[order].contact == ROLLING:
-            newest += [self.odometer.newest, self.speeds[order].newest]
+            series += [self.odometer.series, self.speeds[order]]
             if self.settings.velocity is VelocitySource.TOPIC:
-                newest.append(self.velocity.newest)
-        return newest
+                series.append(self.velocity)
+        return tuple(series)
+
+    def _timed_by(self, order: int) -> Series:
+        if self.settings.wheels[order].name not in self.settings.without_sinkage:
+            return self.sinkages[order]
+        return self.odometer.series if self._static[order] is not None else self.loads[order]
 
     def instant(self, order: int, stamp: int, measured: float | None, variance: float) -> Instant:
         """Put together what belongs to a wheel's instant; call it in the order of stamps."""
@@ -64,7 +72,8 @@ class Memory:
         loads = self.loads[order].at(stamp, self._gap)
         if loads is not None:
             load = Quantity(loads[0], math.hypot(noise.load, noise.load_relative * loads[0]))
-        speed, slip = self._motion(order, stamp)
+        motion = self.odometer.at(stamp, self._gap)
+        speed, slip = self._motion(order, stamp, motion)
         sinkage: Quantity | None = None
         if measured is not None:
             known = math.isfinite(variance) and variance > 0
@@ -78,21 +87,23 @@ class Memory:
             sinkage,
             speed,
             self._travelled(order, stamp, sinkage),
-            self._place(order, stamp),
+            None if motion is None else self._place(order, motion),
             self._static[order] is not None,
         )
 
-    def _motion(self, order: int, stamp: int) -> tuple[float | None, Quantity | None]:
+    def _motion(
+        self, order: int, stamp: int, motion: Motion | None
+    ) -> tuple[float | None, Quantity | None]:
         """Speed of a wheel's place over ground, and its slip; None where not known."""
         wheel, noise = self.settings.wheels[order], self.settings.noise
         if wheel.contact != ROLLING:
             return None, None
-        motion: tuple[float, ...] | None = self.odometer.motion(stamp, self._gap)
+        found: tuple[float, ...] | None = None if motion is None else motion[2:4]
         if self.settings.velocity is VelocitySource.TOPIC:
-            motion = self.velocity.at(stamp, self._gap)
-        if motion is None:
+            found = self.velocity.at(stamp, self._gap)
+        if found is None:
             return None, None
-        speed = motion[0] - motion[1] * wheel.lateral_position
+        speed = found[0] - found[1] * wheel.lateral_position
         turning = self.speeds[order].at(stamp, self._gap)
         if turning is None or self.settings.velocity is VelocitySource.NONE:
             return speed, None
@@ -104,15 +115,14 @@ class Memory:
         )
         return speed, slip
 
-    def _place(self, order: int, stamp: int) -> tuple[float, float] | None:
-        pose = self.odometer.pose(stamp, self._gap)
-        if pose is None:
+    def _place(self, order: int, motion: Motion) -> tuple[float, float] | None:
+        yaw = motion.yaw
+        if yaw is None:
             return None
-        x, y, yaw = pose
         ahead = self.settings.wheels[order].longitudinal_position
         left = self.settings.wheels[order].lateral_position
         cosine, sine = math.cos(yaw), math.sin(yaw)
-        return x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
+        return motion.x + cosine * ahead - sine * left, motion.y + sine * ahead + cosine * left
 
     def _travelled(self, order: int, stamp: int, sinkage: Quantity | None) -> float:
         """Way so far (m), which never falls: soil that is new to the wheels."""

@@ -18,6 +18,7 @@ from pathlib import Path
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.missing_effect import MissingEffect
+from smallwheel_ros.onboard.arrivals import stream_names
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
@@ -55,6 +56,7 @@ class Onboard:
     def __init__(self, settings: OnboardSettings, effects: Sequence[Effect] = ()) -> None:
         self.settings = replace(settings, effects=tuple(effects)) if effects else settings
         self._intake = Intake(self.settings)
+        self._arrivals = self._intake.arrivals
         self._assessor = Assessor(self.settings)
         self._jumps = 0
         self._refused_before = 0
@@ -131,7 +133,7 @@ class Onboard:
             self._assessor.apply(settings)
             return False
         self._assessor = Assessor(settings)
-        self._refused_before = self._intake.problems.refused_sinkages
+        self._refused_before = self._arrivals.problems.refused_sinkages
         return True
 
     def save(self, path: Path | str) -> None:
@@ -145,7 +147,7 @@ class Onboard:
         under another prior or other effects.
         """
         self._assessor.estimator.restore(path)
-        self._refused_before = self._intake.problems.refused_sinkages
+        self._refused_before = self._arrivals.problems.refused_sinkages
 
     @property
     def soil(self) -> SoilEstimate:
@@ -165,61 +167,61 @@ class Onboard:
     @property
     def rejected(self) -> int:
         """Measured sinkages that were not used for the soil since the start or the last reset."""
-        return self._intake.problems.refused_sinkages - self._refused_before
+        return self._arrivals.problems.refused_sinkages - self._refused_before
 
     @property
     def time_jumps(self) -> int:
         """How often everything was forgotten because time went back."""
-        return self._intake.time_jumps
+        return self._arrivals.time_jumps
 
     @property
     def streams(self) -> tuple[str, ...]:
         """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
-        return self._intake.streams
+        return stream_names(self.settings)
 
     @property
     def received(self) -> Counter[str]:
         """How many messages have come, by stream, good and bad."""
-        return self._intake.received
+        return self._arrivals.received
 
     @property
     def newest(self) -> dict[str, int]:
         """The newest stamp (ns) of each stream that has had a message."""
-        return self._intake.newest
+        return self._arrivals.newest
 
     @property
     def counts(self) -> Counter[tuple[str, str]]:
         """How many of them could not be used, by stream and reason."""
-        return self._intake.problems.counts
+        return self._arrivals.problems.counts
 
     def report(self, stream: str, reason: str, text: str) -> None:
         """Count something that went wrong before a message could come in here."""
-        self._intake.problems.add(stream, reason, text, unused=False)
+        self._arrivals.problems.add(stream, reason, text, unused=False)
 
     def refuse(self, stream: str, reason: str, text: str) -> None:
         """Count a message that came and could not even be given to one of the `on_` methods."""
-        self._intake.received[stream] += 1
-        self._intake.problems.add(stream, reason, text)
+        self._arrivals.received[stream] += 1
+        self._arrivals.problems.add(stream, reason, text)
 
     def take_problems(self) -> list[Problem]:
         """What could not be used since the last call, in words; the newest 1000 at most."""
-        return self._intake.problems.take()
+        return self._arrivals.problems.take()
 
     def _forget_soil(self) -> None:
         self._assessor.reset()
-        self._refused_before = self._intake.problems.refused_sinkages
+        self._refused_before = self._arrivals.problems.refused_sinkages
 
     def _results(self, instants: list[Instant]) -> list[Result]:
-        if self._jumps != self._intake.time_jumps:
-            self._jumps = self._intake.time_jumps
+        if self._jumps != self._arrivals.time_jumps:
+            self._jumps = self._arrivals.time_jumps
             self._forget_soil()
-        return [self._result(instant) for instant in instants]
+        return [self._result(instant) for instant in instants] if instants else []
 
     def _result(self, instant: Instant) -> Result:
         mobility, soil, problem = self._assessor.assess(instant)
         if problem is not None:
             name = "load" if instant.sinkage is None else "sinkage"
-            self._intake.problems.add(
+            self._arrivals.problems.add(
                 f"{instant.wheel.name}/{name}",
                 *problem,
                 # A prediction that fails leaves the measurement used all the same.

@@ -11,6 +11,7 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 SECOND = 1_000_000_000  # ns
 
@@ -76,30 +77,41 @@ class Series:
     ----------
     horizon
         How far back from the newest stamp values are kept (ns).
+
+    Attributes
+    ----------
+    stamps, values
+        What is kept, sorted by stamp.
+    newest
+        The newest stamp; None when there is none.
     """
 
     def __init__(self, horizon: int) -> None:
         self.horizon = horizon
         self.stamps: list[int] = []
         self.values: list[tuple[float, ...]] = []
+        self.newest: int | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)
 
-    @property
-    def newest(self) -> int | None:
-        """The newest stamp; None when there is none."""
-        return self.stamps[-1] if self.stamps else None
+    def __contains__(self, stamp: int) -> bool:
+        place = bisect_left(self.stamps, stamp)
+        return place < len(self.stamps) and self.stamps[place] == stamp
 
     def add(self, stamp: int, values: tuple[float, ...]) -> StampFault | None:
         """Keep values at their place; a fault says why they were not kept."""
-        stamps = self.stamps
-        if not stamps or stamp > stamps[-1]:
+        stamps, newest = self.stamps, self.newest
+        if newest is None or stamp > newest:
+            self.newest = stamp
             stamps.append(stamp)
             self.values.append(values)
-            self._forget()
+            # In batches: taking one element off the front of a list moves all others.
+            if stamps[0] < stamp - 2 * self.horizon:
+                keep = bisect_left(stamps, stamp - self.horizon)
+                del stamps[:keep], self.values[:keep]
             return None
-        if stamp < stamps[-1] - self.horizon:
+        if stamp < newest - self.horizon:
             return StampFault.LATE
         place = bisect_left(stamps, stamp)
         if stamps[place] == stamp:
@@ -108,38 +120,50 @@ class Series:
         self.values.insert(place, values)
         return None
 
-    def _forget(self) -> None:
-        oldest = self.stamps[-1] - self.horizon
-        # In batches: taking one element off the front of a list moves all others.
-        if self.stamps[0] < oldest - self.horizon:
-            keep = bisect_left(self.stamps, oldest)
-            del self.stamps[:keep], self.values[:keep]
-
     def at(self, stamp: int, reach: int) -> tuple[float, ...] | None:
         """Values at an instant: interpolated linearly, or held from the nearest stamp.
 
         Only values within `reach` (ns) of the instant count; None when there is none.
         """
-        after = bisect_left(self.stamps, stamp)
-        later = after < len(self.stamps) and self.stamps[after] - stamp <= reach
-        if later and self.stamps[after] == stamp:
-            return self.values[after]
-        earlier = after > 0 and stamp - self.stamps[after - 1] <= reach
+        stamps, values = self.stamps, self.values
+        after = bisect_left(stamps, stamp)
+        later = after < len(stamps) and stamps[after] - stamp <= reach
+        if later and stamps[after] == stamp:
+            return values[after]
+        earlier = after > 0 and stamp - stamps[after - 1] <= reach
         if earlier and later:
-            start, end = self.stamps[after - 1], self.stamps[after]
+            start, end = stamps[after - 1], stamps[after]
             share = (stamp - start) / (end - start)
-            return tuple(
-                a + share * (b - a)
-                for a, b in zip(self.values[after - 1], self.values[after], strict=True)
-            )
+            pairs = zip(values[after - 1], values[after], strict=True)
+            return tuple([a + share * (b - a) for a, b in pairs])
         if earlier:
-            return self.values[after - 1]
-        return self.values[after] if later else None
+            return values[after - 1]
+        return values[after] if later else None
 
     def clear(self) -> None:
         """Forget everything."""
         self.stamps.clear()
         self.values.clear()
+        self.newest = None
+
+
+class Motion(NamedTuple):
+    """Of a vehicle: place (m), forward speed (m/s), yaw rate (rad/s), cosine and sine of the yaw.
+
+    Between two messages the latter two are not of unit length; they are NaN where yaw is not known.
+    """
+
+    x: float
+    y: float
+    speed: float
+    yaw_rate: float
+    cosine: float
+    sine: float
+
+    @property
+    def yaw(self) -> float | None:
+        """Direction that the vehicle looks to, rad; None where it is not known."""
+        return None if math.isnan(self.cosine) else math.atan2(self.sine, self.cosine)
 
 
 class Odometer:
@@ -153,18 +177,18 @@ class Odometer:
         Between stamps further apart than this (ns) the straight distance of the positions counts.
     standstill
         Speeds up to this (m/s) are noise of a standing vehicle.
+
+    Attributes
+    ----------
+    series
+        What came, each as the numbers of a `Motion`.
     """
 
     def __init__(self, horizon: int, longest_gap: int, standstill: float) -> None:
-        self._series = Series(horizon)  # x, y, speed, yaw rate, cosine and sine of yaw
+        self.series = Series(horizon)
         self._way: list[float] = []  # at each stamp of the series
         self._gap = longest_gap
         self._standstill = standstill
-
-    @property
-    def newest(self) -> int | None:
-        """The newest stamp; None when there is none."""
-        return self._series.newest
 
     def add(
         self,
@@ -176,7 +200,7 @@ class Odometer:
         yaw: float | None = None,
     ) -> StampFault | None:
         """Keep one message; a fault says why it was not kept."""
-        series = self._series
+        series = self.series
         before = len(series)
         # An angle is not interpolated across its jump at pi, its cosine and sine are.
         turn = (math.nan, math.nan) if yaw is None else (math.cos(yaw), math.sin(yaw))
@@ -196,17 +220,17 @@ class Odometer:
 
     def _step(self, i: int) -> float:
         """Way from stamp i to the next."""
-        (x0, y0, v0, *_), (x1, y1, v1, *_) = self._series.values[i : i + 2]
-        duration = self._series.stamps[i + 1] - self._series.stamps[i]
+        stamps, values = self.series.stamps, self.series.values
+        start, end, duration = values[i], values[i + 1], stamps[i + 1] - stamps[i]
         if duration > self._gap:
-            straight = math.hypot(x1 - x0, y1 - y0)
+            straight = math.hypot(end[0] - start[0], end[1] - start[1])
             return straight if straight > self._standstill * duration / SECOND else 0.0
-        speeds = (abs(v) if abs(v) > self._standstill else 0.0 for v in (v0, v1))
+        speeds = [abs(v) if abs(v) > self._standstill else 0.0 for v in (start[2], end[2])]
         return sum(speeds) / 2 * duration / SECOND
 
     def way(self, stamp: int) -> float:
         """Way travelled (m) at an instant; held before the first and after the last message."""
-        stamps = self._series.stamps
+        stamps = self.series.stamps
         if not stamps:
             return 0.0
         after = bisect_right(stamps, stamp)
@@ -216,19 +240,12 @@ class Odometer:
         share = (stamp - start) / (end - start)
         return self._way[after - 1] + share * (self._way[after] - self._way[after - 1])
 
-    def motion(self, stamp: int, reach: int) -> tuple[float, float] | None:
-        """Speed (m/s) and yaw rate (rad/s) at an instant, as `Series.at`."""
-        values = self._series.at(stamp, reach)
-        return None if values is None else (values[2], values[3])
-
-    def pose(self, stamp: int, reach: int) -> tuple[float, float, float] | None:
-        """Place (m) and yaw (rad) at an instant, as `Series.at`; None where yaw is not known."""
-        values = self._series.at(stamp, reach)
-        if values is None or math.isnan(values[4]):
-            return None
-        return values[0], values[1], math.atan2(values[5], values[4])
+    def at(self, stamp: int, reach: int) -> Motion | None:
+        """Place and motion at an instant, as `Series.at`."""
+        values = self.series.at(stamp, reach)
+        return None if values is None else Motion(*values)
 
     def clear(self) -> None:
         """Forget everything, the way too."""
-        self._series.clear()
+        self.series.clear()
         self._way.clear()

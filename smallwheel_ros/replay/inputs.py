@@ -10,7 +10,7 @@ from typing import Any
 
 from smallwheel_ros.bags import BagTopic
 from smallwheel_ros.onboard.feed import Topic
-from smallwheel_ros.onboard.intake import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.replay.errors import ReplayError

@@ -168,10 +168,7 @@ def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report)
         If dask.distributed is not installed, or nobody answers at the address.
     """
     try:
-        from distributed import (  # type: ignore[import-not-found,unused-ignore]
-            Client,
-            as_completed,
-        )
+        from distributed import Client, as_completed
     except ImportError:
         raise ReplayError(
             "option --scheduler needs dask.distributed: pip install 'smallwheel_ros[cluster]'"
