@@ -1,7 +1,8 @@
 """Sinkage, resistance and thrust of one wheel with their derivatives by all that is uncertain.
 
 Without effects the derivatives are worked out by hand, in plain floats, since this runs for every
-measurement; with effects they are differences of the model itself.
+measurement and NumPy's cost per call is far above the arithmetic's; with effects they are
+differences of the model itself.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.wheel import Strength, Wheel
 
 Array = NDArray[np.float64]
-
+Gradient = Sequence[float]  # eight derivatives, by `UNCERTAIN`
 
 # The quantities that are uncertain, in the order of gradients and covariances.
 UNCERTAIN = (
@@ -36,6 +37,7 @@ UNCERTAIN = (
     "shear_displacement",
 )
 _COUNT, _SLIP = len(UNCERTAIN), UNCERTAIN.index("slip")
+_NOTHING: Gradient = (0.0,) * _COUNT
 
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
 # the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
@@ -46,12 +48,12 @@ REFERENCE_SLIP = 0.4
 class ForceGradients:
     """Sinkage (m), compaction resistance, other resistance, thrust, pull (N), and derivatives.
 
-    The pull is the drawbar pull at the reference slip, whatever the slip is now. value: shape (5,).
-    gradient: shape (5, 8), by `UNCERTAIN`.
+    The pull is the drawbar pull at the reference slip, whatever the slip is now. gradient: for each
+    of the five values its derivatives by `UNCERTAIN`.
     """
 
-    value: Array
-    gradient: Array
+    value: tuple[float, float, float, float, float]
+    gradient: tuple[Gradient, Gradient, Gradient, Gradient, Gradient]
 
 
 def force_gradients(
@@ -98,30 +100,39 @@ def _analytical(
     if point.sunk_to_axle:
         return None
     sinkage = math.exp(point.log_sinkage)
-    gradient = np.zeros((5, _COUNT))
-    log_sinkage = np.zeros(_COUNT)  # gradient of ln z
-    log_sinkage[:4] = (
-        -point.slope_load,
-        point.slope_exponent + point.slope_load * log_depth,
-        -point.slope_load * log_size,
-        point.slope_load / load,
+    # Gradient of ln z; strength and slip do not change the sinkage.
+    by_pressure, by_size = -point.slope_load, -point.slope_load * log_size
+    by_n = point.slope_exponent + point.slope_load * log_depth
+    by_load = point.slope_load / load
+    by_sinkage = (
+        sinkage * by_pressure,
+        sinkage * by_n,
+        sinkage * by_size,
+        sinkage * by_load,
+        *_NOTHING[4:],
     )
-    gradient[0] = sinkage * log_sinkage
-    compaction = push = pull = 0.0
-    if wheel.contact == ROLLING:
-        compaction = wheel.width * math.exp(log_modulus + (n + 1.0) * point.log_sinkage) / (n + 1.0)
-        log_compaction = (n + 1.0) * log_sinkage
-        log_compaction[0] += 1.0
-        log_compaction[1] += point.log_sinkage - log_depth - 1.0 / (n + 1.0)
-        log_compaction[2] += log_size
-        gradient[1] = compaction * log_compaction
-        if slip is not None:
-            push, gradient[3] = _thrust(wheel, strength, load, slip, sinkage, gradient[0])
-        held, gradient[4] = _thrust(wheel, strength, load, reference_slip, sinkage, gradient[0])
-        pull = held - compaction
-        gradient[4] -= gradient[1]
-        gradient[4, _SLIP] = 0.0  # the reference is exact
-    return ForceGradients(np.array([sinkage, compaction, 0.0, push, pull]), gradient)
+    if wheel.contact != ROLLING:
+        rest = (_NOTHING, _NOTHING, _NOTHING, _NOTHING)
+        return ForceGradients((sinkage, 0.0, 0.0, 0.0, 0.0), (by_sinkage, *rest))
+    power = n + 1.0
+    compaction = wheel.width * math.exp(log_modulus + power * point.log_sinkage) / power
+    by_compaction = (
+        compaction * (power * by_pressure + 1.0),
+        compaction * (power * by_n + (point.log_sinkage - log_depth - 1.0 / power)),
+        compaction * (power * by_size + log_size),
+        compaction * (power * by_load),
+        *_NOTHING[4:],
+    )
+    push, by_push = 0.0, _NOTHING
+    if slip is not None:
+        push, by_push = _thrust(wheel, strength, load, slip, sinkage, by_sinkage)
+    held, by_held = _thrust(wheel, strength, load, reference_slip, sinkage, by_sinkage)
+    by_pull = [one - other for one, other in zip(by_held, by_compaction, strict=True)]
+    by_pull[_SLIP] = 0.0  # the reference is exact
+    return ForceGradients(
+        (sinkage, compaction, 0.0, push, held - compaction),
+        (by_sinkage, by_compaction, _NOTHING, by_push, by_pull),
+    )
 
 
 def _thrust(
@@ -130,8 +141,8 @@ def _thrust(
     load: float,
     slip: float,
     sinkage: float,
-    by_sinkage: Array,
-) -> tuple[float, Array]:
+    by_sinkage: Gradient,
+) -> tuple[float, Gradient]:
     """Thrust in the integrated form of `traction.thrust`, and its gradient."""
     cohesion, kappa = strength.cohesion.value, strength.shear_displacement.value
     tangent = math.tan(strength.friction_angle.value)
@@ -148,13 +159,18 @@ def _thrust(
         share, share_slope = x / 2.0 - x**2 / 6.0, 0.5 - x / 3.0
     sign = math.copysign(1.0, slip)
     by_length = wheel.width * cohesion * share + limit * share_slope * abs(slip) / kappa
-    gradient = (sign * by_length * length_slope) * by_sinkage
-    gradient[3] += sign * tangent * share
-    gradient[4] += limit * share_slope * length / kappa  # even in slip: no sign
-    gradient[5] += sign * wheel.width * length * share
-    gradient[6] += sign * load * (1.0 + tangent**2) * share
-    gradient[7] -= sign * limit * share_slope * x / kappa
-    return sign * limit * share, gradient
+    by_depth = sign * by_length * length_slope
+    by_pressure, by_n, by_size, by_load, *_ = by_sinkage
+    return sign * limit * share, (
+        by_depth * by_pressure,
+        by_depth * by_n,
+        by_depth * by_size,
+        by_depth * by_load + sign * tangent * share,
+        limit * share_slope * length / kappa,  # even in slip: no sign
+        sign * wheel.width * length * share,
+        sign * load * (1.0 + tangent**2) * share,
+        -sign * limit * share_slope * x / kappa,
+    )
 
 
 def _numerical(
@@ -204,7 +220,8 @@ def _numerical(
     up, down = slice(1, _COUNT + 1), slice(_COUNT + 1, None)
     # Where the clip to the domain has shortened a step, the difference is over what is left.
     width = np.diagonal(rows[up] - rows[down])
-    return ForceGradients(table[:, 0], (table[:, up] - table[:, down]) / width)
+    gradient = ((table[:, up] - table[:, down]) / width).tolist()
+    return ForceGradients(tuple(table[:, 0].tolist()), tuple(gradient))
 
 
 def _soils(rows: Array, soil: SoilEstimate) -> list[Soil]:

@@ -111,8 +111,10 @@ class Intake:
                 f"load is {load:g} N, expected more than 0: the wheel is in the air, or the"
                 " sensor's sign is the other one (parameter load_sign)",
             )
-        elif self.arrivals.kept(stream, stamp, self._memory.loads[order].add(stamp, (load,))):
-            if wheel in self.settings.without_sinkage:
+        else:
+            fault = self._memory.loads[order].add(stamp, (load,))
+            kept = self.arrivals.kept(stream, stamp, fault)
+            if kept and wheel in self.settings.without_sinkage:
                 self._predict_later(order, stamp)
         return self._release()
 
@@ -141,9 +143,7 @@ class Intake:
             )
         )
         values = (x, y, speed, yaw_rate, yaw)
-        if good and self.arrivals.kept(
-            ODOMETRY, stamp, self._memory.odometer.add(stamp, *values)
-        ):
+        if good and self.arrivals.kept(ODOMETRY, stamp, self._memory.odometer.add(stamp, *values)):
             for name in self.settings.without_sinkage & self.settings.static_loads.keys():
                 self._predict_later(self._streams[name].order, stamp)
         return self._release()

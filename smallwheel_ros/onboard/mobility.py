@@ -10,9 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
@@ -21,12 +19,11 @@ from smallwheel_ros.onboard.force_gradients import (
     REFERENCE_SLIP,
     UNCERTAIN,
     ForceGradients,
+    Gradient,
     force_gradients,
 )
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
-
-Array = NDArray[np.float64]
 
 _LOAD, _SLIP = UNCERTAIN.index("load"), UNCERTAIN.index("slip")
 _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
@@ -155,8 +152,8 @@ def wheel_forces(
     )
     if forces is None:
         return None
-    covariance = _covariance(soil, strength, load, slip, scatter)
-    if not (np.isfinite(forces.value).all() and np.isfinite(forces.gradient).all()):
+    # A sum is finite only where everything in it is.
+    if not math.isfinite(sum(forces.value) + sum(map(sum, forces.gradient))):
         raise MobilityError(
             f"wheel {wheel.name}: the model gives no finite forces for a load of {load.value:g} N"
             f" with n = {soil.n:g} and ln of reference pressure {soil.log_reference_pressure:g}"
@@ -167,77 +164,98 @@ def wheel_forces(
         forces,
         load.value,
         slip.value if slip is not None and rolling else None,
-        covariance,
+        _Spread.of(soil, strength, load, slip, scatter),
         rolling,
     )
 
 
-def _covariance(
-    soil: SoilEstimate, strength: Strength, load: Quantity, slip: Quantity | None, scatter: float
-) -> Array:
-    """Covariance of what is uncertain, in the order of `UNCERTAIN`."""
-    covariance = np.zeros((len(UNCERTAIN), len(UNCERTAIN)))
-    covariance[:3, :3] = soil.log_covariance
-    covariance[0, 0] += scatter**2
-    single = (load, slip, strength.cohesion, strength.friction_angle, strength.shear_displacement)
-    for i, quantity in enumerate(single, start=3):
-        covariance[i, i] = 0.0 if quantity is None else quantity.standard_deviation**2
-    return covariance
+class _Spread(NamedTuple):
+    """How uncertain everything in `UNCERTAIN` is.
+
+    law: covariance of ln pressure, n and m by rows, from the diagonal on; the six of them. single:
+    variances of the others, which depend on nothing.
+    """
+
+    law: tuple[float, float, float, float, float, float]
+    single: tuple[float, float, float, float, float]
+
+    @classmethod
+    def of(
+        cls,
+        soil: SoilEstimate,
+        strength: Strength,
+        load: Quantity,
+        slip: Quantity | None,
+        scatter: float,
+    ) -> _Spread:
+        (pp, pn, pm), (_, nn, nm), (_, _, mm) = soil.log_covariance.tolist()
+        return cls(
+            (pp + scatter**2, pn, pm, nn, nm, mm),
+            (
+                load.standard_deviation**2,
+                0.0 if slip is None else slip.standard_deviation**2,
+                strength.cohesion.standard_deviation**2,
+                strength.friction_angle.standard_deviation**2,
+                strength.shear_displacement.standard_deviation**2,
+            ),
+        )
+
+    def quantity(self, value: float, gradient: Gradient) -> Quantity:
+        """Put a value together with its standard deviation, to first order."""
+        pp, pn, pm, nn, nm, mm = self.law
+        p, n, m, load, slip, cohesion, angle, kappa = gradient
+        by_load, by_slip, by_cohesion, by_angle, by_kappa = self.single
+        variance = (
+            p * (p * pp + 2.0 * (n * pn + m * pm))
+            + n * (n * nn + 2.0 * m * nm)
+            + m * m * mm
+            + load * load * by_load
+            + slip * slip * by_slip
+            + cohesion * cohesion * by_cohesion
+            + angle * angle * by_angle
+            + kappa * kappa * by_kappa
+        )
+        # Rounding can leave a variance that is zero a little below it.
+        return Quantity(value, math.sqrt(max(variance, 0.0)))
 
 
 def _quantities(
-    forces: ForceGradients, load: float, slip: float | None, covariance: Array, rolling: bool
+    forces: ForceGradients, load: float, slip: float | None, spread: _Spread, rolling: bool
 ) -> WheelForces:
     """Put values and deviations together; slip is None where there is no traction to tell of."""
-    sinkage, compaction, other, thrust, pull = forces.value.tolist()
+    sinkage, compaction, other, thrust, pull = forces.value
     by_sinkage, by_compaction, by_other, by_thrust, by_pull = forces.gradient
-    resistance, by_resistance = compaction + other, by_compaction + by_other
-    by_coefficient, by_margin = by_resistance / load, by_pull / load
+    resistance, by_resistance = compaction + other, _sum(by_compaction, by_other)
+    by_coefficient = [slope / load for slope in by_resistance]
     by_coefficient[_LOAD] -= resistance / load**2
-    by_margin[_LOAD] -= pull / load**2
-    ratio, by_ratio = _rim_over_travel(slip)
-    by_energy = ratio * by_thrust
-    by_energy[_SLIP] += by_ratio * thrust
-    gradients = np.stack(
-        [
-            by_sinkage,
-            by_compaction,
-            by_other,
-            by_coefficient,
-            by_thrust,
-            by_thrust - by_resistance,
-            by_margin,
-            by_energy,
-        ]
-    )
-    # Rounding can leave a variance that is zero a little below it.
-    variance = np.maximum(np.einsum("ij,ij->i", gradients @ covariance, gradients), 0.0)
-    values = (
-        sinkage,
-        compaction,
-        other,
-        resistance / load,
-        thrust,
-        thrust - resistance,
-        pull / load,
-        ratio * thrust,
-    )
-    depth, compacting, rest, coefficient, push, net, margin, energy = (
-        Quantity(value, deviation)
-        for value, deviation in zip(values, np.sqrt(variance).tolist(), strict=True)
-    )
-    traction = slip is not None
+    push = net = energy = margin = None
+    if slip is not None:
+        push = spread.quantity(thrust, by_thrust)
+        net = spread.quantity(thrust - resistance, _sum(by_thrust, by_resistance, -1.0))
+        ratio, by_ratio = _rim_over_travel(slip)
+        if ratio > 0.0:
+            by_energy = [ratio * slope for slope in by_thrust]
+            by_energy[_SLIP] += by_ratio * thrust
+            energy = spread.quantity(ratio * thrust, by_energy)
+    if rolling:
+        by_margin = [slope / load for slope in by_pull]
+        by_margin[_LOAD] -= pull / load**2
+        margin = spread.quantity(pull / load, by_margin)
     return WheelForces(
-        sinkage=depth,
-        compaction_resistance=compacting,
-        other_resistance=rest,
-        rolling_resistance_coefficient=coefficient,
-        thrust=push if traction else None,
-        drawbar_pull=net if traction else None,
-        probability_drawbar_pull_positive=probability_positive(net) if traction else None,
-        margin=margin if rolling else None,
-        energy_per_metre=energy if traction and ratio > 0.0 else None,
+        sinkage=spread.quantity(sinkage, by_sinkage),
+        compaction_resistance=spread.quantity(compaction, by_compaction),
+        other_resistance=spread.quantity(other, by_other),
+        rolling_resistance_coefficient=spread.quantity(resistance / load, by_coefficient),
+        thrust=push,
+        drawbar_pull=net,
+        probability_drawbar_pull_positive=None if net is None else probability_positive(net),
+        margin=margin,
+        energy_per_metre=energy,
     )
+
+
+def _sum(one: Gradient, other: Gradient, factor: float = 1.0) -> list[float]:
+    return [a + factor * b for a, b in zip(one, other, strict=True)]
 
 
 def _rim_over_travel(slip: float | None) -> tuple[float, float]:

@@ -9,8 +9,8 @@ from operator import attrgetter
 from typing import Any
 
 from smallwheel_ros.bags import BagTopic
-from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.replay.errors import ReplayError

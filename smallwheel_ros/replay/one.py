@@ -9,8 +9,8 @@ from typing import Any
 
 from smallwheel_ros.bag_files import BagError, Storage, storage_kind
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.onboard.feed import Feed, Handler
 from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.feed import Feed, Handler
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
