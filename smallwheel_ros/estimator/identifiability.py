@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.bounded_exponent import exponent_of, exponent_slope
+from smallwheel_ros.estimator.law_covariance import LawCovariance, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
@@ -116,8 +118,8 @@ class SoilEstimate:
         As in `Counts`.
     remaining
         Posterior over prior standard deviation of k, n, m, effective_modulus, reference_pressure.
-    directions
-        The three independent combinations of parameters, the best determined first.
+    prior_log_covariance
+        `log_covariance` before the first measurement, shape (3, 3).
     missing_effect
         The alarm that the model misses an effect, None while there is none.
     """
@@ -140,8 +142,15 @@ class SoilEstimate:
     soil_changes: int
     distance: float
     remaining: Mapping[str, float] = field(default_factory=dict)
-    directions: tuple[Direction, ...] = ()
+    prior_log_covariance: Array | None = None
     missing_effect: MissingEffect | None = None
+
+    @cached_property
+    def directions(self) -> tuple[Direction, ...]:
+        """The three independent combinations of parameters, the best determined first."""
+        if self.prior_log_covariance is None:
+            return ()
+        return _directions(self.prior_log_covariance, self.log_covariance)
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -159,36 +168,29 @@ class SoilEstimate:
         """
         d = self.reference_diameter if diameter is None else diameter
         row = modulus_row(self.reference_sinkage, self.reference_diameter, d)
-        log_modulus = float(row @ [self.log_reference_pressure, self.n, self.m])
+        log_modulus = self.log_reference_pressure + row[1] * self.n + row[2] * self.m
         modulus = math.exp(log_modulus)
-        return modulus, modulus * deviation(row, self.log_covariance)
+        return modulus, modulus * LawCovariance.of(self.log_covariance).deviation(row)
 
 
-def modulus_row(reference_sinkage: float, reference_diameter: float, diameter: float) -> Array:
-    """Give ln(k D^m) as a linear function of (log_reference_pressure, n, m)."""
-    return np.array([1.0, -math.log(reference_sinkage), math.log(diameter / reference_diameter)])
-
-
-def deviation(row: Array, covariance: Array) -> float:
-    """Standard deviation of a linear function of what has this covariance."""
-    return math.sqrt(max(float(row @ covariance @ row), 0.0))
-
-
-def remaining(
-    prior: Array, posterior: Array, reference_sinkage: float, reference_diameter: float
+def _remaining(
+    prior: LawCovariance,
+    posterior: LawCovariance,
+    reference_sinkage: float,
+    reference_diameter: float,
 ) -> dict[str, float]:
-    """Compare two covariances of (log_reference_pressure, n, m): deviations, after over before."""
+    """Compare two covariances: standard deviations, after over before."""
     rows = {
         "k": modulus_row(reference_sinkage, reference_diameter, 1.0),
-        "n": np.array([0.0, 1.0, 0.0]),
-        "m": np.array([0.0, 0.0, 1.0]),
+        "n": (0.0, 1.0, 0.0),
+        "m": (0.0, 0.0, 1.0),
         "effective_modulus": modulus_row(reference_sinkage, reference_diameter, reference_diameter),
-        "reference_pressure": np.array([1.0, 0.0, 0.0]),
+        "reference_pressure": (1.0, 0.0, 0.0),
     }
-    return {name: deviation(row, posterior) / deviation(row, prior) for name, row in rows.items()}
+    return {name: posterior.deviation(row) / prior.deviation(row) for name, row in rows.items()}
 
 
-def directions(prior: Array, posterior: Array) -> tuple[Direction, ...]:
+def _directions(prior: Array, posterior: Array) -> tuple[Direction, ...]:
     """Independent directions in parameters counted in prior deviations, best determined first."""
     scale = 1.0 / np.sqrt(np.diag(prior))
     shares, vectors = np.linalg.eigh(posterior * np.outer(scale, scale))
@@ -258,24 +260,22 @@ def soil_estimate(
     up, across = math.log(reference[0]), math.log(reference[1])
     deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
     pressure_log += n * deeper + m * larger
-    to_report = np.array([[1.0, slope * deeper, larger], [0.0, slope, 0.0], [0.0, 0.0, 1.0]])
-    now, before = (to_report @ p @ to_report.T for p in (covariance, prior))
-    now = 0.5 * (now + now.T)
+    to_report = (1.0, slope * deeper, larger)
+    now, before = (LawCovariance.of(p).seen_as(to_report, slope) for p in (covariance, prior))
     k = math.exp(pressure_log - n * up - m * across)
-    to_k = np.array([[k, -k * up, -k * across], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    of_k = to_k @ now @ to_k.T
-    left = remaining(before, now, *reference)
+    of_k = now.seen_as((k, -k * up, -k * across), 1.0)
+    left = _remaining(before, now, *reference)
     identifiable = Identifiable(**{name: share <= DETERMINED for name, share in left.items()})
     pressure = math.exp(pressure_log)
     return SoilEstimate(
         k,
         n,
         m,
-        0.5 * (of_k + of_k.T),
+        of_k.array(),
         pressure_log,
-        now,
+        now.array(),
         pressure,
-        pressure * math.sqrt(float(now[0, 0])),
+        pressure * math.sqrt(now.pp),
         *reference,
         identifiable,
         in_words(identifiable, variety, counts.accepted),
@@ -285,6 +285,6 @@ def soil_estimate(
         counts.soil_changes,
         counts.distance,
         left,
-        directions(before, now),
+        before.array(),
         missing_effect,
     )

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.law_covariance import LawCovariance
 from smallwheel_ros.onboard.force_gradients import (
     REFERENCE_SLIP,
     UNCERTAIN,
@@ -172,11 +173,10 @@ def wheel_forces(
 class _Spread(NamedTuple):
     """How uncertain everything in `UNCERTAIN` is.
 
-    law: covariance of ln pressure, n and m by rows, from the diagonal on; the six of them. single:
-    variances of the others, which depend on nothing.
+    law: of ln pressure, n and m. single: variances of the others, which depend on nothing.
     """
 
-    law: tuple[float, float, float, float, float, float]
+    law: LawCovariance
     single: tuple[float, float, float, float, float]
 
     @classmethod
@@ -188,9 +188,9 @@ class _Spread(NamedTuple):
         slip: Quantity | None,
         scatter: float,
     ) -> _Spread:
-        (pp, pn, pm), (_, nn, nm), (_, _, mm) = soil.log_covariance.tolist()
+        law = LawCovariance.of(soil.log_covariance)
         return cls(
-            (pp + scatter**2, pn, pm, nn, nm, mm),
+            law._replace(pp=law.pp + scatter**2),
             (
                 load.standard_deviation**2,
                 0.0 if slip is None else slip.standard_deviation**2,
@@ -202,13 +202,10 @@ class _Spread(NamedTuple):
 
     def quantity(self, value: float, gradient: Gradient) -> Quantity:
         """Put a value together with its standard deviation, to first order."""
-        pp, pn, pm, nn, nm, mm = self.law
         p, n, m, load, slip, cohesion, angle, kappa = gradient
         by_load, by_slip, by_cohesion, by_angle, by_kappa = self.single
         variance = (
-            p * (p * pp + 2.0 * (n * pn + m * pm))
-            + n * (n * nn + 2.0 * m * nm)
-            + m * m * mm
+            self.law.variance((p, n, m))
             + load * load * by_load
             + slip * slip * by_slip
             + cohesion * cohesion * by_cohesion
