@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.bulldozing import Rankine
 from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.estimator.beside import sinkage_beside, wheel_of
 from smallwheel_ros.estimator.bounded_exponent import (
     coordinate_of,
     exponent_of,
@@ -85,6 +88,43 @@ def test_point_pressure_inverts_point_sinkage() -> None:
             assert slope == pytest.approx((either[0] - either[1]) / (2 * step), rel=1e-4, abs=1e-4)
     with pytest.raises(ValueError, match="not a number"):
         point_pressure(60.0, 0.2, 0.1, math.nan, 0.8)
+
+
+@given(
+    wheels=st.tuples(*2 * (st.floats(5.0, 300.0), st.floats(0.1, 0.5), st.floats(0.03, 0.3))),
+    n=st.floats(0.2, 2.8),
+    log_ratio=st.floats(-7.0, -1.6),
+    log_factor=st.floats(-1.0, 1.0),
+)
+def test_sinkage_beside_is_that_by_way_of_the_modulus(
+    wheels: tuple[float, ...], n: float, log_ratio: float, log_factor: float
+) -> None:
+    """One wheel's sinkage from another's: as by the soil that the other one shows."""
+    first, other = wheels[:3], wheels[3:]
+    log_z = log_ratio + math.log(first[1])
+    soil_law = point_pressure(*first, log_z, n)
+    z = point_sinkage(*other, soil_law.log_modulus + log_factor, n)
+    got = sinkage_beside(wheel_of(*other), wheel_of(*first), log_z, n, log_factor)
+    if got is None:  # left to point_sinkage: deep, or far apart
+        assert max(math.exp(z.log_sinkage) / other[1], math.exp(log_ratio)) > 0.1
+        return
+    assert got.log_sinkage == pytest.approx(z.log_sinkage, abs=1e-6)
+    assert got.by_load == pytest.approx(z.slope_load, rel=2e-3)
+    assert got.by_reference == pytest.approx(-z.slope_load * soil_law.slope_sinkage, rel=2e-3)
+    by_exponent = z.slope_exponent - z.slope_load * soil_law.slope_exponent
+    assert got.by_exponent == pytest.approx(by_exponent, abs=1e-2)
+    if math.exp(max(z.log_sinkage - math.log(other[1]), log_ratio)) < 0.1:
+        assert got.log_sinkage == pytest.approx(z.log_sinkage, abs=2e-8)
+        assert got.by_exponent == pytest.approx(by_exponent, abs=2e-4)
+
+
+def test_the_reference_wheel_beside_itself_sinks_as_far() -> None:
+    wheel = wheel_of(60.0, 0.3, 0.1)
+    log_z, by_reference, by_exponent, _ = sinkage_beside(wheel, wheel, -4.6, 0.8, 0.0) or ()
+    assert log_z == pytest.approx(-4.6, abs=1e-12)
+    assert by_reference == pytest.approx(1.0, abs=1e-9)
+    assert by_exponent == pytest.approx(0.0, abs=1e-9)
+    assert sinkage_beside(wheel, wheel, math.log(0.14), 0.8, 0.0) is None
 
 
 def test_reference_turns_there_and_back() -> None:

@@ -14,15 +14,9 @@ _MIDDLE = 0.5 * _UPPER
 _BEND = 0.05  # n over which the ends bend
 
 
-def _softplus(x: float) -> float:
-    return _BEND * math.log1p(math.exp(x / _BEND))
-
-
 def exponent_of(q: float) -> float:
     """Give n, in (0, 3)."""
-    if q < _MIDDLE:
-        return _softplus(q)
-    return _UPPER - _softplus(_UPPER - q)
+    return exponent_and_slope(q)[0]
 
 
 def coordinate_of(exponent: float) -> float:
@@ -34,4 +28,13 @@ def coordinate_of(exponent: float) -> float:
 
 def exponent_slope(q: float) -> float:
     """Give dn/dq."""
-    return 1.0 / (1.0 + math.exp((-q if q < _MIDDLE else q - _UPPER) / _BEND))
+    return exponent_and_slope(q)[1]
+
+
+def exponent_and_slope(q: float) -> tuple[float, float]:
+    """Give n, in (0, 3), and dn/dq."""
+    if q < _MIDDLE:
+        grown = math.exp(q / _BEND)
+        return _BEND * math.log1p(grown), grown / (1.0 + grown)
+    grown = math.exp((_UPPER - q) / _BEND)
+    return _UPPER - _BEND * math.log1p(grown), grown / (1.0 + grown)

@@ -24,8 +24,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.bounded_exponent import exponent_of, exponent_slope
+from smallwheel_ros.estimator.beside import wheel_of
+from smallwheel_ros.estimator.bounded_exponent import (
+    exponent_and_slope,
+    exponent_of,
+    exponent_slope,
+)
+from smallwheel_ros.estimator.iterated_update import Belief, Four, Point
 from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
+from smallwheel_ros.estimator.sinkage_observation import Reading
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -37,13 +44,12 @@ _STEP = 1e-3  # of q
 class Pressure(NamedTuple):
     """ln of the pressure at the reference sinkage under the coordinates' diameter, with slopes.
 
-    by_exponent: by n, the first coordinate held. by_spot: by the deviation of ln k at a spot.
+    by_exponent: by n, the first coordinate held.
     """
 
     value: float
     by_first: float
     by_exponent: float
-    by_spot: float
 
 
 class Coordinates(Protocol):
@@ -54,8 +60,11 @@ class Coordinates(Protocol):
 
     diameter_log: float
 
-    def pressure(self, first: float, exponent: float, spot: float) -> Pressure:
-        """Give the pressure. Raises ArithmeticError or ValueError where there is none."""
+    def point(self, reading: Reading, x: Four, belief: Belief) -> Point:
+        """Give what is shown at (first, q, m, spot), with slopes by each of the four numbers.
+
+        Raises ArithmeticError or ValueError where nothing is.
+        """
 
 
 class Direct:
@@ -63,9 +72,23 @@ class Direct:
 
     diameter_log = 0.0
 
-    def pressure(self, first: float, exponent: float, spot: float) -> Pressure:
+    def point(self, reading: Reading, x: Four, belief: Belief) -> Point:
         """See `Coordinates`."""
-        return Pressure(first + spot, 1.0, 0.0, 1.0)
+        first, q, m, spot = x
+        n, by_q = exponent_and_slope(q)
+        share = _slope_share(
+            belief, *((n, by_q) if x is belief.mean else exponent_and_slope(belief.mean[1]))
+        )
+        scale = math.sqrt(share)
+        across = reading.observe.diameter_log
+        shown = reading.observe(first + scale * spot + across * m, n)
+        by = shown.by_pressure
+        return Point(
+            shown.value,
+            (by, shown.by_exponent * by_q, by * across, by * scale),
+            reading.noise + shown.by_load**2 * share * reading.load_noise,
+            shown.sunk_to_axle,
+        )
 
 
 class OfReference:
@@ -77,21 +100,45 @@ class OfReference:
     def __init__(self, load: float, diameter: float, width: float) -> None:
         self.wheel = load, diameter, width
         self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
+        self.loading = wheel_of(load, diameter, width)
 
-    def pressure(self, first: float, exponent: float, spot: float) -> Pressure:
+    def point(self, reading: Reading, x: Four, belief: Belief) -> Point:
         """See `Coordinates`.
 
         A spot shifts ln z_ref, by -spot/(n + 1/2): it must not turn the direction of n either.
         """
-        by_spot = -1.0 / (exponent + 0.5)
-        log_modulus, by_first, by_exponent = point_pressure(
-            *self.wheel, first + by_spot * spot, exponent
+        first, q, m, spot = x
+        n, by_q = exponent_and_slope(q)
+        share = _slope_share(
+            belief, *((n, by_q) if x is belief.mean else exponent_and_slope(belief.mean[1]))
         )
+        by_spot = -math.sqrt(share) / (n + 0.5)
+        log_z = first + by_spot * spot
+        observe = reading.observe
+        across = observe.diameter_log - self.diameter_log
+        shown = observe.beside(self.loading, log_z, n, across * m)
+        if shown is None:
+            pressure = self.pressure(log_z, n)
+            shown = observe(pressure.value + across * m, n)
+            value, by_pressure, by_exponent, by_load, sunk, _ = shown
+            by_first = by_pressure * pressure.by_first
+            by_exponent += by_pressure * pressure.by_exponent
+        else:
+            value, by_pressure, by_exponent, by_load, sunk, by_first = shown
+        return Point(
+            value,
+            (by_first, by_exponent * by_q, by_pressure * across, by_first * by_spot),
+            reading.noise + by_load * by_load * share * reading.load_noise,
+            sunk,
+        )
+
+    def pressure(self, log_sinkage: float, exponent: float) -> Pressure:
+        """Give the pressure. Raises ArithmeticError or ValueError where there is none."""
+        log_modulus, by_first, by_exponent = point_pressure(*self.wheel, log_sinkage, exponent)
         return Pressure(
             log_modulus + exponent * LOG_REFERENCE_SINKAGE,
             by_first,
             by_exponent + LOG_REFERENCE_SINKAGE,
-            by_first * by_spot,
         )
 
     def from_direct(self, soil: Array) -> tuple[Array, Array]:
@@ -114,7 +161,7 @@ class OfReference:
     def to_direct(self, soil: Array) -> tuple[Array, Array]:
         """Turn (ln z_ref, q, m) into (ln pressure, q, m), with the Jacobian (3, 3)."""
         first, q, m = soil.tolist()
-        p = self.pressure(first, exponent_of(q), 0.0)
+        p = self.pressure(first, exponent_of(q))
         jacobian = np.eye(3)
         jacobian[0] = p.by_first, p.by_exponent * exponent_slope(q), -self.diameter_log
         return np.array([p.value - self.diameter_log * m, q, m]), jacobian
@@ -123,7 +170,16 @@ class OfReference:
         """Second derivative of ln pressure by q at (ln z_ref, q, m), for its variance."""
         first, q, _ = soil.tolist()
         up, down = (
-            self.pressure(first, exponent_of(at), 0.0).by_exponent * exponent_slope(at)
+            self.pressure(first, exponent_of(at)).by_exponent * exponent_slope(at)
             for at in (q + _STEP, q - _STEP)
         )
         return (up - down) / (2.0 * _STEP)
+
+
+def _slope_share(belief: Belief, n: float, by_q: float) -> float:
+    """Mean of 1/(n + 1/2)^2 over its value at the mean n: what an uncertain n adds.
+
+    The spot and the load cell's noise change ln z by their 1/(n + 1/2)-fold. Without this, one load,
+    which leaves n open, would make the innovations seem too large.
+    """
+    return 1.0 + 3.0 * belief.rows[1][1] * (by_q / (n + 0.5)) ** 2

@@ -18,11 +18,18 @@ _TOLERANCE = 0.05  # of the noise's standard deviation, for what linearising may
 _LONGEST_STEP = 1.0  # of ln sinkage or pressure, q and m
 
 
-class Belief(NamedTuple):
-    """Mean and covariance of what one wheel's measurement depends on: 4 numbers, 4 x 4."""
+Four = tuple[float, float, float, float]
 
-    mean: tuple[float, float, float, float]
-    covariance: tuple[tuple[float, float, float, float], ...]
+
+class Belief(NamedTuple):
+    """Mean and covariance of what one wheel's measurement depends on: 4 numbers.
+
+    rows: of the covariance, 4; columns 0, 1, 2 and `spot` of each are those of the four numbers.
+    """
+
+    mean: Four
+    rows: tuple[list[float], list[float], list[float], list[float]]
+    spot: int
 
 
 class Point(NamedTuple):
@@ -32,7 +39,7 @@ class Point(NamedTuple):
     """
 
     value: float
-    row: tuple[float, float, float, float]
+    row: Four
     noise: float
     sunk_to_axle: bool
 
@@ -40,59 +47,56 @@ class Point(NamedTuple):
 class Line(NamedTuple):
     """A measurement as a straight line: expected + row @ (x - mean) + noise.
 
-    by: covariance @ row. spread: variance of row @ x. chi_square: innovation squared over its
-    variance.
+    by: covariance @ row. spread: variance of row @ x. reach: the sum of its parts' sizes.
+    chi_square: innovation squared over its variance.
     """
 
     expected: float
-    row: tuple[float, float, float, float]
+    row: Four
     noise: float
-    by: tuple[float, float, float, float]
+    by: Four
     spread: float
+    reach: float
     chi_square: float
 
 
-def line_at(
-    point: Point, x: tuple[float, float, float, float], belief: Belief, measured: float
-) -> Line:
+def line_at(point: Point, x: Four, belief: Belief, measured: float) -> Line:
     """Put a straight line through a point at x."""
-    a, b, c, d = point.row
-    mean = belief.mean
-    expected = (
-        point.value
-        + a * (mean[0] - x[0])
-        + b * (mean[1] - x[1])
-        + c * (mean[2] - x[2])
-        + d * (mean[3] - x[3])
-    )
-    one, two, three, four = belief.covariance
-    first = one[0] * a + one[1] * b + one[2] * c + one[3] * d
-    second = two[0] * a + two[1] * b + two[2] * c + two[3] * d
-    third = three[0] * a + three[1] * b + three[2] * c + three[3] * d
-    fourth = four[0] * a + four[1] * b + four[2] * c + four[3] * d
-    spread = a * first + b * second + c * third + d * fourth
-    chi_square = (measured - expected) ** 2 / (spread + point.noise)
-    return Line(
-        expected, point.row, point.noise, (first, second, third, fourth), spread, chi_square
-    )
+    value, row, noise, _ = point
+    a, b, c, d = row
+    mean, (one, two, three, four), spot = belief
+    if x is not mean:
+        value += a * (mean[0] - x[0]) + b * (mean[1] - x[1])
+        value += c * (mean[2] - x[2]) + d * (mean[3] - x[3])
+    first = one[0] * a + one[1] * b + one[2] * c + one[spot] * d
+    second = two[0] * a + two[1] * b + two[2] * c + two[spot] * d
+    third = three[0] * a + three[1] * b + three[2] * c + three[spot] * d
+    fourth = four[0] * a + four[1] * b + four[2] * c + four[spot] * d
+    by = first, second, third, fourth
+    first, second, third, fourth = a * first, b * second, c * third, d * fourth
+    spread = first + second + third + fourth
+    reach = abs(first) + abs(second) + abs(third) + abs(fourth)
+    return Line(value, row, noise, by, spread, reach, (measured - value) ** 2 / (spread + noise))
 
 
 def linearise(
-    at: Callable[[tuple[float, float, float, float]], Point],
+    at: Callable[[Four], Point],
     first: Point,
     line: Line,
     belief: Belief,
     measured: float,
-) -> tuple[Line, tuple[float, float, float, float]]:
+) -> tuple[Line, Four]:
     """Linearise at the most likely soil; give the line and that soil.
 
     first, line: `at` the belief's mean, and `line_at` there. Raises ArithmeticError or ValueError
     where the measurement's value cannot be computed.
     """
     mean, x, value = belief.mean, belief.mean, first.value
+    gain = (measured - line.expected) / (line.spread + line.noise)
+    if _straight(gain * line.reach, value, line.noise):
+        return line, x
     share, last = 1.0, math.inf
     for _ in range(_ITERATIONS):
-        gain = (measured - line.expected) / (line.spread + line.noise)
         by, row = line.by, line.row
         step = (
             mean[0] + gain * by[0] - x[0],
@@ -100,15 +104,13 @@ def linearise(
             mean[2] + gain * by[2] - x[2],
             mean[3] + gain * by[3] - x[3],
         )
-        # Sinkage is nearly exponential in the state: what a straight line misses over this step.
         change = (
             abs(row[0] * step[0])
             + abs(row[1] * step[1])
             + abs(row[2] * step[2])
             + abs(row[3] * step[3])
         )
-        bend = 0.5 * change * change / max(abs(value), 1e-6)
-        if bend < _TOLERANCE * math.sqrt(line.noise):
+        if _straight(change, value, line.noise):
             break
         if change > 0.7 * last:
             share *= 0.5  # it swings around the solution
@@ -123,4 +125,13 @@ def linearise(
         point = at(x)
         value = point.value
         line = line_at(point, x, belief, measured)
+        gain = (measured - line.expected) / (line.spread + line.noise)
     return line, x
+
+
+def _straight(change: float, value: float, noise: float) -> bool:
+    """Whether a value is a straight line over a change of it, to less than the noise.
+
+    Sinkage is nearly exponential in the state.
+    """
+    return 0.5 * change * change < _TOLERANCE * max(abs(value), 1e-6) * math.sqrt(noise)

@@ -28,6 +28,7 @@ class LoadLevel:
         self._mean = 0.0
         self._variance = 0.0
         self._noise = 0.0
+        self._chance = 0.0  # of the variance, over that of the noise
 
     def follow(self, load: float, variance: float) -> tuple[float, float]:
         """Take a reading (N) and the variance of its logarithm.
@@ -37,16 +38,19 @@ class LoadLevel:
         if variance <= 0.0:
             return load, 0.0
         log = math.log(load)
-        self._readings = count = min(self._readings + 1, _MEMORY)
+        count = self._readings
+        if count < _MEMORY:
+            self._readings = count = count + 1
+            self._chance = _CLEAR * math.sqrt(2.0 / count)
+        share = 1.0 / count
         off = log - self._mean
-        self._mean += off / count
-        self._variance += ((1.0 - 1.0 / count) * off * off - self._variance) / count
-        self._noise += (variance - self._noise) / count
-        off = log - self._mean
+        self._mean += share * off
+        self._variance += share * ((1.0 - share) * off * off - self._variance)
+        self._noise += share * (variance - self._noise)
+        off *= 1.0 - share  # the new mean
         true = self._variance - self._noise
-        chance = _CLEAR * self._noise * math.sqrt(2.0 / count)
-        reliability = true / (true + variance) if true > chance else 0.0
-        if off * off > 0.0:
+        reliability = true / (true + variance) if true > self._chance * self._noise else 0.0
+        if off * off > _JUMP**2 * variance:
             # A wheel that has just been loaded: the memory does not know of it yet.
             reliability = max(reliability, 1.0 - _JUMP**2 * variance / (off * off))
         left = (max(true, 0.0) + self._noise / count) * (1.0 - reliability) ** 2

@@ -8,6 +8,7 @@ polynomial fitted on the range of sinkage over diameter that is needed: fewer te
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -32,23 +33,24 @@ class PointSinkage(NamedTuple):
     sunk_to_axle: bool
 
 
-class _Shape(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Shape:
     """A polynomial that is the contact's shape factor for sinkage over diameter up to `limit`."""
 
     limit: float
-    coefficients: tuple[float, ...]  # of powers 1, 2, ..; the one of power 0 is 1
+    coefficients: tuple[tuple[float, float], ...]  # j - 1/2 and the one of power j, j = 1, 2, ..
 
 
-def _fit_shape(limit: float, degree: int) -> _Shape:
+def _fit_shape(limit: float, degree: int) -> Shape:
     fitted = np.polynomial.Chebyshev.interpolate(
         lambda s: (1.0 - 2.0 * s) / np.sqrt(1.0 - s), degree, domain=[0.0, limit]
     )
     power = fitted.convert(kind=np.polynomial.Polynomial).coef
-    return _Shape(limit, tuple(float(a) for a in power[1:]))
+    return Shape(limit, tuple((j + 0.5, float(a)) for j, a in enumerate(power[1:])))
 
 
-# The degrees reach 1e-13: the nearest singularity is at sigma = 1.
-_SHAPES = (_fit_shape(0.04, 7), _fit_shape(0.14, 10), _fit_shape(AXLE_RATIO, 18))
+# The degrees reach 2e-12: the nearest singularity is at sigma = 1.
+SHAPES = tuple(_fit_shape(*s) for s in ((0.04, 5), (0.08, 6), (0.16, 8), (AXLE_RATIO, 14)))
 
 
 @lru_cache(maxsize=64)
@@ -59,17 +61,15 @@ def _at_zero(exponent: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=64)
-def _terms(shape: _Shape, exponent: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _terms(shape: Shape, exponent: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Coefficients of I over I at zero sinkage, as a polynomial in the ratio; the highest first.
 
     Second: each times its share in what n takes off.
     """
     products, by_exponent = [], []
     product, harmonic, denominator = 1.0, 0.0, exponent + 0.5
-    beta_index = -0.5
-    for a in shape.coefficients:
+    for beta_index, a in shape.coefficients:
         denominator += 1.0
-        beta_index += 1.0
         product *= beta_index / denominator
         harmonic += 1.0 / denominator
         products.append(product * a)
@@ -93,11 +93,11 @@ def point_sinkage(
     ratio = math.exp(min(target / half, log_axle)) / diameter
     log_z = min((target + 0.75 / (exponent + 1.5) * ratio) / half, log_axle)
     expected = 1.2 * math.exp(log_z) / diameter
-    for shape in _SHAPES:
-        if expected > shape.limit and shape is not _SHAPES[-1]:
+    for shape in SHAPES:
+        if expected > shape.limit and shape is not SHAPES[-1]:
             continue
         log_z, slope, by_exponent, excess = _solve(shape, exponent, target, diameter, log_z)
-        if excess > 0.0 and shape is not _SHAPES[-1]:
+        if excess > 0.0 and shape is not SHAPES[-1]:
             continue
         break
     slope_exponent = -(log_z + at_zero - by_exponent) / slope
@@ -107,7 +107,7 @@ def point_sinkage(
 
 
 def _solve(
-    shape: _Shape, exponent: float, target: float, diameter: float, log_z: float
+    shape: Shape, exponent: float, target: float, diameter: float, log_z: float
 ) -> tuple[float, float, float, float]:
     """Newton's method for (n + 1/2) ln z + ln(I / I(z = 0)) = target, within the shape's range.
 
@@ -169,7 +169,7 @@ def point_pressure(
     ratio = min(ratio, AXLE_RATIO)
     if not ratio <= AXLE_RATIO:
         raise ValueError("sinkage is not a number")
-    shape = next(s for s in _SHAPES if ratio <= s.limit)
+    shape = next(s for s in SHAPES if ratio <= s.limit)
     products, taking_off = _terms(shape, exponent)
     value, slope, by_exponent = 0.0, 0.0, 0.0
     for c, off in zip(products, taking_off, strict=True):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.beside import Wheel, sinkage_beside, wheel_of
 from smallwheel_ros.estimator.point_sinkage import point_sinkage
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
@@ -22,17 +23,22 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, S
 Array = NDArray[np.float64]
 
 LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
+_LOG_REFERENCE_DIAMETER = math.log(REFERENCE_DIAMETER)
 _STEP = 1e-4  # of ln z, s and n in central differences: error 1e-8
 
 
 class Observed(NamedTuple):
-    """What the instrument would show (m or N), with its slopes by s, by n and by ln load."""
+    """What the instrument would show (m or N), with its slopes by s, by n and by ln load.
+
+    by_reference: by ln of the reference wheel's sinkage, where that is what is known of the soil.
+    """
 
     value: float
     by_pressure: float
     by_exponent: float
     by_load: float
     sunk_to_axle: bool
+    by_reference: float = 0.0
 
 
 class Observation(Protocol):
@@ -46,6 +52,14 @@ class Observation(Protocol):
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         """What is shown in a soil. Raises ArithmeticError or ValueError where there is nothing."""
+
+    def beside(
+        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
+    ) -> Observed | None:
+        """The same where a reference wheel's sinkage is known (see `beside`), the cheaper way.
+
+        None where there is no such way: then by the pressure.
+        """
 
 
 class Reading(NamedTuple):
@@ -61,18 +75,30 @@ class Reading(NamedTuple):
 class _Plain:
     """A rolling or pressed wheel without effects."""
 
+    __slots__ = "diameter_log", "loading", "wheel"
+
     def __init__(self, load: float, diameter: float, width: float, contact: str) -> None:
-        # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
-        self.load = 0.5 * load if contact == PRESSED else load
-        self.diameter, self.width = diameter, width
-        self.wheel = self.load, diameter, width
-        self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
+        if contact == PRESSED:
+            load *= 0.5  # it meets the soil on both sides of its lowest point: each carries half
+        self.wheel = load, diameter, width
+        self.loading = wheel_of(load, diameter, width)
+        self.diameter_log = self.loading.log_diameter - _LOG_REFERENCE_DIAMETER
+
+    def beside(
+        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
+    ) -> Observed | None:
+        found = sinkage_beside(self.loading, reference, log_reference, exponent, log_factor)
+        if found is None:
+            return None
+        log_z, by_reference, by_exponent, by_load = found
+        z = math.exp(log_z)
+        by_load *= z
+        return Observed(z, -by_load, z * by_exponent, by_load, False, z * by_reference)
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         log_modulus = log_pressure - exponent * LOG_REFERENCE_SINKAGE
-        log_z, slope_load, slope_exponent, sunk = point_sinkage(
-            self.load, self.diameter, self.width, log_modulus, exponent
-        )
+        found = point_sinkage(*self.wheel, log_modulus, exponent)
+        log_z, slope_load, slope_exponent, sunk = found
         z = math.exp(log_z)
         by_exponent = z * (slope_exponent + slope_load * LOG_REFERENCE_SINKAGE)
         return Observed(z, -z * slope_load, by_exponent, z * slope_load, sunk)
@@ -85,11 +111,16 @@ class _Resistance:
         self.plain = _Plain(load, diameter, width, ROLLING)
         self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
 
+    def beside(
+        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
+    ) -> Observed | None:
+        return None
+
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
-        z, by_pressure, by_exponent, by_load, sunk = self.plain(log_pressure, exponent)
+        z, by_pressure, by_exponent, by_load, sunk, _ = self.plain(log_pressure, exponent)
         log_depth = math.log(z) - LOG_REFERENCE_SINKAGE
         power = exponent + 1.0
-        value = self.plain.width * math.exp(log_pressure + exponent * log_depth) * z / power
+        value = self.wheel[2] * math.exp(log_pressure + exponent * log_depth) * z / power
         return Observed(
             value,
             value * (1.0 + power * by_pressure / z),
@@ -127,10 +158,22 @@ class _WithEffects:
         ]
         self.three = conditions.take(np.zeros(3, dtype=np.intp))
 
+    def beside(
+        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
+    ) -> Observed | None:
+        if self.shift != 0.0:
+            return None  # the reference wheel is without effects: it has another exponent
+        factor = log_factor + self.log_factor
+        static = self.plain.beside(reference, log_reference, exponent, factor)
+        return None if static is None else self._shown(static)
+
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         # The pressure at the reference sinkage, with the exponent and the modulus as shifted.
         shifted = log_pressure + self.log_factor + self.shift * LOG_REFERENCE_SINKAGE
-        static = self.plain(shifted, exponent + self.shift)
+        return self._shown(self.plain(shifted, exponent + self.shift))
+
+    def _shown(self, static: Observed) -> Observed:
+        """Let the wheel dig, and the instrument show what it shows."""
         if not (self.digging and self.rolling) and not self.showing:
             return static
         z = static.value * np.array([1.0 - _STEP, 1.0, 1.0 + _STEP])
@@ -141,13 +184,14 @@ class _WithEffects:
             z = effect.measured_sinkage(z, self.three)
         slope = float(z[2] - z[0]) / (2.0 * _STEP * static.value)
         shown = float(z[1])
-        sunk = static.sunk_to_axle or shown > 0.5 * self.plain.diameter
+        sunk = static.sunk_to_axle or shown > 0.5 * self.wheel[1]
         return Observed(
             shown,
             static.by_pressure * slope,
             static.by_exponent * slope,
             static.by_load * slope,
             sunk,
+            static.by_reference * slope,
         )
 
 
@@ -177,6 +221,11 @@ class _Layered:
             np.array([str(i) for i in range(7)]),
             rows.covariates,
         )
+
+    def beside(
+        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
+    ) -> Observed | None:
+        return None
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         still = (0.0, 0.0)

@@ -166,21 +166,12 @@ class SoilEstimator:
         return None
 
     def _use(self, given: SinkageMeasurement) -> UpdateResult:
-        known = self._wheels.get(given.wheel)
-        before = None if known is None else (known.time, known.distance)
         wheel = self._arrive(given)
-        try:
-            wheel.load = wheel.level.follow(given.load, given.load_variance / given.load**2)
-            std = self.settings.sinkage_std
-            reading = sinkage_reading(self.effects, given, wheel.load, std)
-            taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
-        except (ArithmeticError, ValueError):
-            # What could not be used does not stand in the way of an earlier one that can.
-            if before is not None:
-                wheel.time, wheel.distance = before
-            else:
-                wheel.time = wheel.distance = -math.inf
-            raise
+        wheel.load = wheel.level.follow(given.load, given.load_variance / given.load**2)
+        reading = sinkage_reading(self.effects, given, wheel.load, self.settings.sinkage_std)
+        taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
+        # Only now: what could not be used does not stand in the way of an earlier one that can.
+        wheel.time, wheel.distance = given.time, given.distance
         if given.contact == ROLLING:
             self._look_for_missing_effects(given, wheel, reading)
         resistance = None
@@ -243,10 +234,8 @@ class SoilEstimator:
         self._distance = max(self._distance, given.distance)
         wheel = self._wheels.get(given.wheel)
         if wheel is None:
-            spot = self._soils.add_spot()
-            wheel = WheelTrack(spot, given.time, given.distance, self._soils.current)
+            wheel = WheelTrack(self._soils.add_spot(), self._soils.current)
             self._wheels[given.wheel] = wheel
-        wheel.time, wheel.distance = given.time, given.distance
         return wheel
 
     def estimate(self) -> SoilEstimate:

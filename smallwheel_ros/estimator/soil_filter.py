@@ -15,11 +15,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
+from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]  # not in every stub
 
 Array = NDArray[np.float64]
+
+_SYMMETRIC_EVERY = 20  # updates
 
 
 class SoilFilter:
@@ -50,23 +52,25 @@ class SoilFilter:
     def resume(self, covariance: Array, deviation: Array, stationary: Array) -> None:
         """Go on from a saved state of all but the added components."""
         self.renew(stationary)
-        self._ekf.x[: self._law] = deviation
-        self._ekf.P[: self._law, : self._law] = covariance
+        self._kalman.x[: self._law] = deviation
+        self._kalman.P[: self._law, : self._law] = covariance
 
     def _start(self, x: Array, covariance: Array) -> None:
-        self._ekf = ExtendedKalmanFilter(dim_x=len(x), dim_z=1)
-        self._ekf.x, self._ekf.P = x, covariance
-        # Written to for each measurement: filterpy keeps none of them beyond the call.
-        self._measured, self._expected, self._noise = np.zeros(1), np.zeros(1), np.zeros((1, 1))
+        # The linear filter: where to linearise has been found before (see `iterated_update`).
+        self._kalman = KalmanFilter(dim_x=len(x), dim_z=1)
+        self._kalman.inv = _inverse
+        self._kalman.x, self._kalman.P = x, covariance
+        self._updates = 0
+        self._noise = np.zeros((1, 1))  # written to for each measurement
 
     @property
     def state(self) -> tuple[Array, Array, Array]:
-        """Deviation, covariance and prior covariance; may be set to what it was."""
-        return self.deviation, self.covariance, self._stationary
+        """Deviation, covariance (symmetric to rounding) and prior; may be set to what it was."""
+        return self._kalman.x, self._kalman.P, self._stationary
 
     @state.setter
     def state(self, state: tuple[Array, Array, Array]) -> None:
-        self._ekf.x, self._ekf.P, self._stationary = state
+        self._kalman.x, self._kalman.P, self._stationary = state
 
     @property
     def stationary(self) -> Array:
@@ -76,23 +80,24 @@ class SoilFilter:
     @property
     def deviation(self) -> Array:
         """Deviation from the prior mean, shape (size,); not to be written to."""
-        return np.asarray(self._ekf.x)
+        x: Array = self._kalman.x
+        return x
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the deviation, shape (size, size); not to be written to."""
-        return np.asarray(self._ekf.P)
+        """Covariance of the deviation, shape (size, size)."""
+        return _symmetric(self._kalman.P)
 
     def add(self, variance: float, length: float) -> int:
         """Add a component of zero mean that nothing has measured yet; gives its index."""
         size = len(self._stationary)
         grown = [np.zeros((size + 1, size + 1)) for _ in range(2)]
-        for old, new in zip((self._stationary, self._ekf.P), grown, strict=True):
+        for old, new in zip((self._stationary, self._kalman.P), grown, strict=True):
             new[:size, :size] = old
             new[size, size] = variance
         self._stationary = grown[0]
         self._rates = np.append(self._rates, 1.0 / length)
-        self._start(np.append(self._ekf.x, 0.0), grown[1])
+        self._start(np.append(self._kalman.x, 0.0), grown[1])
         return size
 
     def travel(self, distance: float) -> None:
@@ -101,32 +106,45 @@ class SoilFilter:
         F is diagonal, so F P F' + Q is P0 + (P - P0) a a', element by element.
         """
         kept = np.exp(-distance * self._rates)
-        ekf, prior = self._ekf, self._stationary
-        ekf.x = kept * ekf.x
-        ekf.P = prior + (ekf.P - prior) * np.multiply.outer(kept, kept)
+        kalman, prior = self._kalman, self._stationary
+        kalman.x = kept * kalman.x
+        kalman.P = prior + (kalman.P - prior) * np.multiply.outer(kept, kept)
 
-    def update(self, measured: float, expected: float, row: list[float], variance: float) -> bool:
-        """Update by one measurement, linearised: expected + row @ (x - deviation) + noise.
+    def update(self, innovation: float, row: list[float], variance: float) -> bool:
+        """Update by one measurement: innovation = row @ (x - deviation) + noise.
 
         row: `size` numbers. False, with nothing changed, where the result would not be finite or
         its covariance not positive definite.
         """
-        ekf = self._ekf
-        before = self.state
-        jacobian, value = np.array([row]), self._expected
-        self._measured[0], value[0], self._noise[0, 0] = measured, expected, variance
-        try:
-            ekf.update(self._measured, lambda _: jacobian, lambda _: value, R=self._noise)
-        except (np.linalg.LinAlgError, ValueError, FloatingPointError):
-            self.state = before
+        if not math.isfinite(innovation):
             return False
-        # Rounding must not add up to an asymmetry over millions of updates.
-        covariance = ekf.P + ekf.P.T
-        covariance *= 0.5
-        ekf.P = covariance
-        factor, failed = dpotrf(covariance, lower=1, clean=0)
+        kalman = self._kalman
+        x, covariance = kalman.x, kalman.P
+        jacobian = np.array([row])
+        self._noise[0, 0] = variance
+        try:
+            # filterpy takes off what the row shows of the state: here the innovation is what counts.
+            kalman.update(innovation + jacobian.dot(x).item(), self._noise, jacobian)
+        except (np.linalg.LinAlgError, ValueError, FloatingPointError):
+            kalman.x, kalman.P = x, covariance
+            return False
+        self._updates += 1
+        if self._updates % _SYMMETRIC_EVERY == 0:
+            # Rounding must not add up to an asymmetry over millions of updates.
+            kalman.P = _symmetric(kalman.P)
+        factor, failed = dpotrf(kalman.P, 1, 0)  # of the lower triangle
         # What is not finite anywhere in the covariance arrives at the last pivot.
-        if failed or not factor[-1, -1] > 0.0 or not math.isfinite(ekf.x.sum()):
-            self.state = before
+        if failed or not factor[-1, -1] > 0.0:
+            kalman.x, kalman.P = x, covariance
             return False
         return True
+
+
+def _symmetric(matrix: Array) -> Array:
+    """Take away the asymmetry that rounding leaves."""
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _inverse(one: Array) -> Array:
+    """Invert a matrix of one number: filterpy would call LAPACK for it."""
+    return 1.0 / one

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.bounded_exponent import (
     coordinate_of,
-    exponent_of,
     exponent_slope,
 )
-from smallwheel_ros.estimator.coordinates import Coordinates, Direct, OfReference
-from smallwheel_ros.estimator.iterated_update import Belief, Line, Point, line_at, linearise
+from smallwheel_ros.estimator.coordinates import Direct, OfReference
+from smallwheel_ros.estimator.iterated_update import Belief, Four, Line, Point, line_at, linearise
 from smallwheel_ros.estimator.opening import Opening
 from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
@@ -33,8 +32,6 @@ _EXPONENT_LIMITS = (-0.12, 3.12)  # n from 0.004 to 2.996
 _TELLS_NOTHING = 1e-4  # variance of the prediction over the measurement's
 _PASSES = 8
 _SETTLED = 0.02  # of ln z_ref, n and m from pass to pass
-
-Four = tuple[float, float, float, float]
 
 
 class Taken(NamedTuple):
@@ -123,40 +120,32 @@ class SoilState:
 
     def belief(self, spot: int | None) -> Belief:
         """What a measurement at a spot depends on; None: at one that no wheel has been at."""
-        x, p = self._filter.deviation.tolist(), self._filter.covariance.tolist()
-        mean = self._mean.tolist()
-        first, second, third = p[0], p[1], p[2]
+        deviation, covariance, _ = self._filter.state
+        x, p = deviation.tolist(), covariance.tolist()
         if spot is None:
-            at, fourth, column = 0.0, [0.0, 0.0, 0.0], (0.0, 0.0, 0.0)
-            variance = self._settings.soil_scatter**2
-        else:
-            at, fourth, variance = x[spot], p[spot], p[spot][spot]
-            column = first[spot], second[spot], third[spot]
-        return Belief(
-            (mean[0] + x[0], mean[1] + x[1], mean[2] + x[2], at),
-            (
-                (first[0], first[1], first[2], column[0]),
-                (second[0], second[1], second[2], column[1]),
-                (third[0], third[1], third[2], column[2]),
-                (fourth[0], fourth[1], fourth[2], variance),
-            ),
-        )
+            spot = len(x)
+            x.append(0.0)
+            for row in p:
+                row.append(0.0)
+            p.append([0.0] * spot + [self._settings.soil_scatter**2])
+        first, q, m = self._mean.tolist()
+        mean = first + x[0], q + x[1], m + x[2], x[spot]
+        return Belief(mean, (p[0], p[1], p[2], p[spot]), spot)
 
     def predict(
         self, observe: Observation, load_noise: float, spot: int | None
     ) -> tuple[Point, float]:
         """Sinkage (m) of a wheel, and its variance (m^2)."""
         belief = self.belief(spot)
-        point = _point(
-            self._coordinates, Reading(observe, 0.0, 0.0, load_noise), belief.mean, belief
-        )
+        reading = Reading(observe, 0.0, 0.0, load_noise)
+        point = self._coordinates.point(reading, belief.mean, belief)
         line = line_at(point, belief.mean, belief, 0.0)
         return point, line.spread + line.noise
 
     def relative_spread(self, reading: Reading, spot: int) -> float:
         """Standard deviation of what is expected of a reading, over it."""
         belief = self.belief(spot)
-        point = _point(self._coordinates, reading, belief.mean, belief)
+        point = self._coordinates.point(reading, belief.mean, belief)
         spread = line_at(point, belief.mean, belief, reading.measured).spread
         return math.sqrt(spread) / max(abs(point.value), 1e-9)
 
@@ -173,32 +162,36 @@ class SoilState:
             raise ArithmeticError("its uncertainty has no bounds")
         reason: Reason = "gate"
         if line.chi_square <= gate:
-            before = self._mean, self._filter.state, self._coordinates
-            try:
-                if isinstance(self._coordinates, Direct):
-                    self._choose_reference(reading.observe.wheel, np.array(x[:_LAW]))
-                    line = self._linearise(reading, self.belief(spot))[2]
+            if isinstance(self._coordinates, Direct):
+                reason = self._begin(reading, spot, np.array(x[:_LAW]))
+            else:
                 reason = self._correct(line, reading, spot)
-            finally:
-                if reason != "accepted":
-                    self._mean, self._filter.state, self._coordinates = before
         if reason == "accepted" and self._opening.going_on:
             self._keep(reading, spot, point.value)
         return Taken(reason, point.value, variance, first.noise, line.chi_square)
 
     def _linearise(self, reading: Reading, belief: Belief) -> tuple[Point, Line, Line, Four]:
-        def at(x: Four) -> Point:
-            return _point(self._coordinates, reading, x, belief)
-
-        point = at(belief.mean)
-        first = line_at(point, belief.mean, belief, reading.measured)
-        line, x = linearise(at, point, first, belief, reading.measured)
+        see, mean = self._coordinates.point, belief.mean
+        point = see(reading, mean, belief)
+        first = line_at(point, mean, belief, reading.measured)
+        line, x = linearise(
+            lambda x: see(reading, x, belief), point, first, belief, reading.measured
+        )
         return point, first, line, x
 
-    def _choose_reference(self, wheel: tuple[float, float, float], soil: Array) -> None:
-        """Go over to the sinkage of a wheel, near a soil (ln pressure, q, m)."""
-        self._coordinates = OfReference(*wheel)
-        self._linearise_prior(self._coordinates, soil)
+    def _begin(self, reading: Reading, spot: int, soil: Array) -> Reason:
+        """Go over to the sinkage of the reading's wheel, near a soil (ln pressure, q, m); use it."""
+        before = self._mean, self._filter.state, self._coordinates
+        reason: Reason = "gate"
+        try:
+            self._coordinates = OfReference(*reading.observe.wheel)
+            self._linearise_prior(self._coordinates, soil)
+            line = self._linearise(reading, self.belief(spot))[2]
+            reason = self._correct(line, reading, spot)
+        finally:
+            if reason != "accepted":
+                self._mean, self._filter.state, self._coordinates = before
+        return reason
 
     def _linearise_prior(self, coordinates: OfReference, soil: Array) -> None:
         there, jacobian = coordinates.from_direct(soil)
@@ -211,15 +204,12 @@ class SoilState:
     def _correct(self, line: Line, reading: Reading, spot: int) -> Reason:
         if line.spread < _TELLS_NOTHING * line.noise:
             return "accepted"  # the ten thousandth look at one spot: nothing left to learn there
-        row = [0.0] * len(self._filter.deviation)
-        row[_FIRST], row[_EXPONENT], row[_M], row[spot] = line.row
         before = self._filter.state
-        if not self._filter.update(reading.measured, line.expected, row, line.noise):
+        row = [0.0] * len(before[0])
+        row[_FIRST], row[_EXPONENT], row[_M], row[spot] = line.row
+        if not self._filter.update(reading.measured - line.expected, row, line.noise):
             raise ArithmeticError("the update would leave the covariance unsound")
-        deviation, mean = self._filter.deviation, self._mean
-        first = float(mean[_FIRST] + deviation[_FIRST])
-        q = float(mean[_EXPONENT] + deviation[_EXPONENT])
-        m = float(mean[_M] + deviation[_M])
+        first, q, m = (self._mean + self._filter.deviation[:_LAW]).tolist()
         low, high = _EXPONENT_LIMITS
         if not _in_range(first) or not low < q < high or abs(m) > _M_LIMIT:
             self._filter.state = before
@@ -232,8 +222,8 @@ class SoilState:
         there = None
         if last is not None:
             belief = self.belief(spot)
-            there = _point(self._coordinates, last.reading, belief.mean, belief).value
-            here = _point(self._coordinates, reading, belief.mean, belief).value
+            there = self._coordinates.point(last.reading, belief.mean, belief).value
+            here = self._coordinates.point(reading, belief.mean, belief).value
         if opening.add(reading, spot, here, there):
             self._run_again()
         variance = float(self._filter.covariance[_EXPONENT, _EXPONENT])
@@ -270,7 +260,7 @@ class SoilState:
                 travelled = record.travelled
             x = first, q, m, float(self._filter.deviation[record.spot])
             belief = self.belief(record.spot)
-            point = _point(coordinates, record.reading, x, belief)
+            point = coordinates.point(record.reading, x, belief)
             line = line_at(point, x, belief, record.reading.measured)
             if self._correct(line, record.reading, record.spot) != "accepted":
                 return False
@@ -282,36 +272,3 @@ class SoilState:
 def _in_range(log_sinkage: float) -> bool:
     low, high = _FIRST_LIMITS
     return low < log_sinkage < high
-
-
-def _slope_share(belief: Belief) -> float:
-    """Mean of 1/(n + 1/2)^2 over its value at the mean n: what an uncertain n adds.
-
-    The spot and the load cell's noise change ln z by their 1/(n + 1/2)-fold. Without this, one load,
-    which leaves n open, would make the innovations seem too large.
-    """
-    variance = belief.covariance[1][1] * exponent_slope(belief.mean[1]) ** 2
-    return 1.0 + 3.0 * variance / (exponent_of(belief.mean[1]) + 0.5) ** 2
-
-
-def _point(coordinates: Coordinates, reading: Reading, x: Four, belief: Belief) -> Point:
-    """Evaluate a reading at a soil and spot, with slopes by each of the four numbers."""
-    first, q, m, spot = x
-    n = exponent_of(q)
-    share = _slope_share(belief)
-    scale = math.sqrt(share)
-    pressure = coordinates.pressure(first, n, scale * spot)
-    across = reading.observe.diameter_log - coordinates.diameter_log
-    seen = reading.observe(pressure.value + across * m, n)
-    by_s = seen.by_pressure
-    return Point(
-        seen.value,
-        (
-            by_s * pressure.by_first,
-            (seen.by_exponent + by_s * pressure.by_exponent) * exponent_slope(q),
-            by_s * across,
-            by_s * pressure.by_spot * scale,
-        ),
-        reading.noise + seen.by_load**2 * share * reading.load_noise,
-        seen.sunk_to_axle,
-    )

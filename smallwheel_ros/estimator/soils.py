@@ -8,6 +8,7 @@ that comes back to one goes on where that estimate was.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
@@ -53,9 +54,9 @@ class WheelTrack:
     """A wheel: its place in the state, its newest measurement, and its run of surprises."""
 
     spot: int
-    time: float
-    distance: float
     soil: KnownSoil
+    time: float = -math.inf  # s and m of the newest that was used
+    distance: float = -math.inf
     level: LoadLevel = field(default_factory=LoadLevel)
     load: tuple[float, float] = (0.0, 0.0)  # N without its noise, and variance of its logarithm
     slip: float | None = None  # the newest that was known

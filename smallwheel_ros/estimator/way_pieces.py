@@ -36,7 +36,6 @@ class _Open:
 
     start: float
     rows: list[tuple[float, float, float, float, float]] = field(default_factory=list)
-    seen: int = 0
 
 
 class Changes(NamedTuple):
@@ -93,7 +92,6 @@ class WayPieces:
                 self._close(wheel, piece)
             piece = self._open[wheel] = _Open(distance)
         self._wheels[wheel] = diameter, width
-        piece.seen += 1
         if len(piece.rows) < _MOST_READINGS:
             row = (
                 sinkage,
