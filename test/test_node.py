@@ -112,7 +112,8 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         "/front/sinkage: sinkage is nan m, expected a number",
         "/front/sinkage: sinkage is -0.001 m, expected 0 or more",
         "/front/sinkage: no usable load within 0.2 s",
-        "/mobility_estimator/mobility: a subscriber asks for QoS that is not offered (DURABILITY)",
+        "/mobility_estimator/mobility: a subscriber asks for QoS that is not offered, and gets"
+        " nothing: ERROR: Volatile publisher and transient local subscription",
         "/joint_states (sensor_msgs/msg/JointState, joint front_joint): its publisher has another"
         " type, std_msgs/msg/String",
     ):

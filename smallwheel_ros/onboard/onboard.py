@@ -11,7 +11,7 @@ Results may come with any message: a measured sinkage waits for what belongs to 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -51,9 +51,17 @@ class Onboard:
     (ns; None or 0: there is no clock, and stamps are only compared with each other). It returns
     what the message has made ready, in the order of stamps. It raises OnboardError for an unknown
     wheel, never for what is in a message: that is counted (`counts`) and said (`take_problems`).
+
+    on_result: is given each result as soon as it is there, before the next one is worked out.
     """
 
-    def __init__(self, settings: OnboardSettings, effects: Sequence[Effect] = ()) -> None:
+    def __init__(
+        self,
+        settings: OnboardSettings,
+        effects: Sequence[Effect] = (),
+        on_result: Callable[[Result], None] | None = None,
+    ) -> None:
+        self._on_result = on_result
         self.settings = replace(settings, effects=tuple(effects)) if effects else settings
         self._intake = Intake(self.settings)
         self._arrivals = self._intake.arrivals
@@ -215,7 +223,12 @@ class Onboard:
         if self._jumps != self._arrivals.time_jumps:
             self._jumps = self._arrivals.time_jumps
             self._forget_soil()
-        return [self._result(instant) for instant in instants] if instants else []
+        results = []
+        for instant in instants:
+            results.append(self._result(instant))
+            if self._on_result is not None:
+                self._on_result(results[-1])
+        return results
 
     def _result(self, instant: Instant) -> Result:
         mobility, soil, problem = self._assessor.assess(instant)

@@ -7,6 +7,7 @@ Where it cannot be configured it says why in one message; with autostart it then
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 import traceback
@@ -29,6 +30,7 @@ from std_srvs.srv import Trigger
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, alarms, entries, status
 from smallwheel_ros.ros.listening import Listening
@@ -78,7 +80,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().warning(text)
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, "/diagnostics", 10, event_callbacks=qos.no_events()
+        )
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_soil", self._on_save_soil)
@@ -102,7 +106,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.problem = ""
         values = ", ".join(f"{k}={v}" for k, v in self._table.values().items() if v is not None)
         self.get_logger().info(f"effective parameters: {values}")
-        self._onboard = Onboard(self._settings.onboard)
+        self._onboard = Onboard(self._settings.onboard, on_result=self._answer)
         self._time_jumps = 0
         self._feed_with(Feed(self._onboard, self._settings))
         self._outputs = Outputs(self, self._settings, self._report)
@@ -164,7 +168,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             return
         active = self._listening.on
         if active:
-            self._publish(self._onboard.flush())
+            self._keep(self._onboard.flush())
         words = [f"parameters changed: {changes}"]
         if before.onboard != self._settings.onboard and self._onboard.apply(self._settings.onboard):
             words.append("the soil starts over")
@@ -237,7 +241,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self._reporter.log_problems(self._onboard.take_problems())
 
     def _handle(self, topic: Topic, message: Any) -> None:
-        self._publish(topic.handle(message, self.get_clock().now().nanoseconds))
+        self._keep(topic.handle(message, self.get_clock().now().nanoseconds))
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
         """Do something of which a defect must not take a robot's node down; it is loud all the same.
@@ -256,12 +260,16 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self._onboard.report(self.resolve_topic_name(topic), reason, text)
             self._reporter.log_problems(self._onboard.take_problems())
 
-    def _publish(self, results: Sequence[Result]) -> None:
+    def _answer(self, result: Result) -> None:
+        """Publish a result at once: those of the other wheels are worked out after it."""
+        self._safely("~/mobility", self._outputs.answer, result)
+
+    def _keep(self, results: Sequence[Result]) -> None:
         assert self._onboard is not None
         if self._time_jumps != self._onboard.time_jumps:
             self._time_jumps = self._onboard.time_jumps
             self._outputs.start_over()
-        self._outputs.publish(results, self._feed.odometry_frame)
+        self._outputs.keep(results, self._feed.odometry_frame)
 
     # --- Timers, all of the wall clock
 
@@ -270,7 +278,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         if self._onboard is None:
             return
         if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
-            self._publish(self._onboard.flush())
+            self._keep(self._onboard.flush())
             self._reporter.log_problems(self._onboard.take_problems())
         self._outputs.publish_waiting_soil(self._feed.odometry_frame)
 
@@ -300,6 +308,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             found = [status(f"{name}: inputs", OK, text)]
         else:
             self._say_alarms()
+            self._outputs.report_deaf_subscribers()
             newest = [result.mobility for result in self._outputs.newest.values()]
             found = entries(name, self._onboard, self._reporter, newest, self._outputs.cost)
             if self._soil_file.problem:
@@ -328,6 +337,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if node.problem:
                 return EXIT_BAD_INPUT
             node.trigger_activate()
+        # What the start has made lives as long as the node: looking it all through for what can be
+        # thrown away would hold up messages for a tenth of a second now and then.
+        gc.collect()
+        gc.freeze()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()

@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
-from rclpy.qos import QoSProfile, qos_policy_name_from_kind
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from visualization_msgs.msg import MarkerArray
 
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
@@ -41,6 +40,8 @@ class Outputs:
         self._soil = self._publisher(SoilMessage, "~/soil", qos.LATCHED)
         self._markers = self._publisher(MarkerArray, "~/markers", qos.ESTIMATE)
         self._cost = self._publisher(OccupancyGrid, "~/cost", qos.LATCHED)
+        self._publishers = (self._mobility, self._soil, self._markers, self._cost)
+        self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
         self._wheels = _wheels(settings)
         self.cost = CostPublisher(settings.cost, self._wheels, self._cost, report)
         self.newest: dict[str, Result] = {}
@@ -48,18 +49,33 @@ class Outputs:
         self._soil_waits: Result | None = None
 
     def _publisher(self, kind: Any, topic: str, profile: QoSProfile) -> LifecyclePublisher:
-        def incompatible(event: Any) -> None:
-            policy = qos_policy_name_from_kind(event.last_policy_kind)
-            text = f"a subscriber asks for QoS that is not offered ({policy}): it gets nothing"
-            self._report(topic, "incompatible_qos", text)
-
-        events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
-        return self._node.create_lifecycle_publisher(kind, topic, profile, event_callbacks=events)
+        return self._node.create_lifecycle_publisher(
+            kind, topic, profile, event_callbacks=qos.no_events()
+        )
 
     def destroy(self) -> None:
         """Take the topics away."""
-        for publisher in (self._mobility, self._soil, self._markers, self._cost):
+        for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)
+
+    def report_deaf_subscribers(self) -> None:
+        """Report each subscriber, once, that asks for QoS that is not offered: it gets nothing."""
+        deaf: dict[tuple[str, bytes], int] = {}
+        for publisher in self._publishers:
+            topic = publisher.topic_name
+            # As DDS has it: the publisher's own profile has 0 where DDS says infinite.
+            offers = [i.qos_profile for i in self._node.get_publishers_info_by_topic(topic)]
+            for info in self._node.get_subscriptions_info_by_topic(topic) if offers else ():
+                fits, why = qos_check_compatible(offers[0], info.qos_profile)
+                if fits != QoSCompatibility.ERROR:
+                    continue
+                key = (topic, bytes(info.endpoint_gid))
+                deaf[key] = self._deaf.get(key, 0) + 1
+                # The first look may come before DDS knows the QoS of a subscriber that it has found.
+                if deaf[key] == 2:
+                    text = f"a subscriber asks for QoS that is not offered, and gets nothing: {why}"
+                    self._report(topic, "incompatible_qos", text)
+        self._deaf = deaf
 
     def apply(self, settings: NodeSettings) -> bool:
         """Go on with other settings; return whether the cost map starts over because of them."""
@@ -71,13 +87,16 @@ class Outputs:
         self.cost.clear()
         self.newest, self._soil_sent, self._soil_waits = {}, None, None
 
-    def publish(self, results: Sequence[Result], frame: str) -> None:
-        """Publish mobility at once and the soil at its rate, and keep the rest for its timer.
+    def answer(self, result: Result) -> None:
+        """Publish a wheel's mobility."""
+        self._mobility.publish(mobility_message(result.mobility))
+
+    def keep(self, results: Sequence[Result], frame: str) -> None:
+        """Publish the soil at its rate, and keep what the timers publish.
 
         frame: of the odometry, empty where it is not known.
         """
         for result in results:
-            self._mobility.publish(mobility_message(result.mobility))
             self.cost.add(result, frame)
             self.newest[result.mobility.wheel] = result
             stamp, sent = result.mobility.stamp, self._soil_sent
