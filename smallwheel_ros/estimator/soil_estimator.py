@@ -238,12 +238,24 @@ class SoilEstimator:
             self._wheels[given.wheel] = wheel
         return wheel
 
-    def estimate(self) -> SoilEstimate:
-        """Return the soil as it is believed now."""
+    def elsewhere(self, wheel: str) -> tuple[str, ...]:
+        """Name the wheels that are on another soil than this one: just before or after a border."""
+        known = self._wheels.get(wheel)
+        if known is None:
+            return ()
+        return tuple(n for n, other in self._wheels.items() if other.soil is not known.soil)
+
+    def estimate(self, wheel: str | None = None) -> SoilEstimate:
+        """Return the soil as it is believed now: the one that a wheel came to last.
+
+        wheel: return the soil that this wheel is on, where it has been measured.
+        """
+        known = self._wheels.get(wheel) if wheel is not None else None
+        soil = self._soils.current if known is None else known.soil
         return soil_estimate(
-            *self._soils.current.state.law,
+            *soil.state.law,
             (self.settings.reference_sinkage, self.settings.reference_diameter),
-            self._soils.current.variety,
+            soil.variety,
             Counts(
                 self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
             ),

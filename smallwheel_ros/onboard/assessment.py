@@ -26,10 +26,15 @@ _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of t
 
 
 class Assessment(NamedTuple):
-    """What came of an instant; problem: key and words of what could not be done, or None."""
+    """What came of an instant.
+
+    soil: that a wheel came to last. elsewhere: wheels that are on another soil than this one.
+    problem: key and words of what could not be done, or None.
+    """
 
     mobility: MobilityEstimate
     soil: SoilEstimate
+    elsewhere: tuple[str, ...]
     problem: tuple[str, str] | None
 
 
@@ -64,22 +69,26 @@ class Assessor:
         if instant.load is not None and instant.sinkage is not None:
             update = self._update(instant, instant.load, instant.sinkage)
             self.health.add(update)
-        soil = self.estimator.estimate()
+        name = instant.wheel.name
+        soil = own = self.estimator.estimate()
+        elsewhere = self.estimator.elsewhere(name)
+        if elsewhere:
+            own = self.estimator.estimate(name)
         if instant.load is not None:
             try:
                 predicted = self._predicted(instant, instant.load, update)
-                forces = self._forces(instant, instant.load, soil)
+                forces = self._forces(instant, instant.load, own)
             except (SmallwheelError, ArithmeticError, ValueError) as error:
                 failure = str(error) or type(error).__name__
                 predicted, forces = None, None
         sunk = instant.load is not None and not failure and (predicted is None or forces is None)
-        digging = self._digging[instant.wheel.name].update(instant)
+        digging = self._digging[name].update(instant)
         status, text = self._status(instant, soil, update, sunk, failure)
         if digging:
             words = "digs itself in: slip and sinkage are up, speed is down"
             text = f"{words}; {text}" if text else words
         mobility = MobilityEstimate(
-            wheel=instant.wheel.name,
+            wheel=name,
             stamp=instant.stamp,
             status=status,
             status_text=text,
@@ -90,7 +99,7 @@ class Assessor:
             forces=None if sunk else forces,
             digging_in=digging,
         )
-        return Assessment(mobility, soil, self._problem(instant, update, failure))
+        return Assessment(mobility, soil, elsewhere, self._problem(instant, update, failure))
 
     def _problem(
         self, instant: Instant, update: UpdateResult | None, failure: str

@@ -33,7 +33,7 @@ class GroundMapper:
     """Lays results down where their wheels were: what the vehicle can do on such ground.
 
     It is the vehicle's margin that counts, not the single wheel's: a wheel that cannot even move
-    itself is dragged along by the others.
+    itself is dragged along by the others. At a border those that are on the other soil do not count.
     """
 
     def __init__(self, cost_map: CostMap, wheels: Mapping[str, Wheel]) -> None:
@@ -62,6 +62,10 @@ class GroundMapper:
         margin: Quantity | None = None
         if measured and mobility.status is not Status.REJECTED:
             since = mobility.stamp - _STALE
-            margin = vehicle_margin(e for e in self._newest.values() if e.stamp >= since)
+            margin = vehicle_margin(
+                e
+                for name, e in self._newest.items()
+                if e.stamp >= since and name not in result.elsewhere
+            )
         width = self.wheels[mobility.wheel].width
         self.map.add(mobility.wheel, frame, place, width, margin, stuck=stuck)

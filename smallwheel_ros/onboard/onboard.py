@@ -34,14 +34,17 @@ _OF_THE_ESTIMATOR = ("prior", "estimator", "effects")
 class Result:
     """What came of one measurement: the wheel's mobility, and the soil after it.
 
+    soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
     rejected: measured sinkages that were not used for the soil since the start or the last reset.
     place: of the wheel in the frame of the odometry, x and y in m; None where it is not known.
+    elsewhere: wheels that are on another soil than this one, just before or after a border.
     """
 
     mobility: MobilityEstimate
     soil: SoilEstimate
     rejected: int
     place: tuple[float, float] | None = None
+    elsewhere: tuple[str, ...] = ()
 
 
 class Onboard:
@@ -231,7 +234,7 @@ class Onboard:
         return results
 
     def _result(self, instant: Instant) -> Result:
-        mobility, soil, problem = self._assessor.assess(instant)
+        mobility, soil, elsewhere, problem = self._assessor.assess(instant)
         if problem is not None:
             name = "load" if instant.sinkage is None else "sinkage"
             self._arrivals.problems.add(
@@ -240,4 +243,4 @@ class Onboard:
                 # A prediction that fails leaves the measurement used all the same.
                 unused=problem[0] != "numerical" or mobility.status is Status.REJECTED,
             )
-        return Result(mobility, soil, self.rejected, instant.place)
+        return Result(mobility, soil, self.rejected, instant.place, elsewhere)
