@@ -118,8 +118,8 @@ class SoilEstimate:
         As in `Counts`.
     remaining
         Posterior over prior standard deviation of k, n, m, effective_modulus, reference_pressure.
-    prior_log_covariance
-        `log_covariance` before the first measurement, shape (3, 3).
+    prior
+        `log_covariance` as it was before the first measurement.
     missing_effect
         The alarm that the model misses an effect, None while there is none.
     """
@@ -142,15 +142,15 @@ class SoilEstimate:
     soil_changes: int
     distance: float
     remaining: Mapping[str, float] = field(default_factory=dict)
-    prior_log_covariance: Array | None = None
+    prior: LawCovariance | None = None
     missing_effect: MissingEffect | None = None
 
     @cached_property
     def directions(self) -> tuple[Direction, ...]:
         """The three independent combinations of parameters, the best determined first."""
-        if self.prior_log_covariance is None:
+        if self.prior is None:
             return ()
-        return _directions(self.prior_log_covariance, self.log_covariance)
+        return _directions(self.prior.array(), self.log_covariance)
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -180,14 +180,15 @@ def _remaining(
     reference_diameter: float,
 ) -> dict[str, float]:
     """Compare two covariances: standard deviations, after over before."""
-    rows = {
-        "k": modulus_row(reference_sinkage, reference_diameter, 1.0),
-        "n": (0.0, 1.0, 0.0),
-        "m": (0.0, 0.0, 1.0),
-        "effective_modulus": modulus_row(reference_sinkage, reference_diameter, reference_diameter),
-        "reference_pressure": (1.0, 0.0, 0.0),
+    of_k = modulus_row(reference_sinkage, reference_diameter, 1.0)
+    of_modulus = modulus_row(reference_sinkage, reference_diameter, reference_diameter)
+    return {
+        "k": posterior.deviation(of_k) / prior.deviation(of_k),
+        "n": math.sqrt(posterior.nn / prior.nn),
+        "m": math.sqrt(posterior.mm / prior.mm),
+        "effective_modulus": posterior.deviation(of_modulus) / prior.deviation(of_modulus),
+        "reference_pressure": math.sqrt(posterior.pp / prior.pp),
     }
-    return {name: posterior.deviation(row) / prior.deviation(row) for name, row in rows.items()}
 
 
 def _directions(prior: Array, posterior: Array) -> tuple[Direction, ...]:
@@ -285,6 +286,6 @@ def soil_estimate(
         counts.soil_changes,
         counts.distance,
         left,
-        before.array(),
+        before,
         missing_effect,
     )

@@ -132,15 +132,13 @@ class Intake:
         """Take pose (m, rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
         if not self._good_stamp(ODOMETRY, stamp, now):
             return []
-        good = all(
-            self.arrivals.is_number(ODOMETRY, name, value, unit)
-            for name, value, unit in (
-                ("position x", x, "m"),
-                ("position y", y, "m"),
-                ("speed", speed, "m/s"),
-                ("yaw rate", yaw_rate, "rad/s"),
-                ("yaw", 0.0 if yaw is None else yaw, "rad"),
-            )
+        is_number = self.arrivals.is_number
+        good = (
+            is_number(ODOMETRY, "position x", x, "m")
+            and is_number(ODOMETRY, "position y", y, "m")
+            and is_number(ODOMETRY, "speed", speed, "m/s")
+            and is_number(ODOMETRY, "yaw rate", yaw_rate, "rad/s")
+            and (yaw is None or is_number(ODOMETRY, "yaw", yaw, "rad"))
         )
         values = (x, y, speed, yaw_rate, yaw)
         if good and self.arrivals.kept(ODOMETRY, stamp, self._memory.odometer.add(stamp, *values)):

@@ -89,6 +89,7 @@ class Memory:
             self._travelled(order, stamp, sinkage),
             None if motion is None else self._place(order, motion),
             self._static[order] is not None,
+            None if motion is None else (motion.x, motion.y),
         )
 
     def _motion(

@@ -190,7 +190,7 @@ class _Spread(NamedTuple):
     ) -> _Spread:
         law = LawCovariance.of(soil.log_covariance)
         return cls(
-            law._replace(pp=law.pp + scatter**2),
+            LawCovariance(law.pp + scatter**2, *law[1:]),
             (
                 load.standard_deviation**2,
                 0.0 if slip is None else slip.standard_deviation**2,
@@ -222,7 +222,11 @@ def _quantities(
     """Put values and deviations together; slip is None where there is no traction to tell of."""
     sinkage, compaction, other, thrust, pull = forces.value
     by_sinkage, by_compaction, by_other, by_thrust, by_pull = forces.gradient
-    resistance, by_resistance = compaction + other, _sum(by_compaction, by_other)
+    resistance, by_resistance = compaction, by_compaction
+    rest = Quantity(0.0, 0.0)
+    if any(by_other):  # only with effects
+        resistance, by_resistance = compaction + other, _sum(by_compaction, by_other)
+        rest = spread.quantity(other, by_other)
     by_coefficient = [slope / load for slope in by_resistance]
     by_coefficient[_LOAD] -= resistance / load**2
     push = net = energy = margin = None
@@ -241,7 +245,7 @@ def _quantities(
     return WheelForces(
         sinkage=spread.quantity(sinkage, by_sinkage),
         compaction_resistance=spread.quantity(compaction, by_compaction),
-        other_resistance=spread.quantity(other, by_other),
+        other_resistance=rest,
         rolling_resistance_coefficient=spread.quantity(resistance / load, by_coefficient),
         thrust=push,
         drawbar_pull=net,

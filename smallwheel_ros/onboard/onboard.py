@@ -36,7 +36,7 @@ class Result:
 
     soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
     rejected: measured sinkages that were not used for the soil since the start or the last reset.
-    place: of the wheel in the frame of the odometry, x and y in m; None where it is not known.
+    place, vehicle, speed: of the instant, see `Instant`.
     elsewhere: wheels that are on another soil than this one, just before or after a border.
     """
 
@@ -44,6 +44,8 @@ class Result:
     soil: SoilEstimate
     rejected: int
     place: tuple[float, float] | None = None
+    vehicle: tuple[float, float] | None = None
+    speed: float | None = None
     elsewhere: tuple[str, ...] = ()
 
 
@@ -243,4 +245,12 @@ class Onboard:
                 # A prediction that fails leaves the measurement used all the same.
                 unused=problem[0] != "numerical" or mobility.status is Status.REJECTED,
             )
-        return Result(mobility, soil, self.rejected, instant.place, elsewhere)
+        return Result(
+            mobility,
+            soil,
+            self.rejected,
+            instant.place,
+            instant.vehicle,
+            instant.speed,
+            elsewhere,
+        )

@@ -207,15 +207,16 @@ class Odometer:
         fault = series.add(stamp, (x, y, speed, yaw_rate, *turn))
         if fault is not None:
             return fault
-        forgotten = before + 1 - len(series)
-        del self._way[:forgotten]
+        way, forgotten = self._way, before + 1 - len(series)
+        if forgotten:
+            del way[:forgotten]
         place = bisect_left(series.stamps, stamp)
-        self._way.insert(place, 0.0)
+        way.insert(place, 0.0)
         if place == 0 and len(series) > 1:
-            self._way[0] = self._way[1] - self._step(0)
+            way[0] = way[1] - self._step(0)
         # A late message changes the way at every later stamp.
         for i in range(max(place, 1), len(series)):
-            self._way[i] = self._way[i - 1] + self._step(i - 1)
+            way[i] = way[i - 1] + self._step(i - 1)
         return None
 
     def _step(self, i: int) -> float:
@@ -225,8 +226,12 @@ class Odometer:
         if duration > self._gap:
             straight = math.hypot(end[0] - start[0], end[1] - start[1])
             return straight if straight > self._standstill * duration / SECOND else 0.0
-        speeds = [abs(v) if abs(v) > self._standstill else 0.0 for v in (start[2], end[2])]
-        return sum(speeds) / 2 * duration / SECOND
+        before, after = abs(start[2]), abs(end[2])
+        if before <= self._standstill:
+            before = 0.0
+        if after <= self._standstill:
+            after = 0.0
+        return (before + after) / 2 * duration / SECOND
 
     def way(self, stamp: int) -> float:
         """Way travelled (m) at an instant; held before the first and after the last message."""

@@ -71,9 +71,9 @@ class Blocks:
         self.unsteady = 0
         self.unusable = 0
 
-    def add(self, result: Result, speed: float | None) -> None:
-        """Take one result; speed: of the wheel's place (m/s), None where it is not known."""
-        found, soil = result.mobility, result.soil
+    def add(self, result: Result) -> None:
+        """Take one result."""
+        found, soil, speed = result.mobility, result.soil, result.speed
         order = self._order[found.wheel]
         wheel = self._wheels[order]
         if soil.soil_changes != self._changes or soil.distance < self._way - 1e-9:

@@ -83,7 +83,7 @@ class NewBag:
     def write(self, estimate: Estimate, log_time: int, frame: str) -> None:
         """Write an estimate; frame: that of odometry."""
         stamp, wheel = estimate.row["stamp"], estimate.row["wheel"]
-        message = as_message(MOBILITY, estimate.mobility, stamp, wheel)
+        message = as_message(estimate.mobility, stamp, wheel)
         self._writer.write(f"{self.prefix}/mobility", MOBILITY, log_time, message)
         sent = self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
@@ -98,6 +98,6 @@ class NewBag:
 
     def _write_soil(self, estimate: Estimate, log_time: int, frame: str) -> None:
         stamp = estimate.row["stamp"]
-        message = as_message(SOIL, estimate.soil, stamp, frame)
+        message = as_message(estimate.soil, stamp, frame)
         self._writer.write(f"{self.prefix}/soil", SOIL, log_time, message)
         self._soil_sent, self._soil_waits = stamp, None

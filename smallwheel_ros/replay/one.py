@@ -9,7 +9,6 @@ from typing import Any
 
 from smallwheel_ros.bag_files import BagError, Storage, storage_kind
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.feed import Feed, Handler
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NodeSettings
@@ -19,8 +18,6 @@ from smallwheel_ros.replay.document import document
 from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.inputs import (
     CLOCK,
-    ODOMETRY_TYPE,
-    VELOCITY_TYPE,
     Missing,
     check_enough,
     check_fields,
@@ -37,7 +34,6 @@ from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.stop import Stop
 from smallwheel_ros.replay.table_files import TableFiles
 from smallwheel_ros.replay.topics import proposal_text
-from smallwheel_ros.replay.track import Track
 
 Key = tuple[str, str]
 _STEP = 256  # messages between two looks at signals, problems and progress
@@ -117,14 +113,11 @@ class _Session:
         missing = missing_inputs(inputs, topics)
         check_enough(onboard, missing, proposal_text(reader, inputs, spec.bag))
         self._reader, self._onboard = reader, onboard
-        self._wheels = {wheel.name: wheel for wheel in settings.onboard.wheels}
         self._handlers: dict[Key, list[Handler]] = {}
         for topic in self._feed.topics:
             name = resolved(topic.name)
             key = (spec.remaps.get(name, name), topic.type)
             self._handlers.setdefault(key, []).append(topic.handle)
-        self._track = Track(settings.onboard)
-        self._jumps = 0
         self._checked: set[Key] = set()
         self._decoders = {key: reader.decoder(key[1]) for key in self._handlers}
         self._clock_key = (CLOCK, _CLOCK_TYPE)
@@ -248,37 +241,16 @@ class _Session:
 
     def _handle(self, key: Key, message: Any, now: int | None, log_time: int) -> None:
         found: list[Result] = []
-        moves = key[1] in (ODOMETRY_TYPE, VELOCITY_TYPE)
-        refused = self._refused_motion() if moves else 0
         for handler in self._handlers[key]:
             found += handler(message, now)
-        if moves and self._refused_motion() == refused:
-            self._follow(key[1], message)
         if found:
             self._take(found, log_time)
-
-    def _refused_motion(self) -> int:
-        return sum(
-            count
-            for (stream, reason), count in self._onboard.counts.items()
-            if stream in (ODOMETRY, VELOCITY) and reason not in ("time_jump", "no_orientation")
-        )
-
-    def _follow(self, kind: str, message: Any) -> None:
-        """Take odometry for the positions, from the beginning where time went back."""
-        counts = self._onboard.counts
-        jumps = sum(count for (_, reason), count in counts.items() if reason == "time_jump")
-        if jumps != self._jumps:
-            self._jumps = jumps
-            self._track.clear()
-        self._track.add(kind, message)
 
     def _take(self, found: list[Result], log_time: int) -> None:
         result, frame = self.result, self._feed.odometry_frame
         for item in found:
-            place = self._track.at(item.mobility.stamp, self._wheels[item.mobility.wheel])
-            estimate = estimate_of(item, place, result.start)
+            estimate = estimate_of(item, result.start)
             self._table.add(estimate.row)
             self._bag.write(estimate, log_time, frame)
-            result.record.add(item, place)
-            result.blocks.add(item, place.speed)
+            result.record.add(item)
+            result.blocks.add(item)

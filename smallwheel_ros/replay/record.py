@@ -11,7 +11,6 @@ from typing import Any
 from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.rows import Place
 
 _MOST_POINTS = 2000  # of each wheel
 _MOST_EVENTS = 200
@@ -134,7 +133,7 @@ class Record:
         self.soil_changes = 0
         self.travel = 0.0
 
-    def add(self, result: Result, place: Place) -> None:
+    def add(self, result: Result) -> None:
         """Take one result."""
         found, soil = result.mobility, result.soil
         counts = self.wheels[found.wheel]
@@ -157,7 +156,7 @@ class Record:
         self._watch(result, time)
         course = self.courses[found.wheel]
         if course.wants():
-            course.add(_point(result, place, time, used))
+            course.add(_point(result, time, used))
 
     def _watch(self, result: Result, time: float) -> None:
         """Note changes of soil, wheels that begin to dig in, and effects that the model lacks."""
@@ -227,7 +226,7 @@ class Record:
         return found
 
 
-def _point(result: Result, place: Place, time: float, used: bool) -> tuple[float, ...]:
+def _point(result: Result, time: float, used: bool) -> tuple[float, ...]:
     found, soil = result.mobility, result.soil
 
     def of(quantity: Any) -> tuple[float, float]:
@@ -241,8 +240,7 @@ def _point(result: Result, place: Place, time: float, used: bool) -> tuple[float
     spread = soil.covariance.diagonal()
     return (
         time,
-        _NAN if place.x is None else place.x,
-        _NAN if place.y is None else place.y,
+        *(result.vehicle or (_NAN, _NAN)),
         soil.distance,
         of(found.sinkage_measured)[0],
         *of(found.sinkage_predicted),
