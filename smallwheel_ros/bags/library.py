@@ -9,7 +9,7 @@ import bz2
 import contextlib
 import sys
 from collections.abc import Callable, Iterable
-from functools import cache
+from functools import cache, partial
 from typing import Any, BinaryIO, NamedTuple
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
@@ -152,7 +152,7 @@ class Codec:
         if store is None:
             return None
         decode = store.deserialize_cdr if self.ros2 else store.deserialize_ros1
-        return lambda data: decode(data, kind)
+        return partial(decode, typename=kind)
 
     def as_channel(
         self, topic: str, kind: str, qos: Iterable[Qos] = ()

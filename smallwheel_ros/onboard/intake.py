@@ -239,6 +239,13 @@ class Intake:
 
     def _release(self, everything: bool = False) -> list[Instant]:
         ready: list[Instant] = []
+        hold = self._hold
+        if hold is not None and not everything:
+            # Most messages change nothing about what the first one that waits needs.
+            latest = self.arrivals.latest
+            assert latest is not None
+            if latest < hold.until and hold.series.newest == hold.newest:
+                return ready
         while self._waiting and (everything or self._is_ready()):
             stamp, order, sinkage, variance = heapq.heappop(self._waiting)
             self._hold = None
@@ -247,17 +254,9 @@ class Intake:
         return ready
 
     def _is_ready(self) -> bool:
-        """Whether everything that belongs to the first one that waits, or before it, has come.
-
-        Most messages change nothing about that, so what it waits for is kept in mind.
-        """
+        """Whether everything that belongs to the first one that waits, or before it, has come."""
         latest = self.arrivals.latest
         assert latest is not None
-        hold = self._hold
-        if hold is not None:
-            series, newest, until = hold
-            if latest < until and series.newest == newest:
-                return False
         self._hold = self._held_by(self._waiting[0], latest)
         return self._hold is None
 

@@ -111,7 +111,8 @@ class _Session:
         if not reader.message_count or reader.start_time is None or reader.end_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
         missing = missing_inputs(inputs, topics)
-        check_enough(onboard, missing, proposal_text(reader, inputs, spec.bag))
+        hint = proposal_text(reader, inputs, spec.bag) if missing else ""
+        check_enough(onboard, missing, hint)
         self._reader, self._onboard = reader, onboard
         self._handlers: dict[Key, list[Handler]] = {}
         for topic in self._feed.topics:
@@ -201,19 +202,23 @@ class _Session:
     def _messages(self, bag: NewBag) -> Generator[int, None, None]:
         """Work on one message after the other; gives their log times."""
         now: int | None = None
-        handlers = self._handlers
+        handlers, copied = self._handlers, self.copied
+        by_recording = self.result.spec.clock and not self._has_clock
         for topic, kind, log_time, data in self._reader.raw_messages(self._read):
             key = (topic, kind)
-            bag.copy(key, log_time, data)
-            if key == self._clock_key:
-                if self._has_clock:
-                    now = self._clock(data)
-            elif key in handlers:
-                if not self._has_clock and self.result.spec.clock:
+            if key in copied:
+                bag.copy(key, log_time, data)
+            if key in handlers:
+                if by_recording:
                     now = log_time
                 message = self._decoded(key, data)
                 if message is not None:
-                    self._handle(key, message, now, log_time)
+                    for handler in handlers[key]:
+                        found = handler(message, now)
+                        if found:
+                            self._take(found, log_time)
+            elif self._has_clock and key == self._clock_key:
+                now = self._clock(data)
             yield log_time
 
     def _clock(self, data: bytes) -> int:
@@ -238,13 +243,6 @@ class _Session:
 
     def _stream(self, key: Key) -> str:
         return next(i.stream for i in self.result.inputs if (i.topic, i.type) == key)
-
-    def _handle(self, key: Key, message: Any, now: int | None, log_time: int) -> None:
-        found: list[Result] = []
-        for handler in self._handlers[key]:
-            found += handler(message, now)
-        if found:
-            self._take(found, log_time)
 
     def _take(self, found: list[Result], log_time: int) -> None:
         result, frame = self.result, self._feed.odometry_frame

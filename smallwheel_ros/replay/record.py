@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.replay.rows import STATUS_NAMES
 
 _MOST_POINTS = 2000  # of each wheel
 _MOST_EVENTS = 200
@@ -143,7 +143,7 @@ class Record:
         used = soil.accepted > self._accepted
         self._accepted = soil.accepted
         self.travel = max(self.travel, soil.distance)
-        self.statuses[Status(found.status).name] += 1
+        self.statuses[STATUS_NAMES[found.status]] += 1
         counts.results += 1
         counts.with_sinkage += found.sinkage_measured is not None
         counts.with_load += found.load is not None

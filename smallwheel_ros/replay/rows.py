@@ -8,11 +8,13 @@ from typing import Any, Literal, NamedTuple
 
 from smallwheel_ros.bags import typestore
 from smallwheel_ros.onboard.message_fields import mobility_fields, soil_fields
+from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.onboard.streams import SECOND
 
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 SOIL = "smallwheel_ros/msg/SoilEstimate"
+STATUS_NAMES = {status: status.name for status in Status}  # an enum's own lookup is slow
 Kind = Literal["integer", "number", "text", "truth"]
 _KINDS: dict[str, Kind] = {"bool": "truth", "string": "text", "float64": "number"}
 # Flags of the message, and the beginnings of the names of what they are about. In the table an
@@ -110,7 +112,7 @@ def estimate_of(result: Result, start: int) -> Estimate:
         "speed": result.speed,
         "travel": result.soil.distance,
         **mobility,
-        "status": found.status.name,
+        "status": STATUS_NAMES[found.status],
     }
     for flag, names in _blanks().items():
         if not row[flag]:
