@@ -19,6 +19,7 @@ in `OfReference`.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -39,6 +40,7 @@ Array = NDArray[np.float64]
 
 LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
 _STEP = 1e-3  # of q
+_FIRST_GRID, _GRID = 20, 100  # of ln z_ref and of q
 
 
 class Pressure(NamedTuple):
@@ -167,13 +169,20 @@ class OfReference:
         return np.array([p.value - self.diameter_log * m, q, m]), jacobian
 
     def bend(self, soil: Array) -> float:
-        """Second derivative of ln pressure by q at (ln z_ref, q, m), for its variance."""
+        """Second derivative of ln pressure by q near (ln z_ref, q, m), for its variance."""
         first, q, _ = soil.tolist()
-        up, down = (
-            self.pressure(first, exponent_of(at)).by_exponent * exponent_slope(at)
-            for at in (q + _STEP, q - _STEP)
-        )
-        return (up - down) / (2.0 * _STEP)
+        return _bend(self.wheel, round(first * _FIRST_GRID), round(q * _GRID))
+
+
+@lru_cache(maxsize=256)
+def _bend(wheel: tuple[float, float, float], first: int, q: int) -> float:
+    """See `OfReference.bend`, at a place of the grid: it is a correction, and changes slowly."""
+    coordinates = OfReference(*wheel)
+    up, down = (
+        coordinates.pressure(first / _FIRST_GRID, exponent_of(at)).by_exponent * exponent_slope(at)
+        for at in (q / _GRID + _STEP, q / _GRID - _STEP)
+    )
+    return (up - down) / (2.0 * _STEP)
 
 
 def _slope_share(belief: Belief, n: float, by_q: float) -> float:

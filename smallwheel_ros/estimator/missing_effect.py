@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
 from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
 from smallwheel_ros.estimator.way_pieces import Changes, WayPieces
-from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
 
@@ -200,17 +200,15 @@ def _scores(
         changes.load, changes.diameter, changes.width, rolling, None, covariates
     )
 
-    def log_sinkage(law: Soil, *added: Effect) -> Array:
-        z = predict(Model(law, effects=(*effects, *added)), conditions).sinkage
-        return np.asarray(np.log(np.where(z > 0.0, z, np.nan)))
+    nearby = NearbySinkage(soil, effects, conditions)
 
     def change(column: Array) -> Array:
         return (column[changes.later] - column[changes.earlier]) / changes.deviation
 
-    plain = log_sinkage(soil)
+    plain = nearby.log_sinkage(soil)
     missed = change(changes.log_sinkage - plain)
     others = (replace(soil, n=soil.n + _STEP), replace(soil, m=soil.m + _STEP))
-    known = np.column_stack([change(log_sinkage(law) - plain) / _STEP for law in others])
+    known = np.column_stack([change(nearby.log_sinkage(law) - plain) / _STEP for law in others])
     usable &= np.isfinite(missed) & np.isfinite(known).all(axis=1)
     missed, known = missed[usable], known[usable]
     known = known[:, _size(known) > 1e-3]
@@ -226,7 +224,7 @@ def _scores(
             score = EffectScore(form.id, form.form, 0.0, 0.0, follows, "load hardly varied")
         else:
             strength, effect = _trial(form)
-            column = change(log_sinkage(soil, effect) - plain)[usable] / strength
+            column = change(nearby.log_sinkage(soil, effect) - plain)[usable] / strength
             score = _score(form, follows, base, missed, known, column, strength)
         if form.id not in best or score.statistic > best[form.id].statistic:
             best[form.id] = score

@@ -92,12 +92,18 @@ class SoilState:
         if isinstance(self._coordinates, Direct):
             return mean, covariance, self._prior
         direct, jacobian = self._coordinates.to_direct(mean)
-        law = jacobian @ covariance @ jacobian.T
+        # jacobian @ covariance @ jacobian.T in plain floats: only its first row is not the unit one.
+        a, b, c = jacobian[_FIRST].tolist()
+        first, second, third = covariance.tolist()
+        row = [a * x + b * y + c * z for x, y, z in zip(first, second, third, strict=True)]
         # With n open the soils that fit lie on a slightly bent line: second order, for a Gaussian n.
-        law[_FIRST, _FIRST] += (
-            0.5 * (self._coordinates.bend(mean) * float(covariance[_EXPONENT, _EXPONENT])) ** 2
-        )
-        return direct, law, self._prior
+        bent = 0.5 * (self._coordinates.bend(mean) * second[_EXPONENT]) ** 2
+        law = [
+            [a * row[0] + b * row[1] + c * row[2] + bent, row[1], row[2]],
+            [row[1], second[1], second[2]],
+            [row[2], third[1], third[2]],
+        ]
+        return direct, np.array(law), self._prior
 
     def record(self) -> SoilRecord | None:
         """What to save; None before the first measurement."""
