@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate, before_driving
 from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.onboard.arrivals import stream_names
 from smallwheel_ros.onboard.assessment import Assessor
@@ -166,6 +166,12 @@ class Onboard:
     def soil(self) -> SoilEstimate:
         """The soil as it is believed now."""
         return self._assessor.estimator.estimate()
+
+    @property
+    def undeterminable(self) -> tuple[str, ...]:
+        """What these wheels cannot determine of the soil wherever they drive, in words."""
+        measured = (w for w in self.settings.wheels if w.name not in self.settings.without_sinkage)
+        return before_driving(wheel.diameter for wheel in measured)
 
     @property
     def missing_effect(self) -> MissingEffect | None:

@@ -79,30 +79,22 @@ def inputs_status(name: str, onboard: Onboard, reporter: Reporter) -> Diagnostic
 
 
 def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
-    """The soil in numbers, and what is not determined, in words."""
+    """The soil in numbers, and of each what the measurements have determined, in words."""
     soil = onboard.soil
     pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
     spread = soil.covariance.diagonal() ** 0.5
-    known = soil.identifiable
     values = {
         "reference pressure [Pa]": f"{pressure:.6g} +- {deviation:.2g}",
         "effective modulus [Pa/m^n]": "{:.6g} +- {:.2g}".format(*soil.effective_modulus()),
         "k [Pa/m^(n+m)]": f"{soil.k:.6g} +- {spread[0]:.2g}",
         "n": f"{soil.n:.4f} +- {spread[1]:.2g}",
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
-        "determined": _names(
-            {
-                "reference pressure": known.reference_pressure,
-                "effective modulus": known.effective_modulus,
-                "k": known.k,
-                "n": known.n,
-                "m": known.m,
-            }
-        ),
+        **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
         "soil changes": str(soil.soil_changes),
         "travel [m]": f"{soil.distance:.2f}",
     }
-    text = "; ".join(soil.status) or "k, n and m are determined"
+    words = soil.status if soil.accepted else (*soil.status, *onboard.undeterminable)
+    text = "; ".join(words) or "k, n and m are determined"
     return status(name, OK, text, values)
 
 
@@ -205,7 +197,3 @@ def wheel_status(name: str, estimate: MobilityEstimate) -> DiagnosticStatus:
 
 def _written(quantity: Quantity) -> str:
     return f"{quantity.value:.4g} +- {quantity.standard_deviation:.2g}"
-
-
-def _names(flags: Mapping[str, bool]) -> str:
-    return ", ".join(name for name, flag in flags.items() if flag) or "nothing"

@@ -107,6 +107,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         values = ", ".join(f"{k}={v}" for k, v in self._table.values().items() if v is not None)
         self.get_logger().info(f"effective parameters: {values}")
         self._onboard = Onboard(self._settings.onboard, on_result=self._answer)
+        for text in self._onboard.undeterminable:
+            self.get_logger().warning(text)
         self._time_jumps = 0
         self._feed_with(Feed(self._onboard, self._settings))
         self._outputs = Outputs(self, self._settings, self._report)
