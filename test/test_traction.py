@@ -1,4 +1,4 @@
-"""Thrust in both forms."""
+"""Compaction resistance, and thrust in both forms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smallwheel_ros.physics.traction import contact_length, thrust
+from smallwheel_ros.physics.traction import compaction_resistance, contact_length, thrust
+
+
+@given(
+    depth=st.floats(0.0, 0.1), n=st.floats(0.0, 3.0), above=st.floats(-0.05, 0.0, exclude_max=True)
+)
+def test_compaction_is_the_work_of_the_pressure_and_none_above_the_soil(
+    depth: float, n: float, above: float
+) -> None:
+    work = quad(lambda z: 0.1 * 2e5 * z**n, 0, depth)[0]
+    found = compaction_resistance([depth, above, np.nan], 0.1, 2e5, n)
+    assert found[0] == pytest.approx(work, rel=1e-6, abs=1e-12)
+    assert found[1] == 0.0
+    assert np.isnan(found[2])
 
 
 def test_contact_length_is_an_arc() -> None:
