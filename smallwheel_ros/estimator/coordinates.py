@@ -32,6 +32,7 @@ from smallwheel_ros.estimator.bounded_exponent import (
     exponent_slope,
 )
 from smallwheel_ros.estimator.iterated_update import Belief, Four, Point
+from smallwheel_ros.estimator.law_covariance import Row
 from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
 from smallwheel_ros.estimator.sinkage_observation import Reading
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
@@ -160,13 +161,13 @@ class OfReference:
         )
         return np.array([log_z, q, m]), jacobian
 
-    def to_direct(self, soil: Array) -> tuple[Array, Array]:
-        """Turn (ln z_ref, q, m) into (ln pressure, q, m), with the Jacobian (3, 3)."""
+    def to_direct(self, soil: Array) -> tuple[Row, Row]:
+        """Turn (ln z_ref, q, m) into (ln pressure, q, m), with the slopes of ln pressure."""
         first, q, m = soil.tolist()
-        p = self.pressure(first, exponent_of(q))
-        jacobian = np.eye(3)
-        jacobian[0] = p.by_first, p.by_exponent * exponent_slope(q), -self.diameter_log
-        return np.array([p.value - self.diameter_log * m, q, m]), jacobian
+        n, by_q = exponent_and_slope(q)
+        p = self.pressure(first, n)
+        slopes = p.by_first, p.by_exponent * by_q, -self.diameter_log
+        return (p.value - self.diameter_log * m, q, m), slopes
 
     def bend(self, soil: Array) -> float:
         """Second derivative of ln pressure by q near (ln z_ref, q, m), for its variance."""

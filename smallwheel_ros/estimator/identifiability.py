@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.bounded_exponent import exponent_of, exponent_slope
-from smallwheel_ros.estimator.law_covariance import LawCovariance, modulus_row
+from smallwheel_ros.estimator.bounded_exponent import exponent_and_slope
+from smallwheel_ros.estimator.law_covariance import LawCovariance, Row, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
@@ -243,9 +243,9 @@ def in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tup
 
 
 def soil_estimate(
-    state: Array,
-    covariance: Array,
-    prior: Array,
+    state: Row,
+    covariance: LawCovariance,
+    prior: LawCovariance,
     reference: tuple[float, float],
     variety: Variety,
     counts: Counts,
@@ -253,16 +253,15 @@ def soil_estimate(
 ) -> SoilEstimate:
     """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
 
-    state, covariance, prior: shapes (3,), (3, 3), (3, 3), at the reference of `soil`.
-    reference: sinkage and diameter (m) to report at.
+    state, covariance, prior: at the reference of `soil`. reference: sinkage and diameter (m) to report at.
     """
-    pressure_log, q, m = state.tolist()
-    n, slope = exponent_of(q), exponent_slope(q)
+    pressure_log, q, m = state
+    n, slope = exponent_and_slope(q)
     up, across = math.log(reference[0]), math.log(reference[1])
     deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
     pressure_log += n * deeper + m * larger
     to_report = (1.0, slope * deeper, larger)
-    now, before = (LawCovariance.of(p).seen_as(to_report, slope) for p in (covariance, prior))
+    now, before = (law.seen_as(to_report, slope) for law in (covariance, prior))
     k = math.exp(pressure_log - n * up - m * across)
     of_k = now.seen_as((k, -k * up, -k * across), 1.0)
     left = _remaining(before, now, *reference)

@@ -14,6 +14,7 @@ from smallwheel_ros.estimator.bounded_exponent import (
 )
 from smallwheel_ros.estimator.coordinates import Direct, OfReference
 from smallwheel_ros.estimator.iterated_update import Belief, Four, Line, Point, line_at, linearise
+from smallwheel_ros.estimator.law_covariance import LawCovariance, Row
 from smallwheel_ros.estimator.opening import Opening
 from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
@@ -56,6 +57,7 @@ class SoilState:
             prior.m_std,
         )
         self._prior = np.diag(np.square(deviations))
+        self._prior_law = LawCovariance.of(self._prior)
         noise = settings.process_noise
         # Over a short travel s the drift is a random walk with variance 2 std^2 s / length.
         length = 2.0 * (deviations[0] / noise) ** 2 if noise > 0 else math.inf
@@ -85,25 +87,19 @@ class SoilState:
         self._opening.travelled += distance
 
     @property
-    def law(self) -> tuple[Array, Array, Array]:
-        """Mean (3,), covariance (3, 3) and prior covariance of ln pressure, q of n, and m."""
-        mean = self._mean + self._filter.deviation[:_LAW]
-        covariance = self._filter.covariance[:_LAW, :_LAW]
+    def law(self) -> tuple[Row, LawCovariance, LawCovariance]:
+        """Mean, covariance and prior covariance of ln pressure, q of n, and m."""
+        deviation, covariance, _ = self._filter.state
+        mean = self._mean + deviation[:_LAW]
+        law = LawCovariance.of(covariance[:_LAW, :_LAW])
         if isinstance(self._coordinates, Direct):
-            return mean, covariance, self._prior
-        direct, jacobian = self._coordinates.to_direct(mean)
-        # jacobian @ covariance @ jacobian.T in plain floats: only its first row is not the unit one.
-        a, b, c = jacobian[_FIRST].tolist()
-        first, second, third = covariance.tolist()
-        row = [a * x + b * y + c * z for x, y, z in zip(first, second, third, strict=True)]
+            first, q, m = mean.tolist()
+            return (first, q, m), law, self._prior_law
+        direct, row = self._coordinates.to_direct(mean)
         # With n open the soils that fit lie on a slightly bent line: second order, for a Gaussian n.
-        bent = 0.5 * (self._coordinates.bend(mean) * second[_EXPONENT]) ** 2
-        law = [
-            [a * row[0] + b * row[1] + c * row[2] + bent, row[1], row[2]],
-            [row[1], second[1], second[2]],
-            [row[2], third[1], third[2]],
-        ]
-        return direct, np.array(law), self._prior
+        bent = 0.5 * (self._coordinates.bend(mean) * law.nn) ** 2
+        law = law.seen_as(row, 1.0)
+        return direct, law._replace(pp=law.pp + bent), self._prior_law
 
     def record(self) -> SoilRecord | None:
         """What to save; None before the first measurement."""
@@ -257,7 +253,7 @@ class SoilState:
 
     def _pass(self, coordinates: OfReference, soil: Array) -> bool:
         """Filter the records, linearised at one soil (3,); False where it leads out of range."""
-        self._linearise_prior(coordinates, coordinates.to_direct(soil)[0])
+        self._linearise_prior(coordinates, np.array(coordinates.to_direct(soil)[0]))
         first, q, m = soil.tolist()
         travelled = 0.0
         for record in self._opening.records:
