@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.estimator.bounded_exponent import exponent_and_slope
 from smallwheel_ros.estimator.law_covariance import LawCovariance, Row, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
+from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -122,6 +123,8 @@ class SoilEstimate:
         `log_covariance` as it was before the first measurement.
     missing_effect
         The alarm that the model misses an effect, None while there is none.
+    strength
+        What drawbar pull says of the soil's strength; None where none was measured on this soil.
     """
 
     k: float
@@ -144,6 +147,7 @@ class SoilEstimate:
     remaining: Mapping[str, float] = field(default_factory=dict)
     prior: LawCovariance | None = None
     missing_effect: MissingEffect | None = None
+    strength: StrengthEstimate | None = None
 
     @cached_property
     def directions(self) -> tuple[Direction, ...]:
@@ -250,6 +254,7 @@ def soil_estimate(
     variety: Variety,
     counts: Counts,
     missing_effect: MissingEffect | None = None,
+    strength: StrengthEstimate | None = None,
 ) -> SoilEstimate:
     """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
 
@@ -287,4 +292,5 @@ def soil_estimate(
         left,
         before,
         missing_effect,
+        strength,
     )

@@ -21,6 +21,11 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Variety
+from smallwheel_ros.estimator.saved_strength import (
+    StrengthRecord,
+    strength_content,
+    strength_record,
+)
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
 
 Array = NDArray[np.float64]
@@ -50,11 +55,12 @@ class SoilRecord:
 
 @dataclass(frozen=True)
 class SavedState:
-    """What a file holds; `soil` is None where nothing had been measured."""
+    """What a file holds; None: no soil, or no drawbar pull, had been measured."""
 
     soil: SoilRecord | None
     variety: Variety
     accepted: int
+    strength: StrengthRecord | None = None
 
 
 def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
@@ -94,6 +100,7 @@ def write_state(
             "covariance": soil.covariance.tolist(),
             "prior_covariance": soil.prior.tolist(),
         },
+        "strength": strength_content(state.strength),
     }
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     temporary = None
@@ -137,11 +144,12 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
         variety = Variety(_pair(content["diameters"]), _pair(content["loadings"]))
         accepted = int(content["accepted"])
         soil = None if content["soil"] is None else _soil(content["soil"])
+        strength = strength_record(content.get("strength"))  # older files have none
         if accepted < 0:
             raise ValueError("accepted is negative")
     except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
         raise _corrupt(path, f"{type(error).__name__}: {error}") from None
-    return SavedState(soil, variety, accepted)
+    return SavedState(soil, variety, accepted, strength)
 
 
 def _corrupt(path: Path, why: str) -> EstimatorError:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.physics.wheel import Quantity, Strength
 
 
 class EstimatorError(SmallwheelError):
@@ -18,6 +19,20 @@ def _require(what: str, name: str, value: float, good: bool, expected: str) -> N
         raise EstimatorError(f"{what}: {name} is {value!r}, expected {expected}")
 
 
+def usual_strength(soil: Soil) -> Strength:
+    """Strength of a soil of this kind, not of this very soil.
+
+    Deviations: cohesion 500 Pa and 30 %, friction angle 0.1 rad, shear displacement 40 %. Dry sands
+    and loams in the published tables have 0 to 1.7 kPa and 27 to 34 degrees; Wong 2008 gives 10 to
+    25 mm for sand.
+    """
+    return Strength(
+        Quantity(soil.cohesion, math.hypot(500.0, 0.3 * soil.cohesion)),
+        Quantity(soil.friction_angle, 0.1),
+        Quantity(soil.shear_displacement, 0.4 * soil.shear_displacement),
+    )
+
+
 @dataclass(frozen=True)
 class SoilPrior:
     """What is known of the soil before any measurement.
@@ -25,13 +40,16 @@ class SoilPrior:
     Attributes
     ----------
     soil
-        Lends its name and strength (cohesion, friction angle, shear displacement), not estimated.
+        Lends its name.
     log_reference_pressure, log_reference_pressure_std
         ln of the pressure (Pa) at `soil.REFERENCE_SINKAGE` under `soil.REFERENCE_DIAMETER`.
     n, n_std
         Exponent of sinkage, in (0, 3); 1.
     m, m_std
         Exponent of the wheel's diameter, in -3 .. 3; 1.
+    strength
+        Cohesion, friction angle and shear displacement; None: `usual_strength` of the soil. Estimated
+        where drawbar pull is measured.
 
     Raises EstimatorError where a number is outside its domain.
     """
@@ -43,6 +61,7 @@ class SoilPrior:
     log_reference_pressure_std: float
     n_std: float
     m_std: float
+    strength: Strength | None = None
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -55,6 +74,17 @@ class SoilPrior:
         for name in ("log_reference_pressure_std", "n_std", "m_std"):
             value = getattr(self, name)
             _require(what, name, value, 0 < value <= 3, "a number over 0, 3 at most")
+        strength = self.strength_or_usual
+        for name in ("cohesion", "friction_angle", "shear_displacement"):
+            quantity: Quantity = getattr(strength, name)
+            std = quantity.standard_deviation
+            _require(what, name, quantity.value, quantity.value >= 0, "0 or more")
+            _require(what, f"standard deviation of {name}", std, std >= 0, "0 or more")
+
+    @property
+    def strength_or_usual(self) -> Strength:
+        """The strength with its uncertainty."""
+        return self.strength or usual_strength(self.soil)
 
     @classmethod
     def from_soil(

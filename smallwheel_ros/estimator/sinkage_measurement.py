@@ -37,6 +37,11 @@ class SinkageMeasurement:
     resistance, resistance_variance
         N, N^2; resistance to motion measured at the same time, where it is (a free-rolling wheel
         pulled through a force sensor, say). Not used for a pressed wheel.
+    drawbar_pull, drawbar_pull_variance
+        N, N^2; what the wheel pulls the vehicle with, measured at the same time, where it is. Needs
+        slip. Not used for a pressed wheel.
+    slip_variance
+        1; 0 is exact. Used with drawbar pull.
     """
 
     time: float
@@ -53,6 +58,9 @@ class SinkageMeasurement:
     contact: str = ROLLING
     resistance: float | None = None
     resistance_variance: float = 0.0
+    drawbar_pull: float | None = None
+    drawbar_pull_variance: float = 0.0
+    slip_variance: float = 0.0
 
 
 class Outcome(Enum):
@@ -90,7 +98,12 @@ class UpdateResult(NamedTuple):
 
     resistance
         The same for the resistance in the measurement, in N and N^2; None without one. Refused:
-        'resistance_not_finite', 'resistance_variance_not_positive'.
+        'resistance_not_finite', 'resistance_variance_not_positive', 'resistance_numerical'.
+
+    drawbar_pull
+        The same for the drawbar pull. Refused: 'drawbar_pull_not_finite',
+        'drawbar_pull_variance_not_positive', 'drawbar_pull_without_slip',
+        'drawbar_pull_slip_variance', 'drawbar_pull_numerical'.
 
     The numbers are None where the measurement was refused.
     """
@@ -104,6 +117,7 @@ class UpdateResult(NamedTuple):
     innovation_variance: float | None = None
     normalised_innovation_squared: float | None = None
     resistance: UpdateResult | None = None
+    drawbar_pull: UpdateResult | None = None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from pathlib import Path
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.bounded_exponent import exponent_of
 from smallwheel_ros.estimator.identifiability import (
     Counts,
     Identifiable,
@@ -33,12 +34,15 @@ from smallwheel_ros.estimator.missing_effect import (
 )
 from smallwheel_ros.estimator.outcomes import (
     no_sinkage,
+    pull_problem,
+    pull_reading,
     resistance_problem,
     resistance_reading,
     result_of,
     sinkage_reading,
 )
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
+from smallwheel_ros.estimator.saved_strength import StrengthRecord
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -49,6 +53,7 @@ from smallwheel_ros.estimator.sinkage_measurement import (
 )
 from smallwheel_ros.estimator.sinkage_observation import Reading, observation
 from smallwheel_ros.estimator.soils import Soils, WheelTrack
+from smallwheel_ros.estimator.strength import StrengthState
 from smallwheel_ros.physics.conditions import ROLLING
 
 __all__ = [
@@ -105,7 +110,7 @@ class SoilEstimator:
         self._wheels: dict[str, WheelTrack] = {}
         self._watch.reset()
         self._distance = 0.0
-        self.accepted = self.outliers = self.resistance_outliers = 0
+        self.accepted = self.outliers = self.resistance_outliers = self.drawbar_pull_outliers = 0
         self.refused: dict[str, int] = {}
 
     @property
@@ -130,7 +135,7 @@ class SoilEstimator:
         if problem is not None:
             return self._refuse(*problem)
         try:
-            result = self._use(given)
+            result = self._use(given, measurement.slip is not None)
         except (ArithmeticError, ValueError) as error:
             return self._refuse("numerical", no_sinkage(given, error))
         if measurement.slip is not None:
@@ -165,7 +170,7 @@ class SoilEstimator:
             )
         return None
 
-    def _use(self, given: SinkageMeasurement) -> UpdateResult:
+    def _use(self, given: SinkageMeasurement, rolls: bool) -> UpdateResult:
         wheel = self._arrive(given)
         wheel.load = wheel.level.follow(given.load, given.load_variance / given.load**2)
         reading = sinkage_reading(self.effects, given, wheel.load, self.settings.sinkage_std)
@@ -174,17 +179,20 @@ class SoilEstimator:
         wheel.time, wheel.distance = given.time, given.distance
         if given.contact == ROLLING:
             self._look_for_missing_effects(given, wheel, reading)
-        resistance = None
+        resistance = pull = None
         if reason in ("accepted", "soil_changed"):
             self.accepted += 1
             if given.resistance is not None and given.contact == ROLLING:
                 resistance = self._use_resistance(given, wheel)
+            if given.drawbar_pull is not None and given.contact == ROLLING:
+                # The slip of a wheel's rut says nothing of what it pulls with while it stands.
+                pull = self._use_pull(given if rolls else replace(given, slip=None), wheel)
             wheel.soil.variety = wheel.soil.variety.with_wheel(
                 given.diameter, wheel.load[0] / given.width
             )
         else:
             self.outliers += 1
-        return result_of(given.wheel, reason, reading, taken, resistance)
+        return result_of(given.wheel, reason, reading, taken, resistance, pull)
 
     def _use_resistance(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         """Update by the resistance of a wheel whose sinkage fits.
@@ -204,6 +212,25 @@ class SoilEstimator:
                 self.resistance_outliers += taken.reason != "accepted"
                 return result_of(given.wheel, taken.reason, reading, taken)
         return self._refuse(*problem)
+
+    def _use_pull(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
+        """Update the soil's strength by the drawbar pull of a wheel whose sinkage fits."""
+        problem = pull_problem(given)
+        if problem is not None:
+            return self._refuse(*problem)
+        soil = wheel.soil
+        if soil.strength is None:
+            soil.strength = StrengthState(self.prior, self.settings)
+        try:
+            pull = pull_reading(self.effects, given, wheel.load, wheel.slip_level)
+            taken, reading = soil.strength.take(
+                pull, given.wheel, wheel.spot, soil.state, given.distance, self._gate
+            )
+        except (ArithmeticError, ValueError) as error:
+            words = f"wheel '{given.wheel}': the model has no drawbar pull ({error})"
+            return self._refuse("drawbar_pull_numerical", words)
+        self.drawbar_pull_outliers += taken.reason != "accepted"
+        return result_of(given.wheel, taken.reason, reading, taken)
 
     def _refuse(self, reason: str, message: str) -> UpdateResult:
         self.refused[reason] = self.refused.get(reason, 0) + 1
@@ -252,14 +279,16 @@ class SoilEstimator:
         """
         known = self._wheels.get(wheel) if wheel is not None else None
         soil = self._soils.current if known is None else known.soil
+        strength, law = soil.strength, soil.state.law
         return soil_estimate(
-            *soil.state.law,
+            *law,
             (self.settings.reference_sinkage, self.settings.reference_diameter),
             soil.variety,
             Counts(
                 self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
             ),
             self._watch.alarm,
+            None if strength is None else strength.estimate(exponent_of(float(law[0][1]))),
         )
 
     def save(self, path: str | Path) -> None:
@@ -270,7 +299,8 @@ class SoilEstimator:
             f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
             f"{self.accepted} measurements"
         )
-        state = SavedState(current.state.record(), current.variety, self.accepted)
+        strength = None if current.strength is None else current.strength.record()
+        state = SavedState(current.state.record(), current.variety, self.accepted, strength)
         write_state(Path(path), state, self.prior, self.effects, summary)
 
     def restore(self, path: str | Path) -> None:
@@ -280,10 +310,25 @@ class SoilEstimator:
         under another prior or other effects.
         """
         state = read_state(Path(path), self.prior, self.effects)
+        strength = self._restored(path, state.strength)
         self.reset()
         if state.soil is not None:
             self._soils.resume(state.soil, state.variety)
+            self._soils.current.strength = strength
             self.accepted = state.accepted
+
+    def _restored(self, path: str | Path, saved: StrengthRecord | None) -> StrengthState | None:
+        """Strength as saved; raises EstimatorError where it was saved under another prior."""
+        if saved is None:
+            return None
+        strength = StrengthState(self.prior, self.settings)
+        if not strength.record().made_with(saved):
+            raise EstimatorError(
+                f"{path}: saved under another prior of the soil's strength; restore the old setting, "
+                "or delete the file to begin with the prior"
+            )
+        strength.resume(saved)
+        return strength
 
     def predict(
         self,

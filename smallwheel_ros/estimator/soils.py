@@ -13,11 +13,12 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from smallwheel_ros.estimator.identifiability import Variety
-from smallwheel_ros.estimator.load_level import LoadLevel
+from smallwheel_ros.estimator.load_level import Level, LoadLevel
 from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_observation import Reading
 from smallwheel_ros.estimator.soil_state import SoilState, Taken
+from smallwheel_ros.estimator.strength import StrengthState
 
 _MOST_WIDENINGS = 3
 _LEAST_STEP = 0.01  # of the scatter length: drift over less waits until it adds up
@@ -33,7 +34,7 @@ class KnownSoil:
 
     at: travel (m) to which it has drifted. fitted: what was accepted since it was opened, up to
     `_SETTLED`: before that, what was accepted may be the outlier. changed: not counted as a change
-    yet.
+    yet. strength: None before the first drawbar pull.
     """
 
     state: SoilState
@@ -42,6 +43,7 @@ class KnownSoil:
     changed: bool = False
     widenings: int = 0
     variety: Variety = field(default_factory=Variety)
+    strength: StrengthState | None = None
 
     @property
     def settled(self) -> bool:
@@ -59,6 +61,7 @@ class WheelTrack:
     distance: float = -math.inf
     level: LoadLevel = field(default_factory=LoadLevel)
     load: tuple[float, float] = (0.0, 0.0)  # N without its noise, and variance of its logarithm
+    slip_level: Level = field(default_factory=Level)
     slip: float | None = None  # the newest that was known
     slip_at: float = 0.0  # m, where that was
     surprises: int = 0
@@ -172,7 +175,7 @@ class Soils:
             if not soil.fitted:
                 soil.widenings = min(soil.widenings + 1, _MOST_WIDENINGS)
             soil.state.reopen(4.0**soil.widenings)
-            soil.fitted, soil.variety = 0, Variety()
+            soil.fitted, soil.variety, soil.strength = 0, Variety(), None
             opened = soil
         elif self.current is not soil and not self.current.settled:
             opened = self.current  # another wheel has just come to it

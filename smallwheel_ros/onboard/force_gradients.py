@@ -19,6 +19,7 @@ from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.point_sinkage import point_sinkage
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
+from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.wheel import Strength, Wheel
 
@@ -144,32 +145,28 @@ def _thrust(
     by_sinkage: Gradient,
 ) -> tuple[float, Gradient]:
     """Thrust in the integrated form of `traction.thrust`, and its gradient."""
-    cohesion, kappa = strength.cohesion.value, strength.shear_displacement.value
-    tangent = math.tan(strength.friction_angle.value)
-    depth = 2.0 * sinkage / wheel.diameter  # over the radius
-    length = 0.5 * wheel.diameter * math.acos(1.0 - depth)
-    length_slope = 1.0 / math.sqrt(depth * (2.0 - depth))  # dl/dz
-    limit = wheel.width * length * cohesion + load * tangent
-    x = abs(slip) * length / kappa
-    if x > 1e-4:
-        rising = -math.expm1(-x)
-        share = 1.0 - rising / x
-        share_slope = (rising / x - (1.0 - rising)) / x
-    else:
-        share, share_slope = x / 2.0 - x**2 / 6.0, 0.5 - x / 3.0
-    sign = math.copysign(1.0, slip)
-    by_length = wheel.width * cohesion * share + limit * share_slope * abs(slip) / kappa
-    by_depth = sign * by_length * length_slope
+    kappa = strength.shear_displacement.value
+    length, length_slope = point_contact_length(sinkage, wheel.diameter)
+    push = point_thrust(
+        load,
+        slip,
+        length,
+        wheel.width,
+        strength.cohesion.value,
+        strength.friction_angle.value,
+        kappa,
+    )
+    by_depth = push.by_length * length_slope
     by_pressure, by_n, by_size, by_load, *_ = by_sinkage
-    return sign * limit * share, (
+    return push.value, (
         by_depth * by_pressure,
         by_depth * by_n,
         by_depth * by_size,
-        by_depth * by_load + sign * tangent * share,
-        limit * share_slope * length / kappa,  # even in slip: no sign
-        sign * wheel.width * length * share,
-        sign * load * (1.0 + tangent**2) * share,
-        -sign * limit * share_slope * x / kappa,
+        by_depth * by_load + push.by_load,
+        push.by_slip,
+        push.by_cohesion,
+        push.by_friction,
+        push.by_log_shear / kappa,
     )
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
@@ -23,6 +23,7 @@ from smallwheel_ros.onboard.force_gradients import (
     Gradient,
     force_gradients,
 )
+from smallwheel_ros.onboard.measured_strength import MeasuredSpread, with_other_resistance
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -116,6 +117,8 @@ def wheel_forces(
 
     Parameters
     ----------
+    strength
+        As configured; used where no drawbar pull tells a better one (`SoilEstimate.strength`).
     load, slip
         N; -1 .. 1, None when unknown.
     scatter
@@ -144,7 +147,7 @@ def wheel_forces(
     forces = force_gradients(
         wheel,
         soil,
-        strength,
+        strength if soil.strength is None else soil.strength.strength,
         load.value,
         None if slip is None else slip.value,
         reference_slip=reference_slip,
@@ -153,6 +156,10 @@ def wheel_forces(
     )
     if forces is None:
         return None
+    spread: Spread = _Spread.of(soil, strength, load, slip, scatter)
+    if soil.strength is not None:
+        forces = with_other_resistance(forces, soil.strength, wheel, load.value)
+        spread = MeasuredSpread.of(soil, soil.strength, load, slip, scatter)
     # A sum is finite only where everything in it is.
     if not math.isfinite(sum(forces.value) + sum(map(sum, forces.gradient))):
         raise MobilityError(
@@ -165,9 +172,16 @@ def wheel_forces(
         forces,
         load.value,
         slip.value if slip is not None and rolling else None,
-        _Spread.of(soil, strength, load, slip, scatter),
+        spread,
         rolling,
     )
+
+
+class Spread(Protocol):
+    """How uncertain everything is that forces are differentiated by."""
+
+    def quantity(self, value: float, gradient: Gradient) -> Quantity:
+        """Put a value together with its standard deviation, to first order."""
 
 
 class _Spread(NamedTuple):
@@ -217,7 +231,7 @@ class _Spread(NamedTuple):
 
 
 def _quantities(
-    forces: ForceGradients, load: float, slip: float | None, spread: _Spread, rolling: bool
+    forces: ForceGradients, load: float, slip: float | None, spread: Spread, rolling: bool
 ) -> WheelForces:
     """Put values and deviations together; slip is None where there is no traction to tell of."""
     sinkage, compaction, other, thrust, pull = forces.value
