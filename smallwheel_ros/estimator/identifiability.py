@@ -165,6 +165,13 @@ class SoilEstimate:
             found[name] = f"{known}: {100.0 * left:.0f} % of the prior's standard deviation is left"
         return found
 
+    @property
+    def strength_status(self) -> tuple[str, ...]:
+        """In words, what is not determined of the soil's strength and why; empty: everything is."""
+        if self.strength is None:
+            return ("thrust is not determined: no drawbar pull was measured",)
+        return self.strength.status
+
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
         """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).
 

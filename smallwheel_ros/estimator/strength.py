@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.drawbar_observation import ForceObservation, Forces, PullOnLaw, Three
 from smallwheel_ros.estimator.saved_strength import StrengthRecord
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.estimator.sinkage_observation import Reading
 from smallwheel_ros.estimator.soil_filter import SoilFilter
 from smallwheel_ros.estimator.soil_state import Reason, SoilState, Taken
@@ -81,6 +81,15 @@ class StrengthState:
         spreads[_SHEAR] /= shear
         stds = [max(std, least) for std, least in zip(spreads, _LEAST_STD, strict=True)]
         self._prior = np.diag(np.square([*stds, _OTHER_STD]))
+        usual = usual_strength(prior.soil)
+        self._least_open = np.square(
+            [
+                usual.cohesion.standard_deviation,
+                usual.friction_angle.standard_deviation,
+                usual.shear_displacement.standard_deviation / usual.shear_displacement.value,
+                _OTHER_STD,
+            ]
+        )
         noise, spread = settings.process_noise, prior.log_reference_pressure_std
         self._length = 2.0 * (spread / noise) ** 2 if noise > 0 else math.inf
         self._settings = settings
@@ -113,7 +122,7 @@ class StrengthState:
         if taken.reason == "accepted":
             self._fits(pull)
             self._measured_at[wheel] = distance
-        elif taken.reason == "gate":
+        else:
             self._surprise(wheel, distance)
         return taken, Reading(observe, pull.measured, pull.noise, pull.load_noise, "drawbar_pull")
 
@@ -202,14 +211,19 @@ class StrengthState:
         self._surprises += 1
         if self._surprises < self._settings.surprises_to_reopen:
             return
-        # Where nothing fitted at all, not even the prior is as sure as it says.
-        self._widenings = 0 if self.accepted else min(self._widenings + 1, _MOST_WIDENINGS)
         self.changes += 1
-        self._restart(_WIDENING**self._widenings)
+        # Where nothing fitted at all, the prior is not as sure as it says: then as open as the
+        # strength of a kind of soil is, at least.
+        self._widenings = 0 if self.accepted else min(self._widenings + 1, _MOST_WIDENINGS)
+        covariance = self._prior
+        if self._widenings:
+            open_ = np.maximum(np.diag(covariance), self._least_open)
+            covariance = _WIDENING**self._widenings * np.diag(open_)
+        self._restart(covariance)
 
-    def _restart(self, factor: float) -> None:
-        """Begin at the prior, its covariance widened."""
-        self._filter = SoilFilter(factor * self._prior, self._length)
+    def _restart(self, covariance: Array) -> None:
+        """Begin at the prior's mean with this covariance."""
+        self._filter = SoilFilter(covariance, self._length)
         self._surprised_at.clear()
         self._surprises = self.accepted = 0
         self.variety = PullVariety()

@@ -146,7 +146,7 @@ def _in_words(
     remaining: Mapping[str, float], variety: PullVariety, accepted: int
 ) -> tuple[str, ...]:
     if variety.loads is None or variety.slips is None:
-        return ("thrust is not determined: no drawbar pull was measured",)
+        return ("thrust is not determined: no drawbar pull has fitted yet",)
     (w_low, w_high), (i_low, i_high) = variety.loads, variety.slips
     so_far = f"{accepted} drawbar pulls so far do not suffice"
     slip_varied = i_high - i_low > _SAME_SLIP

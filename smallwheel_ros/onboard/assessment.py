@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 from smallwheel_ros.errors import SmallwheelError
@@ -43,13 +44,15 @@ class Assessor:
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self.estimator = SoilEstimator(settings.prior, settings.estimator, settings.effects)
+        prior = replace(settings.prior, strength=settings.strength)
+        self.estimator = SoilEstimator(prior, settings.estimator, settings.effects)
         self.health = FilterHealth()
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
 
     def apply(self, settings: OnboardSettings) -> None:
         """Go on with other settings that leave the estimator as it is."""
         self.settings = settings
+        self.estimator.prior = replace(settings.prior, strength=settings.strength)
         for alarm in self._digging.values():
             alarm.rules = settings.digging_in
 
