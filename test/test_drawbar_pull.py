@@ -82,7 +82,9 @@ def forces(
 def off(
     estimate: SoilEstimate, truth: TruthSoil, slips: tuple[float, float], prior: SoilPrior = PRIOR
 ) -> tuple[Array, Array]:
-    """Predicted less true pulls (N) over what was driven, and their standard deviations."""
+    """Predicted less true pulls (N) over what was driven, and deviations without the scatter."""
+    if estimate.strength is not None:
+        estimate = replace(estimate, strength=replace(estimate.strength, scatter=0.0))
     table = [
         (forces(estimate, w, i, prior).drawbar_pull, pull)
         for w, i, pull in zip(*(a.tolist() for a in true_pulls(truth, slips)), strict=True)
@@ -307,7 +309,7 @@ def test_forces_with_measured_strength_carry_its_uncertainty() -> None:
     covariance[:3, :3] = estimate.log_covariance
     covariance[0, 0] += 0.05**2
     covariance[3, 3], covariance[4, 4] = 1.5**2, 0.02**2
-    covariance[5:, 5:] = told.covariance
+    covariance[5:, 5:] = told.spot_covariance
     steps = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-4, 1.0, 1e-4, 1e-6, 1e-4])
     jacobian = np.array([(at(centre + h) - at(centre - h)) for h in np.diag(steps)]).T / (2 * steps)
     expected = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
@@ -317,6 +319,17 @@ def test_forces_with_measured_strength_carry_its_uncertainty() -> None:
     np.testing.assert_allclose([q.value for q in quantities], at(centre), rtol=1e-9, atol=1e-9)
     by_parts = made.thrust.value - made.compaction_resistance.value - made.other_resistance.value
     assert made.drawbar_pull.value == pytest.approx(by_parts)
+
+
+def test_scatter_of_the_thrust_is_learnt() -> None:
+    def learnt(scatter: float) -> float:
+        plan = PullPlan(scatter=scatter, stops=200)
+        return float(
+            np.mean([driven(pull_drive(i, plan)[1]).estimate().strength.scatter for i in range(3)])
+        )
+
+    assert learnt(0.3) == pytest.approx(0.3, rel=0.35)
+    assert learnt(0.02) == pytest.approx(0.1, abs=0.02)  # no soil is assumed to be better
 
 
 # ---- Words
@@ -466,6 +479,7 @@ def test_a_saved_strength_is_checked_and_an_older_file_has_none(tmp_path: Path) 
         ("mean", [1.0]),
         ("slips", [0.5, 0.1]),
         ("accepted", 0),
+        ("scattered", [1.0, -1.0, 60.0]),
         ("exponent", "n"),
     ):
         path.write_text(json.dumps(whole | {"strength": whole["strength"] | {name: value}}))

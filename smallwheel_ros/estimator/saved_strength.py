@@ -22,7 +22,8 @@ class StrengthRecord:
     """A strength's filter without the spots: (cohesion, friction angle, ln kappa, other share).
 
     mean: of the prior, shape (4,); deviation from it. prior, covariance: shape (4, 4). exponent: the
-    law's n that the other share belongs to, and what that falls by where n rises by 1.
+    law's n that the other share belongs to, and what that falls by where n rises by 1. scattered:
+    sums (N^2) for the scatter of the thrust, and the newest load (N).
     """
 
     mean: Array
@@ -30,6 +31,7 @@ class StrengthRecord:
     deviation: Array
     covariance: Array
     exponent: tuple[float, float]
+    scattered: tuple[float, float, float]
     variety: PullVariety
     accepted: int
 
@@ -51,6 +53,7 @@ def strength_content(record: StrengthRecord | None) -> dict[str, Any] | None:
         "deviation": record.deviation.tolist(),
         "covariance": record.covariance.tolist(),
         "exponent": record.exponent,
+        "scattered": record.scattered,
         "loads": record.variety.loads,
         "slips": record.variety.slips,
         "area": record.variety.area,
@@ -74,18 +77,30 @@ def strength_record(content: Any) -> StrengthRecord | None:
         np.linalg.cholesky(matrix)
     numbers = np.concatenate([mean, deviation, prior.ravel(), covariance.ravel()])
     exponent, slope = (float(value) for value in content["exponent"])
+    square, thrust, load = scattered = [float(value) for value in content["scattered"]]
     area, accepted = float(content["area"]), int(content["accepted"])
     if (
-        not np.isfinite([*numbers, exponent, slope]).all()
+        not np.isfinite([*numbers, exponent, slope, square]).all()
         or not 0.0 <= area < math.inf
         or accepted < 0
     ):
         raise ValueError("a number of the strength is not finite, or negative")
+    if not (0.0 <= thrust < math.inf and 0.0 <= load < math.inf):
+        raise ValueError(f"{scattered!r} is no scatter of the thrust")
     loads, slips = (_range(content[name]) for name in ("loads", "slips"))
     if (loads is None) != (accepted == 0) or (loads is None) != (slips is None):
         raise ValueError("ranges of load and slip do not go with the count of pulls")
     variety = PullVariety(loads, slips, area)
-    return StrengthRecord(mean, prior, deviation, covariance, (exponent, slope), variety, accepted)
+    return StrengthRecord(
+        mean,
+        prior,
+        deviation,
+        covariance,
+        (exponent, slope),
+        (square, thrust, load),
+        variety,
+        accepted,
+    )
 
 
 def _range(value: Any) -> tuple[float, float] | None:

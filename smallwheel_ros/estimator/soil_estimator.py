@@ -42,7 +42,6 @@ from smallwheel_ros.estimator.outcomes import (
     sinkage_reading,
 )
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.estimator.saved_strength import StrengthRecord
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -310,25 +309,14 @@ class SoilEstimator:
         under another prior or other effects.
         """
         state = read_state(Path(path), self.prior, self.effects)
-        strength = self._restored(path, state.strength)
+        strength = None
+        if state.strength is not None:
+            strength = StrengthState.restored(path, state.strength, self.prior, self.settings)
         self.reset()
         if state.soil is not None:
             self._soils.resume(state.soil, state.variety)
             self._soils.current.strength = strength
             self.accepted = state.accepted
-
-    def _restored(self, path: str | Path, saved: StrengthRecord | None) -> StrengthState | None:
-        """Strength as saved; raises EstimatorError where it was saved under another prior."""
-        if saved is None:
-            return None
-        strength = StrengthState(self.prior, self.settings)
-        if not strength.record().made_with(saved):
-            raise EstimatorError(
-                f"{path}: saved under another prior of the soil's strength; restore the old setting, "
-                "or delete the file to begin with the prior"
-            )
-        strength.resume(saved)
-        return strength
 
     def predict(
         self,

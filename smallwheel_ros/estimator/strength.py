@@ -3,9 +3,10 @@
 State: cohesion, friction angle, ln of the shear displacement, and a resistance that the law does not
 give (share of the load). They are common to all measurements, and drift with distance like the law.
 
-Thrust also scatters from spot to spot. Here that is noise, as large as makes all measurements at one
-spot count for one. A state for each wheel's spot, as the law has, would leave only the differences
-within a spot to tell how thrust goes with slip, and those of the slip are mostly its noise.
+Thrust also scatters from spot to spot, by how much is learnt. Here that is noise, as large as makes
+all measurements at one spot count for one. A state for each wheel's spot, as the law has, would leave
+only the differences within a spot to tell how thrust goes with slip, and those of the slip are mostly
+its noise.
 
 Why not in the filter of the law? Drawbar pull is a difference of two forces of which no model is
 good to a few per cent (on the public rig of the README the compaction resistance is 0.2 of the load
@@ -18,6 +19,7 @@ changes, the fourth number makes up for it. The law stays what sinkage and resis
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +27,12 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.drawbar_observation import ForceObservation, Forces, PullOnLaw, Three
 from smallwheel_ros.estimator.saved_strength import StrengthRecord
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
+from smallwheel_ros.estimator.settings import (
+    EstimatorError,
+    EstimatorSettings,
+    SoilPrior,
+    usual_strength,
+)
 from smallwheel_ros.estimator.sinkage_observation import Reading
 from smallwheel_ros.estimator.soil_filter import SoilFilter
 from smallwheel_ros.estimator.soil_state import Reason, SoilState, Taken
@@ -40,12 +47,15 @@ Array = NDArray[np.float64]
 
 _, _FRICTION, _SHEAR, _OTHER = range(4)
 # Along one prepared rut the rig's pull varies by 1.2 N (median of 27 trials) of a limit of 12 N.
-_SCATTER = 0.1  # of the thrust
+# The least, and what is believed before any pull, as a share of the thrust.
+_SCATTER, _MOST_SCATTER = 0.1, 0.5
+_SCATTER_KNOWN = 20  # spots that this counts for, at a thrust of 0.2 of the load
 _OTHER_STD = 0.1  # share of the load; the rig's is -0.2
 # A strength that is configured as exact has to stay a strength that a filter can hold.
 _LEAST_STD = (1.0, 1e-4, 1e-3)  # Pa, rad, ln kappa
 _STEEPEST = 1.5  # rad
 _SHEAR_LIMITS = (math.log(1e-4), 0.0)  # ln kappa: 0.1 mm to 1 m
+_MANY = 10  # pulls, after which there is a strength to compare with
 _LEAST_WAY = 1e-4  # m: a wheel that spins on one spot
 _PASSES = 8
 _SETTLED = 1e-2  # of the noise's standard deviation
@@ -82,7 +92,7 @@ class StrengthState:
         stds = [max(std, least) for std, least in zip(spreads, _LEAST_STD, strict=True)]
         self._prior = np.diag(np.square([*stds, _OTHER_STD]))
         usual = usual_strength(prior.soil)
-        self._least_open = np.square(
+        self._usual_variance = np.square(
             [
                 usual.cohesion.standard_deviation,
                 usual.friction_angle.standard_deviation,
@@ -102,6 +112,8 @@ class StrengthState:
         self._surprises = self._widenings = 0
         self.accepted = self.changes = 0
         self.variety = PullVariety()
+        # Sums over spots: squares of what is off for scatter, and of the thrust (N^2).
+        self._scattered, self._load = (0.0, 0.0), 0.0
 
     def take(
         self, pull: Pull, wheel: str, spot: int, law: SoilState, distance: float, gate: float
@@ -167,7 +179,7 @@ class StrengthState:
         expected, row, predicted = at(mean)
         # Of the thrust as predicted: with the thrust that is being estimated, a low measurement would
         # seem the more exact one.
-        scatter = (_SCATTER * predicted.thrust) ** 2
+        scatter = (self._scatter(load) * predicted.thrust) ** 2
         single = pull.noise + of_law + predicted.by_slip**2 * pull.slip_noise + scatter
         noise = single + (count - 1.0) * scatter
         variance = float(row @ covariance @ row) + single
@@ -192,13 +204,27 @@ class StrengthState:
             pull.measured - straight, row.tolist(), noise
         ):
             raise ArithmeticError("the update would leave the covariance unsound")
+        if self.accepted >= _MANY:
+            square, thrust = self._scattered
+            first = min((pull.measured - expected) ** 2, gate * variance)  # it may be an outlier
+            self._scattered = (
+                square + (first - variance + scatter) / count,
+                thrust + predicted.thrust**2 / count,
+            )
         return Taken(reason, expected, variance, pull.noise, chi_square)
+
+    def _scatter(self, load: float) -> float:
+        """Standard deviation of the thrust from spot to spot, as a share of it."""
+        known = _SCATTER_KNOWN * (0.2 * load) ** 2
+        share = (self._scattered[0] + known * _SCATTER**2) / (self._scattered[1] + known)
+        return min(math.sqrt(max(share, _SCATTER**2)), _MOST_SCATTER)
 
     def _fits(self, pull: Pull) -> None:
         self._surprised_at.clear()
         self._surprises = 0
         self.accepted += 1
         load, diameter, width = pull.forces.wheel
+        self._load = load
         length = point_contact_length(max(pull.sinkage, 1e-5), diameter)[0]
         self.variety = self.variety.with_pull(load, abs(pull.slip), width * length)
 
@@ -212,12 +238,13 @@ class StrengthState:
         if self._surprises < self._settings.surprises_to_reopen:
             return
         self.changes += 1
-        # Where nothing fitted at all, the prior is not as sure as it says: then as open as the
-        # strength of a kind of soil is, at least.
-        self._widenings = 0 if self.accepted else min(self._widenings + 1, _MOST_WIDENINGS)
+        # Where hardly any fitted, the prior is not as sure as it says: then as open as the strength
+        # of a kind of soil is, at least.
+        known = self.accepted >= _MANY
+        self._widenings = 0 if known else min(self._widenings + 1, _MOST_WIDENINGS)
         covariance = self._prior
         if self._widenings:
-            open_ = np.maximum(np.diag(covariance), self._least_open)
+            open_ = np.maximum(np.diag(covariance), self._usual_variance)
             covariance = _WIDENING**self._widenings * np.diag(open_)
         self._restart(covariance)
 
@@ -226,7 +253,7 @@ class StrengthState:
         self._filter = SoilFilter(covariance, self._length)
         self._surprised_at.clear()
         self._surprises = self.accepted = 0
-        self.variety = PullVariety()
+        self.variety, self._scattered = PullVariety(), (0.0, 0.0)
 
     def record(self) -> StrengthRecord:
         """What to save."""
@@ -236,15 +263,28 @@ class StrengthState:
             self._filter.deviation.copy(),
             self._filter.covariance.copy(),
             (self._exponent, self._by_exponent),
+            (*self._scattered, self._load),
             self.variety,
             self.accepted,
         )
 
-    def resume(self, record: StrengthRecord) -> None:
-        """Go on from what was saved, before any wheel has been measured."""
-        self._filter.resume(record.covariance, record.deviation, self._prior)
-        self._exponent, self._by_exponent = record.exponent
-        self.variety, self.accepted = record.variety, record.accepted
+    @classmethod
+    def restored(
+        cls, path: str | Path, saved: StrengthRecord, prior: SoilPrior, settings: EstimatorSettings
+    ) -> StrengthState:
+        """Go on from what was saved; raises EstimatorError where that was under another prior."""
+        strength = cls(prior, settings)
+        if not strength.record().made_with(saved):
+            raise EstimatorError(
+                f"{path}: saved under another prior of the soil's strength; restore the old setting, "
+                "or delete the file to begin with the prior"
+            )
+        strength._filter.resume(saved.covariance, saved.deviation, strength._prior)
+        strength._exponent, strength._by_exponent = saved.exponent
+        *scattered, strength._load = saved.scattered
+        strength._scattered = scattered[0], scattered[1]
+        strength.variety, strength.accepted = saved.variety, saved.accepted
+        return strength
 
     def estimate(self, exponent: float) -> StrengthEstimate:
         """Return the strength as it is believed now. exponent: the law's n."""
@@ -255,6 +295,7 @@ class StrengthState:
             self._filter.covariance,
             self._prior,
             -self._by_exponent,
+            self._scatter(self._load) if self._load else _SCATTER,
             self.variety,
             self.accepted,
         )

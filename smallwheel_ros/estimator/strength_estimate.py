@@ -60,6 +60,8 @@ class StrengthEstimate:
     covariance
         Of (cohesion, friction angle, shear displacement, other resistance), shape (4, 4), for
         predictions by the library's own form of the thrust; not correlated with the law's.
+    scatter
+        Standard deviation of the thrust from spot to spot, as a share of it.
     accepted
         Drawbar pulls that it rests on.
     remaining
@@ -73,9 +75,16 @@ class StrengthEstimate:
     other_resistance: Quantity
     covariance: Array
     other_by_n: float
+    scatter: float
     accepted: int
     remaining: Mapping[str, float]
     status: tuple[str, ...]
+
+    @property
+    def spot_covariance(self) -> Array:
+        """Covariance with the scatter: of the thrust of one wheel at one spot; shape (4, 4)."""
+        cohesion, angle = self.strength.cohesion.value, self.strength.friction_angle.value
+        return self.covariance + _of_factor(cohesion, angle, self.scatter)
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -87,11 +96,18 @@ class StrengthEstimate:
         }
 
 
+def _of_factor(cohesion: float, friction_angle: float, deviation: float) -> Array:
+    """Covariance where the thrust is uncertain by a factor: cohesion and tangent by the same."""
+    by_factor = np.array([cohesion, 0.5 * math.sin(2.0 * friction_angle), 0.0, 0.0])
+    return np.asarray(deviation**2 * np.outer(by_factor, by_factor))
+
+
 def strength_estimate(
     mean: Array,
     covariance: Array,
     prior: Array,
     other_by_n: float,
+    scatter: float,
     variety: PullVariety,
     accepted: int,
 ) -> StrengthEstimate:
@@ -109,10 +125,7 @@ def strength_estimate(
     kappa = math.exp(mean[2])
     scale = np.array([1.0, 1.0, kappa, 1.0])
     now = 0.5 * (covariance + covariance.T) * np.outer(scale, scale)
-    # A share of the limit: cohesion and tangent by the same factor.
-    sine_cosine = 0.5 * math.sin(2.0 * mean[1])
-    limit_by_factor = np.array([mean[0], sine_cosine, 0.0, 0.0])
-    now += _FORM_LIMIT**2 * np.outer(limit_by_factor, limit_by_factor)
+    now += _of_factor(float(mean[0]), float(mean[1]), _FORM_LIMIT)
     stds = np.sqrt(np.diag(now)).tolist()
     stds[2] = math.hypot(stds[2], _FORM_SHEAR * kappa)
     values = [float(mean[0]), float(mean[1]), kappa, float(mean[3])]
@@ -136,6 +149,7 @@ def strength_estimate(
         other,
         now,
         other_by_n,
+        scatter,
         accepted,
         remaining,
         _in_words(remaining, variety, accepted),

@@ -50,7 +50,7 @@ class MeasuredSpread(NamedTuple):
     """How uncertain everything is that such forces are differentiated by.
 
     law: of ln pressure, n and m. load, slip: variances. strength: covariance of cohesion, friction
-    angle, shear displacement and the share, 4 by 4.
+    angle, shear displacement and the share, 4 by 4, with the scatter of the thrust from spot to spot.
     """
 
     law: LawCovariance
@@ -69,7 +69,7 @@ class MeasuredSpread(NamedTuple):
     ) -> MeasuredSpread:
         """Collect it. scatter: standard deviation of ln k from spot to spot."""
         law = LawCovariance.of(soil.log_covariance)
-        one, two, three, four = map(tuple, strength.covariance.tolist())
+        one, two, three, four = map(tuple, strength.spot_covariance.tolist())
         return cls(
             law._replace(pp=law.pp + scatter**2),
             load.standard_deviation**2,

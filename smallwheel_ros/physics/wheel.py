@@ -38,7 +38,7 @@ class Wheel:
 class Strength:
     """Shear strength of the soil (Mohr-Coulomb, and Janosi-Hanamoto's deformation modulus).
 
-    cohesion: Pa. friction_angle: rad. shear_displacement: kappa, m. None of them is estimated.
+    cohesion: Pa. friction_angle: rad. shear_displacement: kappa, m.
     """
 
     cohesion: Quantity

@@ -270,8 +270,8 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
 def _caveats(summary: dict[str, Any]) -> Block:
     rows = summary["measurements"]["rows"]
     lines = [
-        "Cohesion, friction angle and shear deformation are configured, not estimated: drawbar pull "
-        "and margin are as good as those.",
+        "Where no drawbar pull is measured, cohesion, friction angle and shear displacement are as "
+        "configured: drawbar pull and margin are as good as those.",
         "A filter can hide a missing physical effect by bending k, n and m.",
     ]
     if rows:
