@@ -31,9 +31,9 @@ from smallwheel_ros.replay.record import Record
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.rows import columns, estimate_of
 from smallwheel_ros.replay.spec import ReplaySpec
-from smallwheel_ros.replay.stop import Stop
 from smallwheel_ros.replay.table_files import TableFiles
 from smallwheel_ros.replay.topics import proposal_text
+from smallwheel_ros.stop import Stop
 
 Key = tuple[str, str]
 _STEP = 256  # messages between two looks at signals, problems and progress

@@ -19,8 +19,8 @@ from rosgraph_msgs.msg import Clock
 from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.stop import Stop
 from smallwheel_ros.ros.conversions import time_message
+from smallwheel_ros.stop import Stop
 
 _CLOCK_PERIOD = SECOND // 100
 _MUTUAL = 0.5  # s

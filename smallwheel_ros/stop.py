@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish to stop, which the replay looks at between two messages."""
+"""Ctrl-C and SIGTERM as a wish to stop, which whoever works looks at between two messages."""
 
 from __future__ import annotations
 

@@ -1,0 +1,100 @@
+"""A drive whose end is a wheel that digs itself in: what the replay says of it, everywhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.cli import main
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+SECOND = 10**9
+LENGTH = 5.0  # s of the end in which the wheel digs itself in
+DEPTH = 0.025  # m that it goes down meanwhile
+
+
+def bent(drive: Path, target: Path, wheel: str, *, speed: bool, sinkage: bool) -> float:
+    """Copy a drive whose last seconds are a wheel that digs itself in; return when that begins.
+
+    The wheels turn as before. speed: over ground it falls to a tenth. sinkage: the wheel goes down.
+    """
+    with BagReader(drive) as reader, BagWriter(target) as writer:
+        assert reader.start_time is not None
+        assert reader.end_time is not None
+        begin = reader.end_time - round(LENGTH * SECOND)
+        for topic, kind, log_time, message in reader.messages():
+            share = max(0.0, (log_time - begin) / SECOND / LENGTH)
+            if topic == "/odom" and speed:
+                message.twist.twist.linear.x *= 1.0 - 0.9 * share
+                message.twist.twist.angular.z *= 1.0 - 0.9 * share
+            elif topic == f"/{wheel}/sinkage" and sinkage:
+                message.sinkage += DEPTH * share
+            writer.write(topic, kind, log_time, message)
+        return (begin - reader.start_time) / SECOND
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Half a minute on one soil, by the truth simulator; the vehicle still drives at its end."""
+    whole = tmp_path_factory.mktemp("drive") / "whole"
+    settings = DriveSettings(seed=3, distance=12.0, wheels="two_sizes", terrain="single")
+    write_drive_bag(simulate_drive(settings), whole)
+    driving = whole.with_name("driving")
+    with BagReader(whole) as reader, BagWriter(driving) as writer:
+        assert reader.end_time is not None
+        for topic, kind, log_time, message in reader.messages(stop=reader.end_time - 4 * SECOND):
+            writer.write(topic, kind, log_time, message)
+    return driving
+
+
+def replay(bag: Path, repository: Path, folder: Path) -> tuple[dict, pd.DataFrame, str]:
+    config = repository / "config" / "two_wheel_sizes.yaml"
+    arguments = ["replay", str(bag), "--config", str(config), "-o", str(folder), "--copy", "none"]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, (done.output, done.exception)
+    summary = json.loads((folder / "replay.json").read_text())
+    return summary, pd.read_csv(folder / "estimates.csv"), done.output
+
+
+def test_a_wheel_that_digs_itself_in_is_told_of(
+    drive: Path, repository: Path, tmp_path: Path
+) -> None:
+    begin = bent(drive, tmp_path / "bag", "rear_left", speed=True, sinkage=True)
+    summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
+
+    (event,) = [event for event in summary["events"] if event["kind"] == "digging_in"]
+    assert "rear_left" in event["text"]
+    # Slip passes a half after half of the time, and the rules want a second of it.
+    assert begin + 0.5 * LENGTH < event["time"] < begin + LENGTH
+    assert event["text"] in said
+
+    digging = table[table["digging_in"]]
+    assert set(digging["wheel"]) == {"rear_left"}
+    assert digging["time"].min() == pytest.approx(event["time"])
+    of_wheel = table[(table["wheel"] == "rear_left") & (table["time"] >= event["time"])]
+    assert of_wheel["digging_in"].all()
+    assert digging["slip"].min() > 0.5
+    assert digging["status_text"].str.contains("digs itself in").all()
+
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        messages = [m.message for m in reader.messages({"/mobility_estimator/mobility"})]
+    assert sum(m.digging_in for m in messages) == len(digging)
+    assert "a wheel began to dig in once" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(("speed", "sinkage"), [(True, False), (False, True), (False, False)])
+def test_slip_or_sinkage_alone_is_no_digging_in(
+    drive: Path, repository: Path, tmp_path: Path, speed: bool, sinkage: bool
+) -> None:
+    bent(drive, tmp_path / "bag", "rear_left", speed=speed, sinkage=sinkage)
+    summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
+    assert not table["digging_in"].any()
+    assert "digging_in" not in {event["kind"] for event in summary["events"]}
+    assert "digs itself in" not in said
+    assert "dig in" not in (tmp_path / "out" / "report.html").read_text()
