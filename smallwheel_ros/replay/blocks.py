@@ -3,7 +3,9 @@
 Readings that a sensor takes one after the other are no independent evidence: they share the spot.
 So each row is the median of a wheel's readings over a stretch of way no shorter than a turn of the
 largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or speed
-changed are left out, since a row is to be one steady measurement.
+changed are left out, since a row is to be one steady measurement. So are those of a turn after a
+change of soil: some wheels are on the old one still. The soils are those between the changes that the
+replay counts, so a drive has one more of them than its summary has changes.
 """
 
 from __future__ import annotations
@@ -66,20 +68,24 @@ class Blocks:
         self._open: dict[int, _Open] = {}
         self._rows: dict[_Key, _Row] = {}
         self._soil = 1
-        self._changes = 0
+        self._changing = False
         self._way = 0.0
         self.unsteady = 0
+        self.at_changes = 0
         self.unusable = 0
 
-    def add(self, result: Result) -> None:
-        """Take one result."""
+    def add(self, result: Result, changing: bool) -> None:
+        """Take one result; changing: the soil is taken to change just now (`Record.changing`)."""
         found, soil, speed = result.mobility, result.soil, result.speed
         order = self._order[found.wheel]
         wheel = self._wheels[order]
-        if soil.soil_changes != self._changes or soil.distance < self._way - 1e-9:
+        forgotten = soil.distance < self._way - 1e-9  # time went back
+        if forgotten or (changing and not self._changing):
             self._next_soil()
-            self._changes = soil.soil_changes
-        self._way = soil.distance
+        self._changing, self._way = changing, soil.distance
+        if changing:
+            self.at_changes += 1
+            return
         pressed = wheel.contact == PRESSED
         moving = pressed or (found.slip is not None and speed is not None)
         if found.load is None or found.sinkage_measured is None or not moving:

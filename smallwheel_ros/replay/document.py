@@ -113,6 +113,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
             "rows": len(result.blocks),
             "stretches_not_steady": result.blocks.unsteady,
             "results_without_load_slip_or_sinkage": result.blocks.unusable,
+            "results_at_changes_of_soil": result.blocks.at_changes,
         },
         "not_copied": [f"{topic.name} ({topic.type})" for topic in result.left_out],
         "notes": result.notes,

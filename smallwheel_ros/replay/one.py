@@ -251,4 +251,4 @@ class _Session:
             self._table.add(estimate.row)
             self._bag.write(estimate, log_time, frame)
             result.record.add(item)
-            result.blocks.add(item)
+            result.blocks.add(item, result.record.changing)

@@ -197,6 +197,11 @@ class Record:
             f" {change.pressure / 1e3:.3g} kPa after (noticed by wheel {change.wheel})",
         )
 
+    @property
+    def changing(self) -> bool:
+        """Whether the soil has just changed, and may go on to do so."""
+        return self._change is not None
+
     def finish(self) -> None:
         """Note what still goes on: nothing more will come."""
         self._note_change()
