@@ -33,11 +33,11 @@ def rover(repository) -> Path:
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory) -> list[Path]:
-    """Three short drives, as single files."""
+    """Three short drives on one soil each, as single files."""
     folder = tmp_path_factory.mktemp("bags")
     files = []
     for seed in (1, 2, 3):
-        drive = DriveSettings(seed=seed, distance=3.0, wheels="two_sizes")
+        drive = DriveSettings(seed=seed, distance=3.0, wheels="two_sizes", terrain="single")
         write_drive_bag(simulate_drive(drive), folder / f"drive_{seed}")
         files.append(folder / f"drive_{seed}.mcap")
         (folder / f"drive_{seed}" / f"drive_{seed}.mcap").rename(files[-1])
