@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement
@@ -115,3 +117,15 @@ def true_pulls(truth: TruthSoil, slips: tuple[float, float]) -> tuple[Array, Arr
     load, slip = (a.ravel() for a in np.meshgrid(np.linspace(35, 75, 5), np.linspace(*slips, 13)))
     at = Circumstances.of(load=load, diameter=0.25, width=0.10, slip=slip)
     return load, slip, wheel_response(truth, (), at).drawbar_pull
+
+
+def with_pulls(rover: Path, folder: Path) -> Path:
+    """The rover's parameters, with drawbar pull from the load cells."""
+    content = yaml.safe_load(rover.read_text())
+    (node,) = content.values()
+    values = node["ros__parameters"]
+    for wheel in values["wheels"]:
+        values.setdefault(wheel, {})["drawbar_pull_topic"] = f"{wheel}/load"
+    path = folder / "with_pulls.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path

@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.bags import message_type
+from smallwheel_ros.model import Model, predict
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil
 
 START = 1_700_000_000 * SECOND
 ONE_WHEEL = {
@@ -319,3 +322,49 @@ class TestApply:
         )
         assert onboard.soil.accepted == 0
         assert onboard.rejected == 0
+
+
+# ---- Drawbar pull
+
+
+def pulled(stamp: int, load: float, pull: float) -> Any:
+    forces = message_type("geometry_msgs/msg/Wrench")(force=vector(x=pull, z=load), torque=vector())
+    return message_type("geometry_msgs/msg/WrenchStamped")(header=header(stamp), wrench=forces)
+
+
+@pytest.mark.parametrize("name", ["front/load", "front/pull"])
+def test_drawbar_pull_tells_the_strength(name: str) -> None:
+    """From a topic of its own or from the load's; off where no topic is named."""
+    rng = np.random.default_rng(4)
+    kind = Soil("kind", 1.6e6, 0.8, 0.39, 0.0, 0.42, 0.012)
+    feed = make(**{"front.drawbar_pull_topic": name})
+    assert "front/drawbar_pull" in feed.onboard.streams
+    assert "front/drawbar_pull" not in make().onboard.streams
+    inputs = [topic(feed, n) for n in ("odom", "joint_states", "front/sinkage")]
+    results: list[Result] = []
+    for i in range(200):
+        stamp, slip = START + i * SECOND // 10, 0.25 + 0.2 * math.sin(0.2 * i)
+        made = predict(Model(kind), Conditions.of(60.0, 0.25, 0.1, slip=slip))
+        pull = float(made.drawbar_pull[0]) + 0.3 * rng.standard_normal()
+        message = pulled(stamp, 60.0, pull)
+        for loaded in {"front/load", name}:
+            results += topic(feed, loaded).handle(message, None)
+        messages = (
+            odometry(stamp, 0.03 * i, 0.3),
+            joints(stamp, [0.3 / (1.0 - slip) / 0.125], [], ["front_joint"]),
+            sinkage(stamp, float(made.sinkage[0])),
+        )
+        for item, message in zip(inputs, messages, strict=True):
+            results += item.handle(message, None)
+    results += feed.onboard.flush()
+    told = results[-1].soil.strength
+    assert told is not None
+    assert told.accepted > 150
+    angle = told.strength.friction_angle
+    assert abs(angle.value - 0.42) < 3.0 * angle.standard_deviation
+    assert results[-1].mobility.forces.drawbar_pull.value == pytest.approx(
+        float(made.drawbar_pull[0]), abs=1.0
+    )
+    wild = pulled(START + 21 * SECOND, 60.0, math.nan)
+    topic(feed, name).handle(wild, None)
+    assert feed.onboard.counts["front/drawbar_pull", "not_finite"] == 1

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from drawbar_drives import with_pulls
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
@@ -597,6 +598,37 @@ def test_the_measurements_are_a_table_for_the_bench(rover, tmp_path):
     assert changes == 2
     assert sorted(rows["soil"].unique()) == [f"soil {i + 1}" for i in range(changes + 1)]
     smallwheel("compare", folder / "measurements.csv")
+
+
+def test_drawbar_pull_is_used_and_put_into_the_measurements(rover, tmp_path):
+    """Rows of the law stay as they are; predicted pull comes nearer to the true one."""
+    bag, folder = tmp_path / "drive", tmp_path / "out"
+    settings = DriveSettings(seed=5, distance=12.0, wheels="two_sizes", terrain="single")
+    drive = simulate_drive(settings)
+    write_drive_bag(drive, bag)
+    before = replayed(bag, rover, tmp_path / "without")
+    after = replayed(bag, with_pulls(rover, tmp_path), folder)
+    law = [name for name in before if name.startswith(("sinkage", "soil_"))]
+    pd.testing.assert_frame_equal(after[law], before[law])
+    assert (after["drawbar_pull"] != before["drawbar_pull"]).sum() > 100
+    data = read_measurements(folder / "measurements.csv")
+    assert set(data.channels) == {"sinkage", "drawbar_pull"}
+    assert set(data.declared_std) == {"sinkage", "drawbar_pull"}
+    true = drive.answer()
+
+    def off(table: pd.DataFrame) -> np.ndarray:
+        known = table[table["drawbar_pull"].notna()]
+        time = (known["stamp"] - true["epoch_ns"]) / 1e9
+        return np.concatenate(
+            [
+                known["drawbar_pull"][known["wheel"] == name]
+                - np.interp(time[known["wheel"] == name], wheel["time"], wheel["drawbar_pull"])
+                for name, wheel in true["wheels"].items()
+            ]
+        )
+
+    assert abs(np.mean(off(after))) < 0.3 * abs(np.mean(off(before)))
+    assert np.std(off(after)) < np.std(off(before))
 
 
 @pytest.mark.slow

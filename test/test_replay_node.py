@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawbar_drives import with_pulls
 
 from smallwheel_ros.bags import BagMessage, BagReader, BagWriter
 from smallwheel_ros.node_process import NodeProcess
@@ -69,15 +70,20 @@ def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
             assert value == other, name
 
 
-def test_replay_and_node_agree_to_a_billionth(bag: Path, repository: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("pulls", [False, True], ids=["sinkage", "sinkage and pull"])
+def test_replay_and_node_agree_to_a_billionth(
+    bag: Path, repository: Path, tmp_path: Path, pulls: bool
+) -> None:
     from smallwheel_ros.ros.drive_through import drive_through
 
     rover = repository / "config" / "two_wheel_sizes.yaml"
+    rover = with_pulls(rover, tmp_path) if pulls else rover
     result = replay(ReplaySpec(bag, rover, tmp_path / "out", copy="none"))
     with BagReader(tmp_path / "out" / "bag") as reader:
         mobility = [fields(m.message) for m in reader.messages({"/mobility_estimator/mobility"})]
         soils = [fields(m.message) for m in reader.messages({"/mobility_estimator/soil"})]
     assert result.onboard.soil.soil_changes > 0
+    assert (result.onboard.soil.strength is not None) == pulls
     assert {row["status"] for row in mobility} >= {0, 2, 3}  # OK, slip unknown, rejected
 
     log = tmp_path / "node.log"

@@ -25,6 +25,7 @@ def stream_names(settings: OnboardSettings) -> tuple[str, ...]:
     return (
         *(f"{w.name}/load" for w in wheels if w.name not in settings.static_loads),
         *(f"{w.name}/sinkage" for w in wheels if w.name not in settings.without_sinkage),
+        *(f"{w.name}/drawbar_pull" for w in wheels if w.name in settings.with_drawbar_pull),
         *(f"{w.name}/wheel_speed" for w in rolling),
         *((ODOMETRY,) if rolling else ()),
         *((VELOCITY,) if own_velocity else ()),

@@ -30,13 +30,15 @@ class Assessment(NamedTuple):
     """What came of an instant.
 
     soil: that a wheel came to last. elsewhere: wheels that are on another soil than this one.
-    problem: key and words of what could not be done, or None.
+    problem: key and words of what could not be done, or None. pull_problem: the same of the measured
+    drawbar pull.
     """
 
     mobility: MobilityEstimate
     soil: SoilEstimate
     elsewhere: tuple[str, ...]
     problem: tuple[str, str] | None
+    pull_problem: tuple[str, str] | None
 
 
 class Assessor:
@@ -102,7 +104,16 @@ class Assessor:
             forces=None if sunk else forces,
             digging_in=digging,
         )
-        return Assessment(mobility, soil, elsewhere, self._problem(instant, update, failure))
+        pull = None if update is None else update.drawbar_pull
+        if pull is not None and pull.outcome is Outcome.ACCEPTED:
+            pull = None
+        return Assessment(
+            mobility,
+            soil,
+            elsewhere,
+            self._problem(instant, update, failure),
+            None if pull is None else (pull.reason, pull.message),
+        )
 
     def _problem(
         self, instant: Instant, update: UpdateResult | None, failure: str
@@ -115,6 +126,9 @@ class Assessor:
         return ("numerical", failure) if failure else None
 
     def _update(self, instant: Instant, load: Quantity, sinkage: Quantity) -> UpdateResult:
+        # Without slip, which a wheel that stands has not, a pull says nothing.
+        pull, slip = instant.drawbar_pull, instant.slip
+        used = pull if slip is not None else None
         return self.estimator.update(
             SinkageMeasurement(
                 time=instant.stamp / SECOND,
@@ -126,9 +140,12 @@ class Assessor:
                 diameter=instant.wheel.diameter,
                 width=instant.wheel.width,
                 distance=instant.distance,
-                slip=None if instant.slip is None else instant.slip.value,
+                slip=None if slip is None else slip.value,
                 speed=instant.speed,
                 contact=instant.wheel.contact,
+                drawbar_pull=None if used is None else used.value,
+                drawbar_pull_variance=0.0 if used is None else used.standard_deviation**2,
+                slip_variance=0.0 if slip is None else slip.standard_deviation**2,
             )
         )
 

@@ -19,6 +19,7 @@ from smallwheel_ros.onboard.streams import SECOND
 JOINT_STATES = "joint_states"
 Handler = Callable[[Any, int | None], list[Result]]
 
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
 _UNIT = 0.01  # a quaternion's length may differ from 1 by so much
 
 
@@ -64,18 +65,31 @@ class Feed:
         topics: list[Topic] = []
         joints: dict[str, str] = {}
         for wheel, inputs in settings.inputs.items():
+            pulled = f"{wheel}/drawbar_pull" in streams
             if settings.load_source is LoadSource.WRENCH:
+                both = pulled and inputs.drawbar_pull_topic == inputs.load_topic
+                pulled = pulled and not both
                 topics.append(
                     Topic(
                         inputs.load_topic,
-                        "geometry_msgs/msg/WrenchStamped",
-                        {f"{wheel}/load": ""},
-                        partial(self._on_wrench, wheel),
+                        _WRENCH,
+                        {f"{wheel}/load": ""}
+                        | ({f"{wheel}/drawbar_pull": ", force.x"} if both else {}),
+                        partial(self._on_both if both else self._on_wrench, wheel),
                     )
                 )
             elif settings.load_source is LoadSource.JOINT_STATES:
                 self._by_load_joint[inputs.load_joint] = wheel
                 joints[f"{wheel}/load"] = f", effort of joint {inputs.load_joint}"
+            if pulled:
+                topics.append(
+                    Topic(
+                        inputs.drawbar_pull_topic,
+                        _WRENCH,
+                        {f"{wheel}/drawbar_pull": ", force.x"},
+                        partial(self._on_pull, wheel),
+                    )
+                )
             if f"{wheel}/wheel_speed" in streams:
                 self._by_joint[inputs.joint] = wheel
                 joints[f"{wheel}/wheel_speed"] = f", joint {inputs.joint}"
@@ -104,6 +118,13 @@ class Feed:
     def _on_wrench(self, wheel: str, message: Any, now: int | None) -> list[Result]:
         load = self.settings.load_sign * message.wrench.force.z
         return self.onboard.on_load(wheel, stamp_of(message), load, now=now)
+
+    def _on_pull(self, wheel: str, message: Any, now: int | None) -> list[Result]:
+        pull = message.wrench.force.x
+        return self.onboard.on_drawbar_pull(wheel, stamp_of(message), pull, now=now)
+
+    def _on_both(self, wheel: str, message: Any, now: int | None) -> list[Result]:
+        return self._on_pull(wheel, message, now) + self._on_wrench(wheel, message, now)
 
     def _on_sinkage(self, wheel: str, message: Any, now: int | None) -> list[Result]:
         return self.onboard.on_sinkage(

@@ -14,7 +14,7 @@ class Instant:
     stamp: ns. load: N. slip: 1. sinkage: measured, m. speed: of the wheel's place over ground, m/s.
     distance: that the vehicle has travelled so far, m. place: of the wheel in the frame of the
     odometry, x and y in m. load_is_static: nobody measures it. vehicle: place of the vehicle's middle,
-    as `place`; known also where nobody knows which way the vehicle looks.
+    as `place`; known also where nobody knows which way the vehicle looks. drawbar_pull: measured, N.
     """
 
     wheel: Wheel
@@ -27,3 +27,4 @@ class Instant:
     place: tuple[float, float] | None = None
     load_is_static: bool = False
     vehicle: tuple[float, float] | None = None
+    drawbar_pull: Quantity | None = None

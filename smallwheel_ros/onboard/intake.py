@@ -28,6 +28,7 @@ class _Streams(NamedTuple):
     load: str
     sinkage: str
     wheel_speed: str
+    drawbar_pull: str
 
 
 class _Waiting(NamedTuple):
@@ -118,6 +119,18 @@ class Intake:
                 self._predict_later(order, stamp)
         return self._release()
 
+    def add_drawbar_pull(
+        self, wheel: str, stamp: int, pull: float, *, now: int | None = None
+    ) -> list[Instant]:
+        """Take what a wheel pulls the vehicle with (N, positive forward)."""
+        order, *_, stream = self._wheel(wheel)
+        if not self._good_stamp(stream, stamp, now):
+            return []
+        if self.arrivals.is_number(stream, "drawbar pull", pull, "N"):
+            fault = self._memory.pulls[order].add(stamp, (pull,))
+            self.arrivals.kept(stream, stamp, fault)
+        return self._release()
+
     def add_odometry(
         self,
         stamp: int,
@@ -163,7 +176,7 @@ class Intake:
         self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
     ) -> list[Instant]:
         """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
-        order, _, _, stream = self._wheel(wheel)
+        order, _, _, stream, _ = self._wheel(wheel)
         if not self._good_stamp(stream, stamp, now):
             return []
         if self.arrivals.is_number(stream, "wheel speed", angular_velocity, "rad/s"):
@@ -184,7 +197,7 @@ class Intake:
 
         A variance of 0 or less, or one that is not finite, means that it is not known.
         """
-        order, _, stream, _ = self._wheel(wheel)
+        order, _, stream, *_ = self._wheel(wheel)
         if not self._good_stamp(stream, stamp, now):
             return []
         if not self.arrivals.is_number(stream, "sinkage", sinkage, "m"):

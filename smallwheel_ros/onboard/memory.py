@@ -16,7 +16,7 @@ class Memory:
 
     Attributes
     ----------
-    loads, speeds, sinkages
+    loads, pulls, speeds, sinkages
         One series for each wheel; of the sinkages only the stamps.
     odometer, velocity
         Of the vehicle; velocity is that of a sensor of its own: speed and yaw rate.
@@ -41,6 +41,7 @@ class Memory:
         horizon = nanoseconds(longest_wait + timing.maximum_gap + timing.jump_tolerance)
         wheels = settings.wheels
         self.loads = [Series(horizon) for _ in wheels]
+        self.pulls = [Series(horizon) for _ in wheels]
         self.speeds = [Series(horizon) for _ in wheels]
         self.sinkages = [Series(horizon) for _ in wheels]
         self.odometer = Odometer(horizon, self._gap, settings.standstill_speed)
@@ -54,6 +55,8 @@ class Memory:
 
     def _needed(self, order: int) -> tuple[Series, ...]:
         series = [] if self._static[order] is not None else [self.loads[order]]
+        if self.settings.wheels[order].name in self.settings.with_drawbar_pull:
+            series.append(self.pulls[order])
         if self.settings.wheels[order].contact == ROLLING:
             series += [self.odometer.series, self.speeds[order]]
             if self.settings.velocity is VelocitySource.TOPIC:
@@ -79,6 +82,7 @@ class Memory:
             known = math.isfinite(variance) and variance > 0
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(measured, deviation)
+        pull = self.pulls[order].at(stamp, self._gap)
         return Instant(
             wheel,
             stamp,
@@ -90,6 +94,7 @@ class Memory:
             None if motion is None else self._place(order, motion),
             self._static[order] is not None,
             None if motion is None else (motion.x, motion.y),
+            None if pull is None else Quantity(pull[0], noise.drawbar_pull),
         )
 
     def _motion(

@@ -26,6 +26,7 @@ from smallwheel_ros.onboard.intake import Intake
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.problems import Problem
 from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.wheel import Quantity
 
 _OF_THE_ESTIMATOR = ("prior", "estimator", "effects")
 
@@ -36,7 +37,7 @@ class Result:
 
     soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
     rejected: measured sinkages that were not used for the soil since the start or the last reset.
-    place, vehicle, speed: of the instant, see `Instant`.
+    place, vehicle, speed, drawbar_pull: of the instant, see `Instant`.
     elsewhere: wheels that are on another soil than this one, just before or after a border.
     """
 
@@ -47,6 +48,7 @@ class Result:
     vehicle: tuple[float, float] | None = None
     speed: float | None = None
     elsewhere: tuple[str, ...] = ()
+    drawbar_pull: Quantity | None = None
 
 
 class Onboard:
@@ -79,6 +81,12 @@ class Onboard:
     ) -> list[Result]:
         """Take the normal load (N, positive when the wheel presses on the soil) of one wheel."""
         return self._results(self._intake.add_load(wheel, stamp, load, now=now))
+
+    def on_drawbar_pull(
+        self, wheel: str, stamp: int, pull: float, *, now: int | None = None
+    ) -> list[Result]:
+        """Take what a wheel pulls the vehicle with (N, positive forward)."""
+        return self._results(self._intake.add_drawbar_pull(wheel, stamp, pull, now=now))
 
     def on_odometry(
         self,
@@ -242,7 +250,9 @@ class Onboard:
         return results
 
     def _result(self, instant: Instant) -> Result:
-        mobility, soil, elsewhere, problem = self._assessor.assess(instant)
+        mobility, soil, elsewhere, problem, pull = self._assessor.assess(instant)
+        if pull is not None:
+            self._arrivals.problems.add(f"{instant.wheel.name}/drawbar_pull", *pull)
         if problem is not None:
             name = "load" if instant.sinkage is None else "sinkage"
             self._arrivals.problems.add(
@@ -259,4 +269,5 @@ class Onboard:
             instant.vehicle,
             instant.speed,
             elsewhere,
+            instant.drawbar_pull,
         )

@@ -74,7 +74,7 @@ GENERAL: tuple[Parameter, ...] = (
         "string",
         None,
         "",
-        "Soil that the estimate starts from; its strength is used throughout. Of the library"
+        "Soil that the estimate starts from, its strength included. Of the library"
         f" ({', '.join(SOILS)}), or of model_file.",
     ),
     Parameter(
@@ -135,6 +135,14 @@ GENERAL: tuple[Parameter, ...] = (
         0.0,
         1.0,
         "The same as a share of the load; both together count.",
+    ),
+    double(
+        "noise.drawbar_pull",
+        _NOISE.drawbar_pull,
+        "N",
+        1e-3,
+        1e5,
+        "Standard deviation of a measured drawbar pull.",
     ),
     double(
         "noise.speed", _NOISE.speed, "m/s", 0.0, 10.0, "Standard deviation of odometry's speed."

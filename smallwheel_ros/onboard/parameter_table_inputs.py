@@ -116,6 +116,15 @@ PER_WHEEL: tuple[Parameter, ...] = (
     ),
     Parameter("<wheel>.load_topic", "string", "<wheel>/load", "", "Topic of the wheel's load."),
     Parameter(
+        "<wheel>.drawbar_pull_topic",
+        "string",
+        "",
+        "",
+        "Topic (geometry_msgs/WrenchStamped) whose force.x is what a rolling wheel pulls the vehicle with,"
+        " positive forward; it tells the soil's strength. It may be load_topic. Empty: nobody"
+        " measures it.",
+    ),
+    Parameter(
         "<wheel>.load_joint",
         "string",
         "<wheel>_load_joint",

@@ -24,6 +24,7 @@ from smallwheel_ros.onboard.settings import (
     VelocitySource,
 )
 from smallwheel_ros.onboard.starting_model import start_from
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, nearest
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -54,7 +55,7 @@ class ParametersError(SmallwheelError):
 
 @dataclass(frozen=True)
 class WheelInputs:
-    """Where a wheel's measurements come from; sinkage_topic is empty where there is none.
+    """Where a wheel's measurements come from; a topic is empty where there is none.
 
     range_height: what a range sensor shows on hard ground, m; None where there is no such sensor.
     """
@@ -65,6 +66,7 @@ class WheelInputs:
     load_joint: str = ""
     sinkage_source: SinkageSource = SinkageSource.SINKAGE
     range_height: float | None = None
+    drawbar_pull_topic: str = ""
 
 
 @dataclass(frozen=True)
@@ -199,6 +201,9 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
             static_loads=_static_loads(v, wheels),
             velocity=_velocity(v),
             digging_in=DiggingInRules(**group("digging_in", DiggingInRules)),
+            with_drawbar_pull=frozenset(
+                w for w in wheels if v[f"{w}.drawbar_pull_topic"] and v[f"{w}.contact"] == ROLLING
+            ),
         )
         # What the estimator says of its settings and effects, it says now.
         SoilEstimator(onboard.prior, onboard.estimator, onboard.effects)
@@ -234,6 +239,7 @@ def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
         v[f"{wheel}.load_joint"],
         source,
         height,
+        v[f"{wheel}.drawbar_pull_topic"],
     )
 
 

@@ -60,6 +60,8 @@ class SensorNoise:
         N, and as a share of the load; both together.
     speed
         m/s, of the odometry.
+    drawbar_pull
+        N.
     wheel_speed_relative
         Share of the rim's speed, the error of the wheel's effective radius included.
     """
@@ -67,6 +69,7 @@ class SensorNoise:
     load: float = 0.5
     load_relative: float = 0.02
     speed: float = 0.01
+    drawbar_pull: float = 0.6
     wheel_speed_relative: float = 0.01
 
 
@@ -115,6 +118,8 @@ class OnboardSettings:
         m/s; at or below it vehicle and wheels count as standing.
     without_sinkage
         Names of wheels whose sinkage nobody measures; they get predictions at the times of loads.
+    with_drawbar_pull
+        Names of rolling wheels whose drawbar pull is measured.
     reference_slip
         Slip at which the margin is worked out (`mobility.WheelForces`), 0 .. 1.
     effects
@@ -142,6 +147,7 @@ class OnboardSettings:
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = VelocitySource.ODOMETRY
     digging_in: DiggingInRules = field(default_factory=DiggingInRules)
+    with_drawbar_pull: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check everything that no other class checks."""

@@ -39,29 +39,39 @@ class _Key(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """Medians of one wheel over one stretch, and how well the sinkage's is known."""
+    """Medians of one wheel over one stretch, and how well those of sinkage and pull are known."""
 
     load: float
     sinkage: float
     sinkage_std: float
     slip: float  # NaN for a pressed wheel
     speed: float
+    pull: float  # NaN where it was not measured
+    pull_std: float
     readings: int
 
 
 @dataclass
 class _Open:
-    """The readings of a stretch that still goes on: load, sinkage, variance, slip, speed."""
+    """The readings of a stretch that still goes on.
+
+    Load, sinkage, variance, slip, speed, drawbar pull, variance.
+    """
 
     key: _Key
-    readings: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+    readings: list[tuple[float, float, float, float, float, float, float]] = field(
+        default_factory=list
+    )
 
 
 class Blocks:
-    """Takes results as they come, and gives the rows of a section 5 table at the end."""
+    """Takes results as they come, and gives the rows of a section 5 table at the end.
 
-    def __init__(self, wheels: Sequence[Wheel]) -> None:
-        self._wheels = tuple(wheels)
+    pulls: whether there are columns of measured drawbar pull.
+    """
+
+    def __init__(self, wheels: Sequence[Wheel], pulls: bool = False) -> None:
+        self._wheels, self._pulls = tuple(wheels), pulls
         self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
         self._scale = 1
@@ -97,6 +107,7 @@ class Blocks:
         if now is None or now.key != key:
             self._close(order)
             now = self._open[order] = _Open(key)
+        pull = result.drawbar_pull
         now.readings.append(
             (
                 found.load.value,
@@ -104,6 +115,8 @@ class Blocks:
                 found.sinkage_measured.standard_deviation**2,
                 math.nan if found.slip is None else found.slip.value,
                 math.nan if speed is None else abs(speed),
+                math.nan if pull is None else pull.value,
+                math.nan if pull is None else pull.standard_deviation**2,
             )
         )
 
@@ -133,7 +146,7 @@ class Blocks:
         pressed = wheel.contact == PRESSED
         if not pressed and len(readings) < _FEWEST_READINGS:
             return None
-        load, sinkage, variance, slip, speed = np.median(readings, axis=0).tolist()
+        load, sinkage, variance, slip, speed, pull, noise = np.median(readings, axis=0).tolist()
         if sinkage > wheel.diameter / 2:
             return None
         low, high = np.percentile(readings, [25.0, 75.0], axis=0)
@@ -144,10 +157,9 @@ class Blocks:
             or spread[4] > _STEADY_SHARE * speed
         ):
             return None
-        # What the readings scatter, and what their sensor declares: the larger one counts.
-        scatter = 1.4826 * float(np.median(np.abs(readings[:, 1] - sinkage)))
-        deviation = max(scatter, math.sqrt(variance)) / math.sqrt(len(readings))
-        return _Row(load, sinkage, deviation, slip, speed, len(readings))
+        deviation = _deviation(readings[:, 1] - sinkage, variance)
+        pull_deviation = _deviation(readings[:, 5] - pull, noise)
+        return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, len(readings))
 
     def _merge(self) -> None:
         """Double the stretches' length, so that a long drive still is a table of some rows."""
@@ -169,12 +181,18 @@ class Blocks:
         """Give the rows by column; prefix: put before soil and run, the name of the drive."""
         for key in sorted(self._rows):
             wheel, row = self._wheels[key.wheel], self._rows[key]
+            pulled = math.isfinite(row.pull)
+            pull: dict[str, str | float] = {
+                "drawbar_pull [N]": row.pull if pulled else "",
+                "drawbar_pull_std [N]": row.pull_std if pulled else "",
+            }
             yield {
                 "load [N]": row.load,
                 "diameter [m]": wheel.diameter,
                 "width [m]": wheel.width,
                 "sinkage [m]": row.sinkage,
                 "sinkage_std [m]": row.sinkage_std,
+                **(pull if self._pulls else {}),
                 "slip": "" if math.isnan(row.slip) else row.slip,
                 "speed [m/s]": "" if math.isnan(row.speed) else row.speed,
                 "contact": wheel.contact,
@@ -184,10 +202,21 @@ class Blocks:
             }
 
 
+def _deviation(off: Array, variance: float) -> float:
+    """Standard deviation of a median of readings.
+
+    What they scatter (off: from it), and what their sensor declares: the larger one counts.
+    """
+    scatter = 1.4826 * float(np.median(np.abs(off)))
+    return max(scatter, math.sqrt(variance)) / math.sqrt(len(off))
+
+
 def _mean(rows: Sequence[_Row]) -> _Row:
     """One row of several, weighted by their readings."""
     weight = np.array([row.readings for row in rows], dtype=float)
-    values = np.array([row[:5] for row in rows])
-    load, sinkage, _, slip, speed = np.average(values, axis=0, weights=weight).tolist()
-    deviation = math.sqrt(float(np.sum((weight * values[:, 2]) ** 2))) / float(weight.sum())
-    return _Row(load, sinkage, deviation, slip, speed, int(weight.sum()))
+    values = np.array([row[:7] for row in rows])
+    load, sinkage, _, slip, speed, pull, _ = np.average(values, axis=0, weights=weight).tolist()
+    deviation, pull_deviation = (
+        np.sqrt(np.sum((weight[:, None] * values[:, [2, 6]]) ** 2, axis=0)) / weight.sum()
+    ).tolist()
+    return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, int(weight.sum()))

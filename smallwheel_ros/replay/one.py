@@ -142,7 +142,7 @@ class _Session:
             message_count=total,
             onboard=onboard,
             record=Record(onboard, reader.start_time),
-            blocks=Blocks(settings.onboard.wheels),
+            blocks=Blocks(settings.onboard.wheels, bool(settings.onboard.with_drawbar_pull)),
         )
 
     def run(
