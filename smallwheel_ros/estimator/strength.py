@@ -110,7 +110,7 @@ class StrengthState:
         self._exponent, self._by_exponent = prior.n, 0.0
         self._surprised_at: dict[str, float] = {}
         self._surprises = self._widenings = 0
-        self.accepted = self.changes = 0
+        self.accepted = 0
         self.variety = PullVariety()
         # Sums over spots: squares of what is off for scatter, and of the thrust (N^2).
         self._scattered, self._load = (0.0, 0.0), 0.0
@@ -237,7 +237,6 @@ class StrengthState:
         self._surprises += 1
         if self._surprises < self._settings.surprises_to_reopen:
             return
-        self.changes += 1
         # Where hardly any fitted, the prior is not as sure as it says: then as open as the strength
         # of a kind of soil is, at least.
         known = self.accepted >= _MANY
