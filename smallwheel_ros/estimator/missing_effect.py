@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,19 @@ class MissingEffect:
     message: str
 
 
+class _Trial(NamedTuple):
+    """A form at its start. strength: how far its first parameter is from where it vanishes."""
+
+    effect: Effect
+    strength: float
+    neutral: float
+    bounds: tuple[float, float]
+    follows: str
+
+    def untested(self, reason: str) -> EffectScore:
+        return EffectScore(self.effect.id, self.effect.form, 0.0, 0.0, self.follows, reason)
+
+
 class MissingEffectWatch:
     """Watches for effects that the model has not.
 
@@ -100,8 +114,8 @@ class MissingEffectWatch:
     def __init__(self, effects: Sequence[Effect], spot: float) -> None:
         self._effects = tuple(effects)
         present = {effect.id for effect in effects} | set(_NOT_TESTED)
-        self._forms = [
-            form
+        self._trials = [
+            _trial(form)
             for name, forms in families().items()
             for form in forms
             if name not in present
@@ -149,7 +163,7 @@ class MissingEffectWatch:
         try:
             k, n, m = law
             soil = replace(soil, k=k, n=n, m=m)
-            self.scores = _scores(soil, self._effects, self._forms, changes)
+            self.scores = _scores(soil, self._effects, self._trials, changes)
         except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
             return  # a soil in which the wheels have no sinkage: nothing to compare
         best = self.scores[0]
@@ -183,7 +197,7 @@ def _describe(scores: Sequence[EffectScore], distance: float) -> MissingEffect:
 
 
 def _scores(
-    soil: Soil, effects: Sequence[Effect], forms: Sequence[type[Effect]], changes: Changes
+    soil: Soil, effects: Sequence[Effect], trials: Sequence[_Trial], changes: Changes
 ) -> tuple[EffectScore, ...]:
     """Score every family, the best first."""
     covariates = {}
@@ -213,21 +227,21 @@ def _scores(
     missed, known = missed[usable], known[usable]
     known = known[:, _size(known) > 1e-3]
     base = robust_fit(missed, known)
+    imitated = np.linalg.qr(known)[0]
     best: dict[str, EffectScore] = {}
     load_varies = float(_size(change(np.log(changes.load)))) > _LEAST_CHANGE
-    for form in forms:
-        follows = form.needs[0] if form.needs else "load"
-        absent = [name for name in form.needs if name not in conditions]
+    for trial in trials:
+        effect = trial.effect
+        absent = [name for name in effect.needs if name not in conditions]
         if absent:
-            score = EffectScore(form.id, form.form, 0.0, 0.0, follows, f"{absent[0]} is not known")
-        elif not (form.needs or load_varies):
-            score = EffectScore(form.id, form.form, 0.0, 0.0, follows, "load hardly varied")
+            score = trial.untested(f"{absent[0]} is not known")
+        elif not (effect.needs or load_varies):
+            score = trial.untested("load hardly varied")
         else:
-            strength, effect = _trial(form)
-            column = change(nearby.log_sinkage(soil, effect) - plain)[usable] / strength
-            score = _score(form, follows, base, missed, known, column, strength)
-        if form.id not in best or score.statistic > best[form.id].statistic:
-            best[form.id] = score
+            column = change(nearby.log_sinkage(soil, effect) - plain)[usable] / trial.strength
+            score = _score(trial, base, missed, known, imitated, column)
+        if effect.id not in best or score.statistic > best[effect.id].statistic:
+            best[effect.id] = score
     return tuple(sorted(best.values(), key=lambda s: -s.statistic))
 
 
@@ -235,41 +249,31 @@ def _size(columns: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(columns**2, axis=0)))
 
 
-def _trial(form: type[Effect]) -> tuple[float, Effect]:
-    """A form at its start, and how far that is from where it vanishes."""
+def _trial(form: type[Effect]) -> _Trial:
     first = form.parameters()[0]
     neutral = 0.0 if first.neutral is None else first.neutral
-    high = first.bounds[1]
-    at = first.start if first.start != neutral else neutral + 0.1 * (high - neutral)
-    return at - neutral, form(**{first.name: at})
+    at = first.start if first.start != neutral else neutral + 0.1 * (first.bounds[1] - neutral)
+    follows = form.needs[0] if form.needs else "load"
+    return _Trial(form(**{first.name: at}), at - neutral, neutral, first.bounds, follows)
 
 
 def _score(
-    form: type[Effect],
-    follows: str,
-    base: RobustFit,
-    missed: Array,
-    known: Array,
-    column: Array,
-    strength: float,
+    trial: _Trial, base: RobustFit, missed: Array, known: Array, imitated: Array, column: Array
 ) -> EffectScore:
-    """Add a form's column to those of n and m."""
-    untested = EffectScore(form.id, form.form, 0.0, 0.0, follows, "")
+    """Add a form's column to those of n and m. imitated: orthonormal columns that span these."""
     if not np.isfinite(column).all():
-        return replace(untested, reason="it has no sinkage in this soil")
+        return trial.untested("it has no sinkage in this soil")
     size = float(_size(column))
-    if size * abs(strength) < _LEAST_CHANGE:
-        return replace(untested, reason=f"{follows} hardly varied")
+    if size * abs(trial.strength) < _LEAST_CHANGE:
+        return trial.untested(f"{trial.follows} hardly varied")
     if known.shape[1]:
-        rest = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        rest = column - imitated @ (imitated.T @ column)
         if float(_size(rest)) < _LEFT * size:
-            return replace(untested, reason="n and m would do the same")
+            return trial.untested("n and m would do the same")
     fit = robust_fit(missed, np.column_stack([known, column]), np.append(base.coefficients, 0.0))
-    first = form.parameters()[0]
-    neutral = 0.0 if first.neutral is None else first.neutral
-    found = neutral + float(fit.coefficients[-1])
-    low, high = first.bounds
+    found = trial.neutral + float(fit.coefficients[-1])
+    low, high = trial.bounds
     gain = 2.0 * (fit.log_likelihood - base.log_likelihood)
     if not low <= found <= high or not math.isfinite(gain):
-        return replace(untested, reason="its strength would be outside of its bounds")
-    return replace(untested, statistic=max(gain, 0.0), strength=found)
+        return trial.untested("its strength would be outside of its bounds")
+    return replace(trial.untested(""), statistic=max(gain, 0.0), strength=found)
