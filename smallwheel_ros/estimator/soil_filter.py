@@ -21,7 +21,8 @@ from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]  # not in e
 
 Array = NDArray[np.float64]
 
-_SYMMETRIC_EVERY = 20  # updates
+_CHECKED_EVERY = 20  # updates
+_EXACT = 1e-6  # variance of a measurement over that of the innovation
 
 
 class SoilFilter:
@@ -129,15 +130,23 @@ class SoilFilter:
             kalman.x, kalman.P = x, covariance
             return False
         self._updates += 1
-        if self._updates % _SYMMETRIC_EVERY == 0:
+        due = self._updates % _CHECKED_EVERY == 0
+        if due:
             # Rounding must not add up to an asymmetry over millions of updates.
             kalman.P = _symmetric(kalman.P)
-        factor, failed = dpotrf(kalman.P, 1, 0)  # of the lower triangle
-        # What is not finite anywhere in the covariance arrives at the last pivot.
-        if failed or not factor[-1, -1] > 0.0:
+        # filterpy's form of the update keeps the covariance sound to rounding, so only a measurement
+        # that is far more exact than what was believed can spoil it, or one that is not finite.
+        if (due or not variance > _EXACT * kalman.S.item()) and not _is_sound(kalman.P):
             kalman.x, kalman.P = x, covariance
             return False
         return True
+
+
+def _is_sound(covariance: Array) -> bool:
+    """Whether it is finite and positive definite."""
+    factor, failed = dpotrf(covariance, 1, 0)  # of the lower triangle
+    # What is not finite anywhere arrives at the last pivot.
+    return not failed and bool(factor[-1, -1] > 0.0)
 
 
 def _symmetric(matrix: Array) -> Array:

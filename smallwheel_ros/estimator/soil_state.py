@@ -157,8 +157,7 @@ class SoilState:
         Raises ArithmeticError or ValueError, with nothing changed, where the numbers cannot be
         computed with.
         """
-        belief = self.belief(spot)
-        point, first, line, x = self._linearise(reading, belief)
+        point, first, line, x = self._linearise(reading, self.belief(spot))
         variance = first.spread + first.noise
         if not math.isfinite(point.value + variance + line.chi_square):
             raise ArithmeticError("its uncertainty has no bounds")
