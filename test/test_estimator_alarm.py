@@ -13,6 +13,7 @@ from benchmarks.missing_effect import both
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.missing_effect import MissingEffectWatch
 from smallwheel_ros.estimator.robust_regression import robust_fit
+from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
 from smallwheel_ros.estimator.soil_estimator import MissingEffect, SoilEstimator, SoilPrior
 from smallwheel_ros.estimator.way_pieces import WayPieces
 from smallwheel_ros.physics.soil import soil
@@ -104,14 +105,16 @@ def test_robust_fit_lets_a_few_great_errors_be() -> None:
     assert robust_fit(y, np.zeros((400, 0))).coefficients.size == 0
 
 
+ONE = SinkageMeasurement(0.0, "a", 0.01, 1e-6, 60.0, 0.0, 0.25, 0.1, 0.0)
+
+
 def test_pieces_are_medians_and_gaps_part_them() -> None:
     pieces = WayPieces(0.2, 40.0)
-    settings = (60.0, 0.25, 0.1)
     for i in range(100):
         z = 0.05 if i % 10 == 5 else 0.01
         slip = None if i % 10 == 5 else 0.1
         at = 0.03 * i + (5.0 if i >= 50 else 0.0)
-        pieces.add("a", at, z, 1e-6, settings, slip, None)
+        pieces.add(replace(ONE, distance=at, sinkage=z, slip=slip), 60.0, 1e-6)
     changes = pieces.changes()
     assert changes is not None
     np.testing.assert_allclose(changes.log_sinkage, np.log(0.01))
@@ -125,7 +128,7 @@ def test_pieces_are_medians_and_gaps_part_them() -> None:
 def test_old_pieces_are_forgotten() -> None:
     pieces = WayPieces(0.2, 40.0)
     for i in range(100_000):
-        pieces.add("a", 0.05 * i, 0.01, 1e-6, (60.0, 0.25, 0.1), 0.1, 0.2)
+        pieces.add(replace(ONE, distance=0.05 * i, slip=0.1, speed=0.2), 60.0, 1e-6)
     changes = pieces.changes()
     assert changes is not None
     assert changes.log_sinkage.size <= 202
@@ -146,9 +149,7 @@ def test_an_effect_of_the_model_is_not_looked_for() -> None:
     watch = MissingEffectWatch((Exponential(a=1.0),), 0.2)
     drive = simulate_drive(DriveSettings(seed=1, distance=12.0, terrain="single"))
     for one in measurements(drive):
-        settings = one.load, one.diameter, one.width
-        due = watch.add(one.wheel, one.distance, one.sinkage, 1e-7, settings, one.slip, one.speed)
-        if due:
+        if watch.add(one, one.load, 1e-7):
             watch.test(soil("dry_sand"), (1.6e6, 0.8, 0.39), one.distance)
     assert watch.scores
     assert "slip_sinkage" not in {score.effect for score in watch.scores}

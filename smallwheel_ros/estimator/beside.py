@@ -30,17 +30,9 @@ class Wheel(NamedTuple):
     log_diameter: float
 
 
-class Beside(NamedTuple):
-    """ln of the sinkage (m), with its slopes.
-
-    by_reference: by ln of the reference's sinkage. by_exponent: by n, that held. by_load: by ln of
-    the load; by ln K it is the opposite.
-    """
-
-    log_sinkage: float
-    by_reference: float
-    by_exponent: float
-    by_load: float
+# ln of the sinkage (m), with its slopes by ln of the reference's sinkage, by n (that held), and by ln
+# of the load; by ln K it is the opposite.
+Beside = tuple[float, float, float, float]
 
 
 def wheel_of(load: float, diameter: float, width: float) -> Wheel:
@@ -120,7 +112,7 @@ def sinkage_beside(
         log_ratio += step
     taken_off *= ratio / value
     log_z = log_ratio + wheel.log_diameter
-    return Beside(
+    return (
         log_z,
         by_reference / slope,
         (log_reference - off_reference - log_z + taken_off) / slope,

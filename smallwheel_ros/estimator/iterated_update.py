@@ -76,7 +76,8 @@ def line_at(point: Point, x: Four, belief: Belief, measured: float) -> Line:
     first, second, third, fourth = a * first, b * second, c * third, d * fourth
     spread = first + second + third + fourth
     reach = abs(first) + abs(second) + abs(third) + abs(fourth)
-    return Line(value, row, noise, by, spread, reach, (measured - value) ** 2 / (spread + noise))
+    miss = measured - value
+    return Line(value, row, noise, by, spread, reach, miss * miss / (spread + noise))
 
 
 def linearise(
@@ -92,8 +93,9 @@ def linearise(
     where the measurement's value cannot be computed.
     """
     mean, x, value = belief.mean, belief.mean, first.value
-    gain = (measured - line.expected) / (line.spread + line.noise)
-    if _straight(gain * line.reach, value, line.noise):
+    expected, _, noise, _, spread, reach, _ = line
+    gain = (measured - expected) / (spread + noise)
+    if _straight(gain * reach, value, noise):
         return line, x
     share, last = 1.0, math.inf
     for _ in range(_ITERATIONS):

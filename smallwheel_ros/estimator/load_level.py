@@ -47,11 +47,13 @@ class Level:
         off *= 1.0 - share  # the new mean
         true = self._variance - self._noise
         reliability = true / (true + variance) if true > self._chance * self._noise else 0.0
-        if off * off > _JUMP**2 * variance:
+        square = off * off
+        if square > _JUMP**2 * variance:
             # A wheel that has just been loaded: the memory does not know of it yet.
-            reliability = max(reliability, 1.0 - _JUMP**2 * variance / (off * off))
-        left = (max(true, 0.0) + self._noise / count) * (1.0 - reliability) ** 2
-        return self._mean + reliability * off, reliability**2 * variance + left
+            reliability = max(reliability, 1.0 - _JUMP**2 * variance / square)
+        rest = 1.0 - reliability
+        left = (max(true, 0.0) + share * self._noise) * rest * rest
+        return self._mean + reliability * off, reliability * reliability * variance + left
 
 
 class LoadLevel(Level):

@@ -28,6 +28,7 @@ from smallwheel_ros.effects.registry import families
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
 from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
+from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
 from smallwheel_ros.estimator.way_pieces import Changes, WayPieces
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
@@ -135,21 +136,13 @@ class MissingEffectWatch:
         self.scores: tuple[EffectScore, ...] = ()
         self.alarm: MissingEffect | None = None
 
-    def add(
-        self,
-        wheel: str,
-        distance: float,
-        sinkage: float,
-        variance: float,
-        settings: tuple[float, float, float],
-        slip: float | None,
-        speed: float | None,
-    ) -> bool:
+    def add(self, given: SinkageMeasurement, load: float, variance: float) -> bool:
         """Take a measurement of a rolling wheel, fitting or not; True when a test is due.
 
-        settings: load (N), diameter, width (m).
+        load: N, without its noise. variance: of the sinkage, m^2.
         """
-        self._pieces.add(wheel, distance, sinkage, variance, settings, slip, speed)
+        distance = given.distance
+        self._pieces.add(given, load, variance)
         if self._next is None:
             self._next = distance + EVERY
         return distance >= self._next

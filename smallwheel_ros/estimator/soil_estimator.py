@@ -129,28 +129,28 @@ class SoilEstimator:
 
     def update(self, measurement: SinkageMeasurement) -> UpdateResult:
         """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
-        given = measurement if measurement.slip is not None else self._in_its_rut(measurement)
-        problem = find_problem(given, self._needs) or self._out_of_order(given)
+        given, wheel = measurement, self._wheels.get(measurement.wheel)
+        rolls = measurement.slip is not None
+        if not rolls and wheel is not None:
+            given = _in_its_rut(measurement, wheel)
+        problem = find_problem(given, self._needs) or self._out_of_order(given, wheel)
         if problem is not None:
             return self._refuse(*problem)
+        if wheel is None:
+            wheel = self._arrive(given)
+        if given.distance > self._distance:
+            self._distance = given.distance
         try:
-            result = self._use(given, measurement.slip is not None)
+            result = self._use(given, wheel, rolls)
         except (ArithmeticError, ValueError) as error:
             return self._refuse("numerical", no_sinkage(given, error))
-        if measurement.slip is not None:
-            wheel = self._wheels[given.wheel]
+        if rolls:
             wheel.slip, wheel.slip_at = measurement.slip, given.distance
         return result
 
-    def _in_its_rut(self, given: SinkageMeasurement) -> SinkageMeasurement:
-        """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
-        wheel = self._wheels.get(given.wheel)
-        if wheel is None or wheel.slip is None or given.distance - wheel.slip_at > _STANDS:
-            return given
-        return replace(given, slip=wheel.slip)
-
-    def _out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
-        wheel = self._wheels.get(given.wheel)
+    def _out_of_order(
+        self, given: SinkageMeasurement, wheel: WheelTrack | None
+    ) -> tuple[str, str] | None:
         if wheel is None:
             if len(self._wheels) < _MOST_WHEELS:
                 return None
@@ -169,9 +169,8 @@ class SoilEstimator:
             )
         return None
 
-    def _use(self, given: SinkageMeasurement, rolls: bool) -> UpdateResult:
-        wheel = self._arrive(given)
-        wheel.load = wheel.level.follow(given.load, given.load_variance / given.load**2)
+    def _use(self, given: SinkageMeasurement, wheel: WheelTrack, rolls: bool) -> UpdateResult:
+        wheel.load = wheel.level.follow(given.load, given.load_variance / (given.load * given.load))
         reading = sinkage_reading(self.effects, given, wheel.load, self.settings.sinkage_std)
         taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
         # Only now: what could not be used does not stand in the way of an earlier one that can.
@@ -238,30 +237,17 @@ class SoilEstimator:
     def _look_for_missing_effects(
         self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
     ) -> None:
-        settings = wheel.load[0], given.diameter, given.width
-        due = self._watch.add(
-            given.wheel,
-            given.distance,
-            given.sinkage,
-            reading.noise,
-            settings,
-            given.slip,
-            given.speed,
-        )
-        if due:
+        if self._watch.add(given, wheel.load[0], reading.noise):
             now = self.estimate()
             self._watch.test(self.prior.soil, (now.k, now.n, now.m), given.distance)
 
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
-        """Bring filter and wheel to where the measurement was made."""
+        """Give a wheel that was never measured its place; the first one says where way begins."""
         if not self._wheels:
             self._distance = given.distance
             self._soils.start(given.distance)
-        self._distance = max(self._distance, given.distance)
-        wheel = self._wheels.get(given.wheel)
-        if wheel is None:
-            wheel = WheelTrack(self._soils.add_spot(), self._soils.current)
-            self._wheels[given.wheel] = wheel
+        wheel = WheelTrack(self._soils.add_spot(), self._soils.current)
+        self._wheels[given.wheel] = wheel
         return wheel
 
     def elsewhere(self, wheel: str) -> tuple[str, ...]:
@@ -364,3 +350,10 @@ class SoilEstimator:
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(no_sinkage(given, error)) from None
         return prediction
+
+
+def _in_its_rut(given: SinkageMeasurement, wheel: WheelTrack) -> SinkageMeasurement:
+    """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
+    if wheel.slip is None or given.distance - wheel.slip_at > _STANDS:
+        return given
+    return replace(given, slip=wheel.slip)

@@ -197,7 +197,8 @@ class SoilState:
     def _linearise_prior(self, coordinates: OfReference, soil: Array) -> None:
         there, jacobian = coordinates.from_direct(soil)
         mean = there + jacobian @ (self._prior_mean - soil)
-        if not _in_range(float(mean[_FIRST])):  # drift would lead back to there
+        low, high = _FIRST_LIMITS
+        if not low < float(mean[_FIRST]) < high:  # drift would lead back to there
             raise ArithmeticError("the soil that this would mean is outside of the model's range")
         self._mean = mean
         self._filter.renew(self._widened * jacobian @ self._prior @ jacobian.T)
@@ -211,8 +212,8 @@ class SoilState:
         if not self._filter.update(reading.measured - line.expected, row, line.noise):
             raise ArithmeticError("the update would leave the covariance unsound")
         first, q, m = (self._mean + self._filter.deviation[:_LAW]).tolist()
-        low, high = _EXPONENT_LIMITS
-        if not _in_range(first) or not low < q < high or abs(m) > _M_LIMIT:
+        (low, high), (least, most) = _FIRST_LIMITS, _EXPONENT_LIMITS
+        if not (low < first < high and least < q < most and -_M_LIMIT < m < _M_LIMIT):
             self._filter.state = before
             return "out_of_range"
         return "accepted"
@@ -268,8 +269,3 @@ class SoilState:
         if self._opening.travelled > travelled:
             self._filter.travel(self._opening.travelled - travelled)
         return True
-
-
-def _in_range(log_sinkage: float) -> bool:
-    low, high = _FIRST_LIMITS
-    return low < log_sinkage < high

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+
 Array = NDArray[np.float64]
 
 _MOST_READINGS = 40  # in a piece: a wheel that stands fills one
@@ -72,29 +74,21 @@ class WayPieces:
         self._wheels: dict[str, tuple[float, float]] = {}
         self._done: dict[str, deque[_Piece]] = {}
 
-    def add(
-        self,
-        wheel: str,
-        distance: float,
-        sinkage: float,
-        variance: float,
-        settings: tuple[float, float, float],
-        slip: float | None,
-        speed: float | None,
-    ) -> None:
-        """Take a measurement; settings: load, diameter, width."""
-        if sinkage < _LEAST_SINKAGE:
+    def add(self, given: SinkageMeasurement, load: float, variance: float) -> None:
+        """Take a measurement. load: N, without its noise. variance: of the sinkage, m^2."""
+        if given.sinkage < _LEAST_SINKAGE:
             return
-        load, diameter, width = settings
+        wheel, distance = given.wheel, given.distance
         piece = self._open.get(wheel)
         if piece is None or not 0.0 <= distance - piece.start < self._length:
             if piece is not None:
                 self._close(wheel, piece)
             piece = self._open[wheel] = _Open(distance)
-        self._wheels[wheel] = diameter, width
+            self._wheels[wheel] = given.diameter, given.width
         if len(piece.rows) < _MOST_READINGS:
+            slip, speed = given.slip, given.speed
             row = (
-                sinkage,
+                given.sinkage,
                 variance,
                 load,
                 math.nan if slip is None else slip,
