@@ -27,6 +27,7 @@ from smallwheel_ros.estimator.identifiability import (
     SoilEstimate,
     soil_estimate,
 )
+from smallwheel_ros.estimator.measured_forces import MeasuredForces
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
@@ -34,10 +35,6 @@ from smallwheel_ros.estimator.missing_effect import (
 )
 from smallwheel_ros.estimator.outcomes import (
     no_sinkage,
-    pull_problem,
-    pull_reading,
-    resistance_problem,
-    resistance_reading,
     result_of,
     sinkage_reading,
 )
@@ -101,6 +98,7 @@ class SoilEstimator:
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
+        self._forces = MeasuredForces(prior, self.settings, self.effects, self._gate)
         self.reset()
 
     def reset(self) -> None:
@@ -109,13 +107,24 @@ class SoilEstimator:
         self._wheels: dict[str, WheelTrack] = {}
         self._watch.reset()
         self._distance = 0.0
-        self.accepted = self.outliers = self.resistance_outliers = self.drawbar_pull_outliers = 0
+        self._forces.reset()
+        self.accepted = self.outliers = 0
         self.refused: dict[str, int] = {}
 
     @property
     def soil_changes(self) -> int:
         """How often a run of surprises was taken for another soil."""
         return self._soils.changes
+
+    @property
+    def resistance_outliers(self) -> int:
+        """Measured resistances that did not fit."""
+        return self._forces.resistance_outliers
+
+    @property
+    def drawbar_pull_outliers(self) -> int:
+        """Measured drawbar pulls that did not fit."""
+        return self._forces.drawbar_pull_outliers
 
     @property
     def missing_effect(self) -> MissingEffect | None:
@@ -181,10 +190,11 @@ class SoilEstimator:
         if reason in ("accepted", "soil_changed"):
             self.accepted += 1
             if given.resistance is not None and given.contact == ROLLING:
-                resistance = self._use_resistance(given, wheel)
+                resistance = self._counted(self._forces.use_resistance(given, wheel))
             if given.drawbar_pull is not None and given.contact == ROLLING:
                 # The slip of a wheel's rut says nothing of what it pulls with while it stands.
-                pull = self._use_pull(given if rolls else replace(given, slip=None), wheel)
+                pulling = given if rolls else replace(given, slip=None)
+                pull = self._counted(self._forces.use_pull(pulling, wheel))
             wheel.soil.variety = wheel.soil.variety.with_wheel(
                 given.diameter, wheel.load[0] / given.width
             )
@@ -192,47 +202,13 @@ class SoilEstimator:
             self.outliers += 1
         return result_of(given.wheel, reason, reading, taken, resistance, pull)
 
-    def _use_resistance(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
-        """Update by the resistance of a wheel whose sinkage fits.
-
-        One that does not fit is left out, and is no sign of another soil: the wheel's sinkage fits,
-        so it is the resistance that the model has not got right.
-        """
-        problem = resistance_problem(given)
-        if problem is None:
-            try:
-                reading = resistance_reading(self.effects, given, wheel.load)
-                taken = wheel.soil.state.take(reading, wheel.spot, self._gate)
-            except (ArithmeticError, ValueError) as error:
-                words = f"wheel '{given.wheel}': the model has no resistance ({error})"
-                problem = "resistance_numerical", words
-            else:
-                self.resistance_outliers += taken.reason != "accepted"
-                return result_of(given.wheel, taken.reason, reading, taken)
-        return self._refuse(*problem)
-
-    def _use_pull(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
-        """Update the soil's strength by the drawbar pull of a wheel whose sinkage fits."""
-        problem = pull_problem(given)
-        if problem is not None:
-            return self._refuse(*problem)
-        soil = wheel.soil
-        if soil.strength is None:
-            soil.strength = StrengthState(self.prior, self.settings)
-        try:
-            pull = pull_reading(self.effects, given, wheel.load, wheel.slip_level)
-            taken, reading = soil.strength.take(
-                pull, given.wheel, wheel.spot, soil.state, given.distance, self._gate
-            )
-        except (ArithmeticError, ValueError) as error:
-            words = f"wheel '{given.wheel}': the model has no drawbar pull ({error})"
-            return self._refuse("drawbar_pull_numerical", words)
-        self.drawbar_pull_outliers += taken.reason != "accepted"
-        return result_of(given.wheel, taken.reason, reading, taken)
-
     def _refuse(self, reason: str, message: str) -> UpdateResult:
-        self.refused[reason] = self.refused.get(reason, 0) + 1
-        return UpdateResult(Outcome.REFUSED, reason, message)
+        return self._counted(UpdateResult(Outcome.REFUSED, reason, message))
+
+    def _counted(self, result: UpdateResult) -> UpdateResult:
+        if result.outcome is Outcome.REFUSED:
+            self.refused[result.reason] = self.refused.get(result.reason, 0) + 1
+        return result
 
     def _look_for_missing_effects(
         self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
