@@ -6,11 +6,14 @@ import re
 from pathlib import Path
 
 import pytest
+from drawbar_drives import pull_drive
 from node_peer import ONE_WHEEL, Peer
 
+from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
 from smallwheel_ros.node_process import NodeProcess
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.physics.soil import soil
 
 ONE_DIAMETER = "all wheels have one diameter (0.25 m)"
 
@@ -39,6 +42,8 @@ def test_what_is_determined_is_said_before_driving_and_after(peer: Peer, tmp_pat
             "verdict on m",
         }
         assert {text.split(":")[0] for text in verdicts().values()} == {"not determined"}
+        strength = {v.key: v.value for v in peer.entry("soil").values}["strength"]
+        assert strength == "thrust is not determined: no drawbar pull was measured"
 
         peer.drive(0.0, 3.0)
         peer.spin_until(lambda: f"m not determined: {ONE_DIAMETER}" in message(), "m's verdict")
@@ -70,3 +75,17 @@ def test_two_sizes_determine_m_where_both_are_measured(
     values = {"wheels": ["front", "rear"], "front.diameter": 0.25, "front.width": 0.1}
     onboard = Onboard(settings_from({**values, "rear.width": 0.1, **second}).onboard)
     assert [ONE_DIAMETER in text for text in onboard.undeterminable] == [True] * said
+
+
+def test_strength_is_said_once_pulls_are_measured() -> None:
+    from smallwheel_ros.ros.diagnostics import strength_values
+
+    estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
+    assert set(strength_values(estimator.estimate())) == {"strength"}
+    for measurement in pull_drive(1)[1]:
+        estimator.update(measurement)
+    said = strength_values(estimator.estimate())
+    assert said["verdict on thrust"].startswith("determined: ")
+    value, deviation = map(float, said["friction angle [rad]"].split(" +- "))
+    assert 0.1 < value < 1.0
+    assert 0.0 < deviation < 0.2

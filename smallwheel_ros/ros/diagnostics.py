@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Onboard
@@ -90,12 +91,29 @@ def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
         "n": f"{soil.n:.4f} +- {spread[1]:.2g}",
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
         **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
+        **strength_values(soil),
         "soil changes": str(soil.soil_changes),
         "travel [m]": f"{soil.distance:.2f}",
     }
     words = soil.status if soil.accepted else (*soil.status, *onboard.undeterminable)
     text = "; ".join(words) or "k, n and m are determined"
     return status(name, OK, text, values)
+
+
+def strength_values(soil: SoilEstimate) -> dict[str, str]:
+    """The strength as drawbar pulls tell it, and in words what they do not."""
+    values = {"strength": "; ".join(soil.strength_status) or "determined"}
+    if soil.strength is not None:
+        strength = soil.strength.strength
+        for key, found in (
+            ("cohesion [Pa]", strength.cohesion),
+            ("friction angle [rad]", strength.friction_angle),
+            ("shear displacement [m]", strength.shear_displacement),
+        ):
+            values[key] = f"{found.value:.4g} +- {found.standard_deviation:.2g}"
+        for key, said in soil.strength.verdicts.items():
+            values[f"verdict on {key.replace('_', ' ')}"] = said
+    return values
 
 
 def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
