@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate
@@ -9,23 +10,35 @@ from smallwheel_ros.onboard.mobility import MobilityEstimate
 from smallwheel_ros.physics.wheel import Quantity
 
 STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
-# Names in the message and in `WheelForces`.
-_FORCES = {
-    "compaction_resistance": "compaction_resistance",
-    "other_resistance": "other_resistance",
-    "rolling_resistance_coefficient": "rolling_resistance_coefficient",
-    "thrust": "thrust",
-    "drawbar_pull": "drawbar_pull",
-    "mobility_margin": "margin",
-    "steepest_slope": "steepest_slope",
-    "energy_per_metre": "energy_per_metre",
-}
-
-
-def _put(fields: dict[str, Any], name: str, quantity: Quantity | None) -> None:
-    """A quantity that is not known is 0."""
-    fields[name] = 0.0 if quantity is None else quantity.value
-    fields[f"{name}_standard_deviation"] = 0.0 if quantity is None else quantity.standard_deviation
+# The message's names of its quantities and of their standard deviations: first what belongs to the
+# wheel, then what `_of_forces` gives.
+_QUANTITIES = tuple(
+    (name, f"{name}_standard_deviation")
+    for name in (
+        "load",
+        "slip",
+        "sinkage_measured",
+        "sinkage_predicted",
+        "compaction_resistance",
+        "other_resistance",
+        "rolling_resistance_coefficient",
+        "thrust",
+        "drawbar_pull",
+        "mobility_margin",
+        "steepest_slope",
+        "energy_per_metre",
+    )
+)
+_of_forces = attrgetter(
+    "compaction_resistance",
+    "other_resistance",
+    "rolling_resistance_coefficient",
+    "thrust",
+    "drawbar_pull",
+    "margin",
+    "steepest_slope",
+    "energy_per_metre",
+)
 
 
 def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
@@ -48,13 +61,17 @@ def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
         "energy_valid": forces is not None and forces.energy_per_metre is not None,
         "digging_in": estimate.digging_in,
     }
-    _put(fields, "load", estimate.load)
-    _put(fields, "slip", estimate.slip)
-    _put(fields, "sinkage_measured", estimate.sinkage_measured)
-    _put(fields, "sinkage_predicted", None if forces is None else estimate.sinkage_predicted)
-    for name, attribute in _FORCES.items():
-        quantity: Quantity | None = None if forces is None else getattr(forces, attribute)
-        _put(fields, name, quantity)
+    quantities: tuple[Quantity | None, ...] = (
+        estimate.load,
+        estimate.slip,
+        estimate.sinkage_measured,
+        *((None,) * 9 if forces is None else (estimate.sinkage_predicted, *_of_forces(forces))),
+    )
+    for (name, deviation), quantity in zip(_QUANTITIES, quantities, strict=True):
+        if quantity is None:  # not known
+            fields[name] = fields[deviation] = 0.0
+        else:
+            fields[name], fields[deviation] = quantity.value, quantity.standard_deviation
     return fields
 
 

@@ -49,7 +49,7 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
         for outcome in outcomes:
             for row in _rows(outcome.spec.folder / f"{ESTIMATES}.csv"):
                 given = {"bag": outcome.spec.name, **row}
-                table.add({name: _cell(kind, given[name]) for name, kind in kinds.items()})
+                table.add(tuple(_cell(kind, given[name]) for name, kind in kinds.items()))
     files["estimates_csv"] = f"{ESTIMATES}.csv"
     if table.has_parquet:
         files["estimates_parquet"] = f"{ESTIMATES}.parquet"

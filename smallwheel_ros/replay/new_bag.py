@@ -82,8 +82,8 @@ class NewBag:
 
     def write(self, estimate: Estimate, log_time: int, frame: str) -> None:
         """Write an estimate; frame: that of odometry."""
-        stamp, wheel = estimate.row["stamp"], estimate.row["wheel"]
-        message = as_message(estimate.mobility, stamp, wheel)
+        stamp = estimate.stamp
+        message = as_message(estimate.mobility, stamp, estimate.wheel)
         self._writer.write(f"{self.prefix}/mobility", MOBILITY, log_time, message)
         sent = self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
@@ -97,7 +97,7 @@ class NewBag:
             self._write_soil(*self._soil_waits, frame)
 
     def _write_soil(self, estimate: Estimate, log_time: int, frame: str) -> None:
-        stamp = estimate.row["stamp"]
+        stamp = estimate.stamp
         message = as_message(estimate.soil, stamp, frame)
         self._writer.write(f"{self.prefix}/soil", SOIL, log_time, message)
         self._soil_sent, self._soil_waits = stamp, None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
@@ -46,82 +47,89 @@ def _fields(message: str) -> tuple[tuple[str, Kind], ...]:
     )
 
 
-@cache
-def _soil_fields() -> tuple[str, ...]:
-    return tuple(name for name, _ in _fields(SOIL))
+_FIRST: dict[str, Kind] = {
+    "stamp": "integer",
+    "time": "number",
+    "wheel": "text",
+    "x": "number",
+    "y": "number",
+    "speed": "number",
+    "travel": "number",
+    "status": "text",
+    "status_text": "text",
+}
 
 
 @cache
-def _soil_names() -> tuple[str, ...]:
-    return tuple(f"soil_{name}" for name in _soil_fields())
+def _own() -> dict[str, Kind]:
+    """Columns that are fields of the message about mobility."""
+    kinds = _fields(MOBILITY)
+    return {name: kind for name, kind in kinds if name not in _VALID and name not in _FIRST}
 
 
 @cache
 def columns() -> dict[str, Kind]:
     """Return the table's columns in their order."""
-    first: dict[str, Kind] = {
-        "stamp": "integer",
-        "time": "number",
-        "wheel": "text",
-        "x": "number",
-        "y": "number",
-        "speed": "number",
-        "travel": "number",
-        "status": "text",
-        "status_text": "text",
-    }
-    own = {name: kind for name, kind in _fields(MOBILITY) if name not in _VALID}
     soil = {f"soil_{name}": kind for name, kind in _fields(SOIL)}
     after: dict[str, Kind] = dict.fromkeys(_SPREADS, "number")
-    return {**first, **own, "status": "text", **soil, **after, "soil_changes": "integer"}
+    return {**_FIRST, **_own(), **soil, **after, "soil_changes": "integer"}
+
+
+@cache
+def _cells() -> tuple[itemgetter[str], itemgetter[str]]:
+    """Return what takes the cells of a row out of the fields of the two messages."""
+    return itemgetter(*_own()), itemgetter(*(name for name, _ in _fields(SOIL)))
 
 
 @cache
 def _blanks() -> dict[str, tuple[str, ...]]:
     """Columns to leave blank where a flag is false."""
-    names = [name for name, _ in _fields(MOBILITY) if name not in _VALID]
     return {
         flag: tuple(
             name
-            for name in names
+            for name in _own()
             if any(name in (start, f"{start}_standard_deviation") for start in starts)
         )
         for flag, starts in _VALID.items()
     }
 
 
-class Estimate(NamedTuple):
-    """One result: a row of the table, and the fields of the two messages."""
+def _blanked(mobility: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a message for the table: nothing where the message has 0 for what is not known."""
+    unknown = [name for flag, names in _blanks().items() if not mobility[flag] for name in names]
+    return {**mobility, **dict.fromkeys(unknown)} if unknown else mobility
 
-    row: dict[str, Any]
+
+class Estimate(NamedTuple):
+    """One result: a row of the table by `columns`, and the stamp, wheel and fields of messages."""
+
+    row: tuple[Any, ...]
+    stamp: int
+    wheel: str
     mobility: dict[str, Any]
     soil: dict[str, Any]
 
 
 def estimate_of(result: Result, start: int) -> Estimate:
     """Return a result as row and messages. start: the bag's first log time, ns."""
-    found = result.mobility
-    x, y = result.vehicle or (None, None)
-    mobility, soil = mobility_fields(found), soil_fields(result.soil, result.rejected)
-    row: dict[str, Any] = {
-        "stamp": found.stamp,
-        "time": (found.stamp - start) / SECOND,
-        "wheel": found.wheel,
-        "x": x,
-        "y": y,
-        "speed": result.speed,
-        "travel": result.soil.distance,
-        **mobility,
-        "status": STATUS_NAMES[found.status],
-    }
-    for flag, names in _blanks().items():
-        if not row[flag]:
-            row.update(dict.fromkeys(names))
-    row.update(zip(_soil_names(), map(soil.__getitem__, _soil_fields()), strict=True))
-    for name, variance in zip(_SPREADS, result.soil.covariance.diagonal().tolist(), strict=True):
-        row[name] = max(variance, 0.0) ** 0.5
-    row["soil_changes"] = result.soil.soil_changes
-    return Estimate(row, mobility, soil)
+    found, believed = result.mobility, result.soil
+    mobility, soil = mobility_fields(found), soil_fields(believed, result.rejected)
+    own_cells, soil_cells = _cells()
+    row = (
+        found.stamp,
+        (found.stamp - start) / SECOND,
+        found.wheel,
+        *(result.vehicle or (None, None)),
+        result.speed,
+        believed.distance,
+        STATUS_NAMES[found.status],
+        found.status_text,
+        *own_cells(_blanked(mobility)),
+        *soil_cells(soil),
+        *[max(variance, 0.0) ** 0.5 for variance in believed.covariance.diagonal().tolist()],
+        believed.soil_changes,
+    )
+    return Estimate(row, found.stamp, found.wheel, mobility, soil)
 
 
 def as_message(fields: dict[str, Any], stamp: int, frame: str) -> Any:

@@ -10,7 +10,6 @@ import contextlib
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -44,7 +43,6 @@ class TableFiles:
     def __init__(self, stem: Path, columns: Mapping[str, Kind]) -> None:
         self._stem, self._columns = stem, dict(columns)
         self._names = list(columns)
-        self._cells = itemgetter(*columns)
         self._rows: list[tuple[Any, ...]] = []
         self._file: BinaryIO | None = None
         self._parquet: Any = None
@@ -93,9 +91,9 @@ class TableFiles:
             f"{error.filename or self._stem}: cannot be written: {error.strerror or error}"
         )
 
-    def add(self, row: Mapping[str, Any]) -> None:
-        """Add a row; None is a blank cell."""
-        self._rows.append(self._cells(row))
+    def add(self, row: tuple[Any, ...]) -> None:
+        """Add a row, its cells in the order of the columns; None is a blank cell."""
+        self._rows.append(row)
         if len(self._rows) >= _BATCH:
             self._write()
 
