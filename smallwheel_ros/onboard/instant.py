@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 
-@dataclass(frozen=True)
-class Instant:
+class Instant(NamedTuple):
     """What is known of one wheel at one instant; None where it is not.
 
     stamp: ns. load: N. slip: 1. sinkage: measured, m. speed: of the wheel's place over ground, m/s.

@@ -146,10 +146,10 @@ class Blocks:
         pressed = wheel.contact == PRESSED
         if not pressed and len(readings) < _FEWEST_READINGS:
             return None
-        load, sinkage, variance, slip, speed, pull, noise = np.median(readings, axis=0).tolist()
+        low, middle, high = np.percentile(readings, [25.0, 50.0, 75.0], axis=0)
+        load, sinkage, variance, slip, speed, pull, noise = middle.tolist()
         if sinkage > wheel.diameter / 2:
             return None
-        low, high = np.percentile(readings, [25.0, 75.0], axis=0)
         spread = high - low
         if not pressed and (
             spread[3] > _STEADY_SLIP

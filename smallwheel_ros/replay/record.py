@@ -242,7 +242,7 @@ def _point(result: Result, time: float, used: bool) -> tuple[float, ...]:
     forces = found.forces
     margin = of(forces and forces.margin)
     pull = of(forces and forces.drawbar_pull)
-    spread = soil.covariance.diagonal()
+    k_std, n_std, m_std = [variance**0.5 for variance in soil.covariance.diagonal().tolist()]
     return (
         time,
         *(result.vehicle or (_NAN, _NAN)),
@@ -254,12 +254,12 @@ def _point(result: Result, time: float, used: bool) -> tuple[float, ...]:
         *margin,
         *pull,
         float(used),
-        float(soil.k),
-        float(spread[0]) ** 0.5,
-        float(soil.n),
-        float(spread[1]) ** 0.5,
-        float(soil.m),
-        float(spread[2]) ** 0.5,
+        soil.k,
+        k_std,
+        soil.n,
+        n_std,
+        soil.m,
+        m_std,
         soil.reference_pressure,
         soil.reference_pressure_std,
     )

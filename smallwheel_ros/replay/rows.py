@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from operator import itemgetter
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 SOIL = "smallwheel_ros/msg/SoilEstimate"
 STATUS_NAMES = {status: status.name for status in Status}  # an enum's own lookup is slow
 Kind = Literal["integer", "number", "text", "truth"]
+_Getter = Callable[[dict[str, Any]], tuple[Any, ...]]
 _KINDS: dict[str, Kind] = {"bool": "truth", "string": "text", "float64": "number"}
 # Flags of the message, and the beginnings of the names of what they are about. In the table an
 # unknown quantity is blank instead.
@@ -76,7 +78,7 @@ def columns() -> dict[str, Kind]:
 
 
 @cache
-def _cells() -> tuple[itemgetter[str], itemgetter[str]]:
+def _cells() -> tuple[_Getter, _Getter]:
     """Return what takes the cells of a row out of the fields of the two messages."""
     return itemgetter(*_own()), itemgetter(*(name for name, _ in _fields(SOIL)))
 
