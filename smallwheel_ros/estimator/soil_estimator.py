@@ -233,6 +233,11 @@ class SoilEstimator:
             return ()
         return tuple(n for n, other in self._wheels.items() if other.soil is not known.soil)
 
+    def on_newest_soil(self, wheel: str) -> bool:
+        """Whether a wheel is on the soil that a wheel came to last, or was never measured."""
+        known = self._wheels.get(wheel)
+        return known is None or known.soil is self._soils.current
+
     def estimate(self, wheel: str | None = None) -> SoilEstimate:
         """Return the soil as it is believed now: the one that a wheel came to last.
 

@@ -77,7 +77,7 @@ class Assessor:
         name = instant.wheel.name
         soil = own = self.estimator.estimate()
         elsewhere = self.estimator.elsewhere(name)
-        if elsewhere:
+        if not self.estimator.on_newest_soil(name):
             own = self.estimator.estimate(name)
         if instant.load is not None:
             try:
