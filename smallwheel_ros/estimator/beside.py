@@ -15,7 +15,7 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from smallwheel_ros.estimator.point_sinkage import SHAPES, Shape
+from smallwheel_ros.estimator.point_sinkage import SHAPES, Shape, terms
 
 _NEWTON_STEPS = 20
 _STRAIGHT = 0.3
@@ -42,15 +42,8 @@ def wheel_of(load: float, diameter: float, width: float) -> Wheel:
 
 @lru_cache(maxsize=256)
 def _terms(shape: Shape, place: int) -> tuple[tuple[float, float], ...]:
-    """Coefficients of I/I(0) at a place of the grid, the highest first; and what n takes off."""
-    terms = []
-    product, harmonic, denominator = 1.0, 0.0, place / _GRID + 0.5
-    for beta_index, a in shape.coefficients:
-        denominator += 1.0
-        product *= beta_index / denominator
-        harmonic += 1.0 / denominator
-        terms.append((product * a, product * a * harmonic))
-    return tuple(reversed(terms))
+    """Coefficients of I/I(0) at a place of the grid, each with what n takes off; highest first."""
+    return terms(shape, place / _GRID)
 
 
 def sinkage_beside(
@@ -73,14 +66,15 @@ def sinkage_beside(
     else:
         return None
     place = round(exponent * _GRID)
-    terms, away = _terms(shape, place), exponent - place / _GRID
+    coefficients, away = _terms(shape, place), exponent - place / _GRID
     ratio = math.exp(log_ratio)
+    # This loop stands here twice: two calls more are a fiftieth of the filter's whole update.
     value = slope = taken_off = 0.0
-    for c, off in terms:
+    for c, off in coefficients:
         slope = slope * ratio + value
         value = value * ratio + c
         taken_off = taken_off * ratio + off
-    # The loop leaves out the power 0: I/I(0) = 1 + ratio * value.
+    # It leaves out the power 0: I/I(0) = 1 + ratio * value.
     slope = (slope * ratio + value) * ratio
     value = 1.0 + (value - away * taken_off) * ratio
     by_reference = half + slope / value
@@ -97,7 +91,7 @@ def sinkage_beside(
         if not ratio < shape.limit:
             return None
         value = slope = taken_off = 0.0
-        for c, off in terms:
+        for c, off in coefficients:
             slope = slope * ratio + value
             value = value * ratio + c
             taken_off = taken_off * ratio + off

@@ -79,9 +79,7 @@ class Direct:
         """See `Coordinates`."""
         first, q, m, spot = x
         n, by_q = exponent_and_slope(q)
-        share = _slope_share(
-            belief, *((n, by_q) if x is belief.mean else exponent_and_slope(belief.mean[1]))
-        )
+        share = _slope_share(belief, x, n, by_q)
         scale = math.sqrt(share)
         across = reading.observe.diameter_log
         shown = reading.observe(first + scale * spot + across * m, n)
@@ -112,9 +110,7 @@ class OfReference:
         """
         first, q, m, spot = x
         n, by_q = exponent_and_slope(q)
-        share = _slope_share(
-            belief, *((n, by_q) if x is belief.mean else exponent_and_slope(belief.mean[1]))
-        )
+        share = _slope_share(belief, x, n, by_q)
         by_spot = -math.sqrt(share) / (n + 0.5)
         log_z = first + by_spot * spot
         observe = reading.observe
@@ -186,10 +182,12 @@ def _bend(wheel: tuple[float, float, float], first: int, q: int) -> float:
     return (up - down) / (2.0 * _STEP)
 
 
-def _slope_share(belief: Belief, n: float, by_q: float) -> float:
+def _slope_share(belief: Belief, x: Four, n: float, by_q: float) -> float:
     """Mean of 1/(n + 1/2)^2 over its value at the mean n: what an uncertain n adds.
 
     The spot and the load cell's noise change ln z by their 1/(n + 1/2)-fold. Without this, one load,
-    which leaves n open, would make the innovations seem too large.
+    which leaves n open, would make the innovations seem too large. n, by_q: at x.
     """
+    if x is not belief.mean:
+        n, by_q = exponent_and_slope(belief.mean[1])
     return 1.0 + 3.0 * belief.rows[1][1] * (by_q / (n + 0.5)) ** 2

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.beside import Wheel
 from smallwheel_ros.estimator.sinkage_observation import (
     LOG_REFERENCE_SINKAGE,
+    Observation,
     Observed,
     observation,
     resistance_observation,
@@ -184,7 +184,7 @@ def force_observation(
     return _WithEffects(effects, load, diameter, width, slip, speed)
 
 
-class PullOnLaw:
+class PullOnLaw(Observation):
     """The drawbar pull as an `Observation` of the sinkage, for a strength that is held.
 
     n at one sinkage is left out: what it does to the resistance `strength` keeps apart.
@@ -196,12 +196,6 @@ class PullOnLaw:
         self._forces, self._strength, self._other = forces, strength, other
         self.diameter_log, self.wheel = forces.diameter_log, forces.wheel
         self.law = (0.0, 0.0)
-
-    def beside(
-        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
-    ) -> Observed | None:
-        """See `Observation`: there is no cheaper way."""
-        return None
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         """See `Observation`."""

@@ -60,21 +60,22 @@ def _at_zero(exponent: float) -> tuple[float, float]:
     return log_start, float(digamma(exponent + 1.0)) - float(digamma(exponent + 1.5))
 
 
-@lru_cache(maxsize=64)
-def _terms(shape: Shape, exponent: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def terms(shape: Shape, exponent: float) -> tuple[tuple[float, float], ...]:
     """Coefficients of I over I at zero sinkage, as a polynomial in the ratio; the highest first.
 
     Second: each times its share in what n takes off.
     """
-    products, by_exponent = [], []
+    found = []
     product, harmonic, denominator = 1.0, 0.0, exponent + 0.5
     for beta_index, a in shape.coefficients:
         denominator += 1.0
         product *= beta_index / denominator
         harmonic += 1.0 / denominator
-        products.append(product * a)
-        by_exponent.append(product * a * harmonic)
-    return tuple(reversed(products)), tuple(reversed(by_exponent))
+        found.append((product * a, product * a * harmonic))
+    return tuple(reversed(found))
+
+
+_terms = lru_cache(maxsize=64)(terms)
 
 
 def point_sinkage(
@@ -115,14 +116,14 @@ def _solve(
     of the target that is left where the range ends before it.
     """
     half = exponent + 0.5
-    products, taking_off = _terms(shape, exponent)
+    polynomial = _terms(shape, exponent)
     log_limit = math.log(shape.limit * diameter)
     log_z = min(log_z, log_limit)
     excess = 0.0
     for _ in range(_NEWTON_STEPS):
         ratio = math.exp(log_z) / diameter
         value, slope = 0.0, 0.0
-        for c in products:
+        for c, _ in polynomial:
             slope = slope * ratio + value
             value = value * ratio + c
         # the loop leaves out the power 0: I/I0 = 1 + ratio * value
@@ -142,8 +143,8 @@ def _solve(
         if -1e-7 < step < 1e-7:
             break
     by_exponent = 0.0
-    for c in taking_off:
-        by_exponent = by_exponent * ratio + c
+    for _, off in polynomial:
+        by_exponent = by_exponent * ratio + off
     return log_z, slope, by_exponent * ratio / value, excess
 
 
@@ -170,9 +171,9 @@ def point_pressure(
     if not ratio <= AXLE_RATIO:
         raise ValueError("sinkage is not a number")
     shape = next(s for s in SHAPES if ratio <= s.limit)
-    products, taking_off = _terms(shape, exponent)
+    polynomial = _terms(shape, exponent)
     value, slope, by_exponent = 0.0, 0.0, 0.0
-    for c, off in zip(products, taking_off, strict=True):
+    for c, off in polynomial:
         slope = slope * ratio + value
         value = value * ratio + c
         by_exponent = by_exponent * ratio + off

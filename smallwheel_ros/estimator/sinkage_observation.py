@@ -60,6 +60,7 @@ class Observation(Protocol):
 
         None where there is no such way: then by the pressure.
         """
+        return None
 
 
 class Reading(NamedTuple):
@@ -104,17 +105,12 @@ class _Plain:
         return Observed(z, -z * slope_load, by_exponent, z * slope_load, sunk)
 
 
-class _Resistance:
+class _Resistance(Observation):
     """Compaction resistance of a rolling wheel without effects: R = b p(z) z / (n + 1), eq. 14."""
 
     def __init__(self, load: float, diameter: float, width: float) -> None:
         self.plain = _Plain(load, diameter, width, ROLLING)
         self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
-
-    def beside(
-        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
-    ) -> Observed | None:
-        return None
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         z, by_pressure, by_exponent, by_load, sunk, _ = self.plain(log_pressure, exponent)
@@ -195,7 +191,7 @@ class _WithEffects:
         )
 
 
-class _Layered:
+class _Layered(Observation):
     """Any effects at all, by `model.predict` and central differences: a hundred times slower."""
 
     def __init__(
@@ -221,11 +217,6 @@ class _Layered:
             np.array([str(i) for i in range(7)]),
             rows.covariates,
         )
-
-    def beside(
-        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
-    ) -> Observed | None:
-        return None
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         still = (0.0, 0.0)

@@ -156,8 +156,10 @@ def wheel_forces(
     )
     if forces is None:
         return None
-    spread: Spread = _Spread.of(soil, strength, load, slip, scatter)
-    if soil.strength is not None:
+    spread: Spread
+    if soil.strength is None:
+        spread = _Spread.of(soil, strength, load, slip, scatter)
+    else:
         forces = with_other_resistance(forces, soil.strength, wheel, load.value)
         spread = MeasuredSpread.of(soil, soil.strength, load, slip, scatter)
     # A sum is finite only where everything in it is.
