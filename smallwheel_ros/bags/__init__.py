@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from smallwheel_ros.bag_files import BagError, BagMessage, BagTopic, RawMessage
 from smallwheel_ros.bags.library import Channel, message_type, typestore
+from smallwheel_ros.bags.packer import packer
 from smallwheel_ros.bags.reader import BagReader
 from smallwheel_ros.bags.writer import BagWriter
 
@@ -20,5 +21,6 @@ __all__ = [
     "Channel",
     "RawMessage",
     "message_type",
+    "packer",
     "typestore",
 ]

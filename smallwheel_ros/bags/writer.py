@@ -105,17 +105,19 @@ class BagWriter:
             raise self._failed(error) from error
         self.message_count += 1
 
-    def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> None:
+    def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Channel:
         """Make a topic of a type that `message_type` knows before its first message comes.
 
         keeps_last: whoever plays the bag gives its last message to those who listen later.
         """
         assert self._target is not None, "use BagWriter in a with statement"
         qos = (latched(),) if keeps_last else ()
+        channel = Channel(topic, kind, typestore(), qos)
         try:
-            self._add(self._target.writer, Channel(topic, kind, typestore(), qos))
+            self._add(self._target.writer, channel)
         except (OSError, sqlite3.Error) as error:
             raise self._failed(error) from error
+        return channel
 
     def _add(self, writer: Writer, channel: Channel) -> Connection:
         connection = writer.add_connection(

@@ -10,7 +10,7 @@ from smallwheel_ros.bag_files import BagTopic, Storage
 from smallwheel_ros.bags import BagReader, BagWriter, Channel
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.rows import MOBILITY, SOIL, Estimate, as_message
+from smallwheel_ros.replay.rows import MOBILITY, SOIL, Estimate, as_bytes
 
 _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a second
 
@@ -56,8 +56,8 @@ class NewBag:
 
     def __enter__(self) -> NewBag:
         self._writer.__enter__()
-        self._writer.add(f"{self.prefix}/mobility", MOBILITY)
-        self._writer.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
+        self._mobility = self._writer.add(f"{self.prefix}/mobility", MOBILITY)
+        self._soil = self._writer.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
         return self
 
     def __exit__(
@@ -83,8 +83,8 @@ class NewBag:
     def write(self, estimate: Estimate, log_time: int, frame: str) -> None:
         """Write an estimate; frame: that of odometry."""
         stamp = estimate.stamp
-        message = as_message(estimate.mobility, stamp, estimate.wheel)
-        self._writer.write(f"{self.prefix}/mobility", MOBILITY, log_time, message)
+        message = as_bytes(MOBILITY, estimate.mobility, stamp, estimate.wheel)
+        self._writer.write_bytes(self._mobility, log_time, message)
         sent = self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
             self._write_soil(estimate, log_time, frame)
@@ -98,6 +98,6 @@ class NewBag:
 
     def _write_soil(self, estimate: Estimate, log_time: int, frame: str) -> None:
         stamp = estimate.stamp
-        message = as_message(estimate.soil, stamp, frame)
-        self._writer.write(f"{self.prefix}/soil", SOIL, log_time, message)
+        message = as_bytes(SOIL, estimate.soil, stamp, frame)
+        self._writer.write_bytes(self._soil, log_time, message)
         self._soil_sent, self._soil_waits = stamp, None

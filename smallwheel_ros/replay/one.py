@@ -250,5 +250,5 @@ class _Session:
             estimate = estimate_of(item, result.start)
             self._table.add(estimate.row)
             self._bag.write(estimate, log_time, frame)
-            result.record.add(item)
+            result.record.add(item, estimate.row)
             result.blocks.add(item, result.record.changing)

@@ -6,40 +6,43 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from operator import itemgetter
 from typing import Any
 
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.rows import STATUS_NAMES
+from smallwheel_ros.replay.rows import STATUS_NAMES, columns
 
 _MOST_POINTS = 2000  # of each wheel
 _MOST_EVENTS = 200
 
-# Columns of `Course.table`, NaN where not known; SI units, time in s since the bag's beginning.
-COURSE = (
-    "time",
-    "x",
-    "y",
-    "travel",
-    "sinkage",
-    "predicted",
-    "predicted_std",
-    "slip",
-    "load",
-    "margin",
-    "margin_std",
-    "pull",
-    "pull_std",
-    "used",
-    "k",
-    "k_std",
-    "n",
-    "n_std",
-    "m",
-    "m_std",
-    "pressure",
-    "pressure_std",
-)
+# Of a point of the course: its names, and the columns of the table of estimates that it is from.
+_FROM = {
+    "time": "time",
+    "x": "x",
+    "y": "y",
+    "travel": "travel",
+    "sinkage": "sinkage_measured",
+    "predicted": "sinkage_predicted",
+    "predicted_std": "sinkage_predicted_standard_deviation",
+    "slip": "slip",
+    "load": "load",
+    "margin": "mobility_margin",
+    "margin_std": "mobility_margin_standard_deviation",
+    "pull": "drawbar_pull",
+    "pull_std": "drawbar_pull_standard_deviation",
+    "k": "soil_k",
+    "k_std": "soil_k_standard_deviation",
+    "n": "soil_n",
+    "n_std": "soil_n_standard_deviation",
+    "m": "soil_m",
+    "m_std": "soil_m_standard_deviation",
+    "pressure": "soil_reference_pressure",
+    "pressure_std": "soil_reference_pressure_standard_deviation",
+}
+# NaN where not known; SI units, time in s since the bag's beginning. used: 1 or 0.
+COURSE = (*_FROM, "used")
 _NAN = float("nan")
 
 
@@ -133,8 +136,8 @@ class Record:
         self.soil_changes = 0
         self.travel = 0.0
 
-    def add(self, result: Result) -> None:
-        """Take one result."""
+    def add(self, result: Result, row: tuple[Any, ...]) -> None:
+        """Take one result, and its row of the table (`rows.columns`)."""
         found, soil = result.mobility, result.soil
         counts = self.wheels[found.wheel]
         time = (found.stamp - self._start) / SECOND
@@ -156,7 +159,7 @@ class Record:
         self._watch(result, time)
         course = self.courses[found.wheel]
         if course.wants():
-            course.add(_point(result, time, used))
+            course.add(_point(row, used))
 
     def _watch(self, result: Result, time: float) -> None:
         """Note changes of soil, wheels that begin to dig in, and effects that the model lacks."""
@@ -231,38 +234,15 @@ class Record:
         return found
 
 
-def _point(result: Result, time: float, used: bool) -> tuple[float, ...]:
-    found, soil = result.mobility, result.soil
+@cache
+def _cells() -> itemgetter[Any]:
+    places = list(columns())
+    return itemgetter(*(places.index(name) for name in _FROM.values()))
 
-    def of(quantity: Any) -> tuple[float, float]:
-        if quantity is None:
-            return _NAN, _NAN
-        return quantity.value, quantity.standard_deviation
 
-    forces = found.forces
-    margin = of(forces and forces.margin)
-    pull = of(forces and forces.drawbar_pull)
-    k_std, n_std, m_std = [variance**0.5 for variance in soil.covariance.diagonal().tolist()]
-    return (
-        time,
-        *(result.vehicle or (_NAN, _NAN)),
-        soil.distance,
-        of(found.sinkage_measured)[0],
-        *of(found.sinkage_predicted),
-        of(found.slip)[0],
-        of(found.load)[0],
-        *margin,
-        *pull,
-        float(used),
-        soil.k,
-        k_std,
-        soil.n,
-        n_std,
-        soil.m,
-        m_std,
-        soil.reference_pressure,
-        soil.reference_pressure_std,
-    )
+def _point(row: tuple[Any, ...], used: bool) -> tuple[float, ...]:
+    known = [_NAN if cell is None else cell for cell in _cells()(row)]
+    return (*known, float(used))
 
 
 def course_columns(courses: Sequence[Course]) -> dict[str, list[float]]:
