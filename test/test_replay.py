@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
+import math
 import os
 import re
 import shutil
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,8 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from drawbar_drives import with_pulls
+from hypothesis import given
+from hypothesis import strategies as st
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
@@ -19,6 +24,7 @@ from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.replay.blocks import quartiles
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.spec import ReplaySpec
@@ -182,6 +188,34 @@ def test_the_new_bag_has_originals_and_estimates(bag, usual):
     gaps = np.diff([s.header.stamp.sec * SECOND + s.header.stamp.nanosec for s in soils])
     assert np.all(gaps > 0)
     assert np.median(gaps) >= SECOND // 10
+
+
+def test_the_new_bag_is_in_the_order_of_recording_with_large_messages_too(bag, rover, tmp_path):
+    picture, picture_type = "/camera", "sensor_msgs/msg/CompressedImage"
+    with BagReader(bag) as reader:
+        recorded = list(reader.raw_messages())
+    header = message_type("std_msgs/msg/Header")(
+        stamp=message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=2), frame_id="camera"
+    )
+    with BagWriter(tmp_path / "drive", storage="sqlite3") as writer:
+        for i, (topic, kind, log_time, data) in enumerate(recorded):
+            writer.write_raw(topic, kind, log_time, data)
+            if i % 100 == 0:
+                pixels = np.full(600_000, i % 256, dtype=np.uint8)
+                image = message_type(picture_type)(header=header, format="jpeg", data=pixels)
+                writer.write(picture, picture_type, log_time, image)
+    table = replayed(tmp_path / "drive", rover, tmp_path / "out")
+    with BagReader(tmp_path / "drive") as reader:
+        originals = [(*m[:3], bytes(m.data)) for m in reader.raw_messages()]
+    with contextlib.closing(sqlite3.connect(tmp_path / "out" / "bag" / "bag.db3")) as database:
+        written = database.execute(
+            "SELECT topics.name, type, timestamp, data FROM messages"
+            " JOIN topics ON topics.id = topic_id ORDER BY messages.id"
+        ).fetchall()
+    times = [time for _, _, time, _ in written]
+    assert times == sorted(times)
+    assert [m for m in written if m[0] not in (MOBILITY, SOIL)] == originals
+    assert sum(topic == MOBILITY for topic, *_ in written) == len(table)
 
 
 def test_a_foreign_tool_reads_the_estimates_by_their_own_definitions(usual):
@@ -560,6 +594,15 @@ def test_a_bag_that_was_not_closed_is_read_from_its_folder(bag, rover, usual, tm
 
 
 # --- On from a drive
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6) | st.just(math.nan), min_size=1, max_size=60)
+    | st.lists(st.sampled_from([0.0, 0.1, 0.2]), min_size=1, max_size=60)
+)
+def test_quartiles_of_a_stretch_are_those_of_numpy(values):
+    expected = np.percentile(values, [25.0, 50.0, 75.0])
+    assert np.array_equal(quartiles(values), expected, equal_nan=True)
 
 
 def test_changes_of_soil_are_told_where_they_are(rover, tmp_path):

@@ -13,16 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
-
-Array = NDArray[np.float64]
 
 _MOST_ROWS = 2000
 _FEWEST_READINGS = 3
@@ -51,17 +49,16 @@ class _Row(NamedTuple):
     readings: int
 
 
+# Load, sinkage, variance, slip, speed, drawbar pull, variance.
+_Reading = tuple[float, float, float, float, float, float, float]
+
+
 @dataclass
 class _Open:
-    """The readings of a stretch that still goes on.
-
-    Load, sinkage, variance, slip, speed, drawbar pull, variance.
-    """
+    """The readings of a stretch that still goes on."""
 
     key: _Key
-    readings: list[tuple[float, float, float, float, float, float, float]] = field(
-        default_factory=list
-    )
+    readings: list[_Reading] = field(default_factory=list)
 
 
 class Blocks:
@@ -134,7 +131,7 @@ class Blocks:
         block = self._open.pop(order, None)
         if block is None:
             return
-        row = self._row(np.array(block.readings), self._wheels[order])
+        row = self._row(block.readings, self._wheels[order])
         if row is None:
             self.unsteady += 1
             return
@@ -142,23 +139,26 @@ class Blocks:
         while len(self._rows) > _MOST_ROWS:
             self._merge()
 
-    def _row(self, readings: Array, wheel: Wheel) -> _Row | None:
+    def _row(self, readings: Sequence[_Reading], wheel: Wheel) -> _Row | None:
         pressed = wheel.contact == PRESSED
         if not pressed and len(readings) < _FEWEST_READINGS:
             return None
-        low, middle, high = np.percentile(readings, [25.0, 50.0, 75.0], axis=0)
-        load, sinkage, variance, slip, speed, pull, noise = middle.tolist()
+        loads, sinkages, variances, slips, speeds, pulls, noises = zip(*readings, strict=True)
+        sinkage = quartiles(sinkages)[1]
         if sinkage > wheel.diameter / 2:
             return None
-        spread = high - low
+        (low, load, high), (stalled, slip, spun), (slow, speed, fast) = map(
+            quartiles, (loads, slips, speeds)
+        )
         if not pressed and (
-            spread[3] > _STEADY_SLIP
-            or spread[0] > _STEADY_SHARE * load
-            or spread[4] > _STEADY_SHARE * speed
+            spun - stalled > _STEADY_SLIP
+            or high - low > _STEADY_SHARE * load
+            or fast - slow > _STEADY_SHARE * speed
         ):
             return None
-        deviation = _deviation(readings[:, 1] - sinkage, variance)
-        pull_deviation = _deviation(readings[:, 5] - pull, noise)
+        pull = quartiles(pulls)[1]
+        deviation = _deviation([value - sinkage for value in sinkages], quartiles(variances)[1])
+        pull_deviation = _deviation([value - pull for value in pulls], quartiles(noises)[1])
         return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, len(readings))
 
     def _merge(self) -> None:
@@ -202,12 +202,31 @@ class Blocks:
             }
 
 
-def _deviation(off: Array, variance: float) -> float:
+def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
+    """Return the 25th, 50th and 75th percentile; NaN where a value is.
+
+    They are those of `numpy.percentile`, which takes much longer for some ten values.
+    """
+    if any(map(math.isnan, values)):
+        return math.nan, math.nan, math.nan
+    ordered, last = sorted(values), len(values) - 1
+    found = []
+    for share in (0.25, 0.5, 0.75):
+        below = int(share * last)
+        part, low, high = share * last - below, ordered[below], ordered[min(below + 1, last)]
+        # From the nearer one, so that rounding does not lead beyond the other.
+        found.append(
+            low + (high - low) * part if part < 0.5 else high - (high - low) * (1.0 - part)
+        )
+    return found[0], found[1], found[2]
+
+
+def _deviation(off: Sequence[float], variance: float) -> float:
     """Standard deviation of a median of readings.
 
     What they scatter (off: from it), and what their sensor declares: the larger one counts.
     """
-    scatter = 1.4826 * float(np.median(np.abs(off)))
+    scatter = 1.4826 * median(map(abs, off))
     return max(scatter, math.sqrt(variance)) / math.sqrt(len(off))
 
 

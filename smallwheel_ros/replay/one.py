@@ -10,7 +10,7 @@ from typing import Any
 from smallwheel_ros.bag_files import BagError, Storage, storage_kind
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.feed import Feed, Handler
-from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.blocks import Blocks
@@ -26,10 +26,11 @@ from smallwheel_ros.replay.inputs import (
     resolved,
 )
 from smallwheel_ros.replay.new_bag import NewBag
+from smallwheel_ros.replay.outputs import Outputs
 from smallwheel_ros.replay.places import Places
 from smallwheel_ros.replay.record import Record
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.rows import columns, estimate_of
+from smallwheel_ros.replay.rows import columns
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.table_files import TableFiles
 from smallwheel_ros.replay.topics import proposal_text
@@ -151,12 +152,13 @@ class _Session:
         """Read the bag to its end, its damage, or a signal."""
         result, total = self.result, self.result.message_count
         time = result.start
-        self._table, self._bag = table, bag
-        messages = self._messages(bag)
+        outputs = Outputs(table, bag, result.record, result.blocks, result.start)
+        messages = self._messages(outputs)
         try:
             for time in messages:
                 result.messages_read += 1
                 if result.messages_read % _STEP == 0:
+                    outputs.write()
                     result.record.take_problems(time)
                     progress(result.messages_read, total)
                     if stop.asked:
@@ -175,7 +177,8 @@ class _Session:
         finally:
             with contextlib.suppress(BagError):
                 messages.close()
-        self._take(self._onboard.flush(), time)
+        outputs.add(self._onboard.flush(), time, self._feed.odometry_frame)
+        outputs.write()
         bag.finish(self._feed.odometry_frame)
         result.record.take_problems(time)
         result.record.finish()
@@ -199,7 +202,7 @@ class _Session:
         refused = sum(n for (_, why), n in counts.items() if why in _BY_CLOCK)
         return 2 * refused > self._onboard.received.total()
 
-    def _messages(self, bag: NewBag) -> Generator[int, None, None]:
+    def _messages(self, outputs: Outputs) -> Generator[int, None, None]:
         """Work on one message after the other; gives their log times."""
         now: int | None = None
         handlers, copied = self._handlers, self.copied
@@ -207,7 +210,7 @@ class _Session:
         for topic, kind, log_time, data in self._reader.raw_messages(self._read):
             key = (topic, kind)
             if key in copied:
-                bag.copy(key, log_time, data)
+                outputs.copy(key, log_time, data)
             if key in handlers:
                 if by_recording:
                     now = log_time
@@ -216,7 +219,7 @@ class _Session:
                     for handler in handlers[key]:
                         found = handler(message, now)
                         if found:
-                            self._take(found, log_time)
+                            outputs.add(found, log_time, self._feed.odometry_frame)
             elif self._has_clock and key == self._clock_key:
                 now = self._clock(data)
             yield log_time
@@ -243,12 +246,3 @@ class _Session:
 
     def _stream(self, key: Key) -> str:
         return next(i.stream for i in self.result.inputs if (i.topic, i.type) == key)
-
-    def _take(self, found: list[Result], log_time: int) -> None:
-        result, frame = self.result, self._feed.odometry_frame
-        for item in found:
-            estimate = estimate_of(item, result.start)
-            self._table.add(estimate.row)
-            self._bag.write(estimate, log_time, frame)
-            result.record.add(item, estimate.row)
-            result.blocks.add(item, result.record.changing)
