@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.rows import Kind
 
-_BATCH = 2000  # rows; what a replay that is killed loses at most
+_BATCH = 2000  # rows; a replay that is killed loses at most these and what waits in `Outputs`
 _PART = ".part"
 
 
