@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import sys
 from pathlib import Path
@@ -100,6 +101,11 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
         except SmallwheelError as error:
             raise BadInput(str(error)) from error
+        except OSError as error:
+            if error.errno == errno.EPIPE:
+                raise  # `| head` has seen enough: click ends quietly
+            what = f"{error.filename}: " if error.filename else ""
+            raise BadInput(f"{what}cannot be read or written: {error.strerror or error}") from error
 
 
 @click.command(

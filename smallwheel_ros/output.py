@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,16 +34,30 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
     Raises OutputError where that is not possible.
     """
+    write_whole(path, lambda draft: draft.write_bytes(content))
+
+
+def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
+    """Let `write` make a file beside `path`, then put it there in one step, as `write_bytes` does.
+
+    A link stays, and what it points to is replaced. A device or a pipe (/dev/null, /dev/stdout) is
+    written to as it is: put another file in its place, and every program would lose it.
+    """
     path = check_target(path)
     try:
-        handle, draft = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        if path.exists() and not path.is_file():
+            write(path)
+            return
+        target = Path(os.path.realpath(path))
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        os.close(handle)
+        draft = Path(name)
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            os.chmod(draft, 0o644)  # as any other new file, not private as a temporary one
-            os.replace(draft, path)
+            write(draft)
+            draft.chmod(0o644)  # as any other new file, not private as a temporary one
+            draft.replace(target)
         except BaseException:
-            os.unlink(draft)
+            draft.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -82,6 +82,28 @@ def test_predict_writes_nothing_but_json_on_a_dash() -> None:
     assert json.loads(result.stdout)["schema"] == 1
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("more", [(), ("--json", "-")])
+def test_a_full_disk_is_one_message(more: tuple[str, ...]) -> None:
+    arguments = ["predict", "--load", "100", *WHEEL, "--soil", "dry_sand", *more]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "smallwheel_ros", *arguments],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    command = f"{sys.executable} -m smallwheel_ros predict --load 1:2000:0.1 --diameter 0.2 "
+    command += "--width 0.1 --soil dry_sand | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("load")
+    assert done.stderr == ""
+
+
 def test_predict_closed_form() -> None:
     text = run(
         "predict", "--load", "65", "--diameter", "17 cm", "--width", "85 mm",

@@ -92,6 +92,37 @@ def test_an_error_of_one_channel_over_one_column_is_unknown(tmp_path: Path) -> N
     assert any(region["region"].startswith("warmth") for region in found["where_it_fails"])
 
 
+@pytest.mark.parametrize("seed", [4020, 4021, 4022])
+def test_soil_that_is_firmest_in_the_middle_of_a_column_is_unknown(
+    tmp_path: Path, seed: int
+) -> None:
+    """Such a soil moves both channels together, as scatter from run to run would."""
+    rig = simulate_rig(RigSettings(seed=seed))
+    frame, n = rig.table, rig.truth.soil.n
+    runs = frame["run"].unique()
+    warmth = dict(zip(runs, np.linspace(-1.0, 1.0, runs.size), strict=True))
+    frame["warmth"] = frame["run"].map(warmth)
+    firmer = 1.0 + 0.4 * (1.0 - frame["warmth"] ** 2)
+    # z ~ k^(-2 / (2 n + 1)) and R ~ k z^(n + 1)
+    frame["sinkage [mm]"] *= firmer ** (-2.0 / (2.0 * n + 1.0))
+    frame["resistance [N]"] *= firmer ** (1.0 - 2.0 * (n + 1.0) / (2.0 * n + 1.0))
+    found = document(tmp_path, frame)
+    assert found["verdict"] == "unknown_effect"
+    assert "soil stiffness over warmth" in found["reason"]
+    assert found["lack_of_fit"]["p_value"] < 0.02
+
+
+@pytest.mark.parametrize("hidden", [(), ("slip_sinkage",)])
+def test_computed_data_without_noise_has_nothing_unknown(
+    tmp_path: Path, hidden: tuple[str, ...]
+) -> None:
+    """What is left of it is how two programs integrate, a millionth of the value."""
+    settings = RigSettings(seed=4023, hidden=hidden, noise=0.0, soil_scatter=0.0)
+    found = document(tmp_path, simulate_rig(settings).table)
+    assert found["missing_effects"] == list(hidden)
+    assert found["verdict"] == ("missing_effect" if hidden else "adequate")
+
+
 def test_a_tie_is_said_and_the_proposed_runs_break_it(tmp_path: Path) -> None:
     rig = simulate_rig(RigSettings(seed=4005, hidden=("slip_sinkage",), tie=("slip", "load")))
     tied = document(tmp_path, rig.table)

@@ -132,6 +132,23 @@ def test_byte_order_mark_blank_lines_and_quotes_are_tolerated(tmp_path: Path) ->
     assert data.labels["note"].tolist() == ["a, b", "c"]
 
 
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("contact,load,diameter,sinkage", "plate,60,0.06,0.01"),
+        ("contact,load,diameter,width,sinkage", "plate,60,0.06,,0.01"),
+    ],
+)
+def test_a_table_of_plates_needs_no_width_at_all(write: Write, lines: tuple[str, ...]) -> None:
+    assert np.isnan(read_measurements(write(*lines)).conditions.width).all()
+
+
+def test_one_rolling_wheel_among_plates_needs_a_width(write: Write) -> None:
+    lines = ("contact,load,diameter,sinkage", "plate,60,0.06,0.01", ",60,0.2,0.01")
+    with pytest.raises(MeasurementsError, match="no column 'width'"):
+        read_measurements(write(*lines))
+
+
 def test_a_plate_needs_no_width_and_may_sink_past_half_its_diameter(write: Write) -> None:
     data = read_measurements(
         write(

@@ -272,10 +272,11 @@ def _channels(
 def _lack_of_fit(found: Search) -> dict[str, Any]:
     first, last = found.first, found.last
     return {
-        "p_value": min(1.0, 2.0 * min(first.p_any, first.p_generic)),
+        "p_value": min(1.0, 3.0 * min(first.p_any, first.p_generic, first.p_soil)),
         "effects_p_value": first.p_any,
         "any_condition_p_value": first.p_generic,
         "strongest_condition": first.generic,
+        "soil_p_value": first.p_soil,
         "after_steps": {
             "effects_p_value": last.p_any,
             "any_condition_p_value": last.p_generic,

@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 _SHARES = (0.02, 1.0, 3.0)  # of an effect's start: a slope at zero, and for what is not a line
 _NO_START = 0.03  # of the range, where an effect starts at zero
 _ALIKE = 0.999
+_EXACT = (
+    0.03  # of the noise: where the error is less, as in computed data, there is nothing to explain
+)
 _TAIL = 25  # draws that carry the tail of a p-value
 
 
@@ -173,13 +176,16 @@ def scores(
         hx = np.linalg.solve(factor, jvx[:, p:])
         hy = np.linalg.solve(factor, xvy[:p])
         constant = log_det + 2.0 * np.sum(np.log(np.diag(factor)))
-        rss = np.maximum(yvy - np.sum(hy**2, axis=0), 1e-12)
+        rss = yvy - np.sum(hy**2, axis=0)
         scy = xvy[p:] - hx.T @ hy
         scc = np.maximum(cvc - np.sum(hx**2, axis=0), 1e-10 * cvc + 1e-300)
         scy = np.where(sided, np.maximum(scy, 0.0), scy)
-        gain = np.minimum(scy**2 / scc[:, None], (1.0 - 1e-9) * rss)
-        best_base = np.minimum(best_base, freedom * np.log(rss) + constant)
-        best_with = np.minimum(best_with, freedom * np.log(rss - gain) + constant)
+        gain = scy**2 / scc[:, None]
+        least = _EXACT**2 * freedom
+        best_base = np.minimum(best_base, freedom * np.log(np.maximum(rss, least)) + constant)
+        best_with = np.minimum(
+            best_with, freedom * np.log(np.maximum(rss - gain, least)) + constant
+        )
     w, _ = woodbury(uu, tau, 0.0)
     flat = (w @ ux).reshape(runs * q, -1)
     inner = x.T @ (x * weight[:, None]) - ux.reshape(runs * q, -1).T @ flat

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.candidates import Family, Form
-from smallwheel_ros.diagnosis.generic import generic_columns
+from smallwheel_ros.diagnosis.generic import generic_columns, soil_columns
 from smallwheel_ros.diagnosis.score import (
     Columns,
     Scores,
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 _BEST_PAIRS = 3
 GENERIC = "generic:"  # groups of columns that no effect of the library stands for
+SOIL = "soil:"  # the same, of the soil's stiffness
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ class Table:
     """All leads at an explanation, the best first.
 
     p_any: of the largest gain. p_generic, generic: of the largest gain of a column that stands for no
-    effect (one channel's error over one setting), and its name. critical: gain at p 0.02.
+    effect (one channel's error over one setting), and its name. p_soil, soil: the same of the soil's
+    stiffness over one setting. critical: gain at p 0.02.
     cosine: of the families' best columns, after the base took its share; shape (families, families).
     """
 
@@ -64,6 +66,9 @@ class Table:
     p_generic: float
     generic: str
     generic_gain: float
+    p_soil: float
+    soil: str
+    soil_gain: float
     names: tuple[str, ...]
     cosine: Array
 
@@ -92,6 +97,7 @@ def look(
     names = tuple(f.name for f in families if columns.of(f.name).size)
     if generic:
         columns = join(columns, generic_columns(explanation, GENERIC))
+        columns = join(columns, soil_columns(explanation, SOIL))
     design, precision = explanation.design, explanation.precision
     if nuisance is not None and nuisance.shape[1]:
         design = np.column_stack([design, nuisance])
@@ -140,21 +146,23 @@ def _table(
         )
     order = sorted(range(len(leads)), key=lambda i: -leads[i].gain)
     rows = np.array([best[i] for i in order], dtype=np.intp)
-    others = sorted({g for g in columns.groups if g.startswith(GENERIC)})
-    p_other, which, gain_other = 1.0, "", 0.0
-    if others:
-        gains = group_maximum(found.statistic, columns, others)
-        which = others[int(np.argmax(gains[:, 0]))]
-        gain_other = float(gains[:, 0].max())
-        if draws:
-            p_other = p_value(gain_other, gains[:, 1:].max(axis=0))
     return Table(
         tuple(leads[i] for i in order),
         min((leads[i].p_any for i in order), default=1.0),
         edge,
-        p_other,
-        which.removeprefix(GENERIC),
-        gain_other,
+        *_largest(columns, found, GENERIC, draws),
+        *_largest(columns, found, SOIL, draws),
         tuple(leads[i].family for i in order),
         found.cosine[np.ix_(rows, rows)] if rows.size else np.zeros((0, 0)),
     )
+
+
+def _largest(columns: Columns, found: Scores, prefix: str, draws: int) -> tuple[float, str, float]:
+    """Of the groups with that prefix: p-value of the largest gain, whose it is, and its size."""
+    groups = sorted({g for g in columns.groups if g.startswith(prefix)})
+    if not groups:
+        return 1.0, "", 0.0
+    gains = group_maximum(found.statistic, columns, groups)
+    gain = float(gains[:, 0].max())
+    p = p_value(gain, gains[:, 1:].max(axis=0)) if draws else 1.0
+    return p, groups[int(np.argmax(gains[:, 0]))].removeprefix(prefix), gain

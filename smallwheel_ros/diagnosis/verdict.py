@@ -18,7 +18,7 @@ Verdict = Literal[
     "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
 ]
 
-_SURE = 0.005  # p-value of a misfit that no effect explains
+_SURE = 0.003  # p-value of a misfit that no effect explains, in one of three tests
 _LEFT_OVER = 0.001  # p-value of what the best explanation leaves
 _LEFT_SHARE = 0.7  # of the weakest effect's gain
 _MOST_EXPLAINED = 0.9  # of the error: beyond it, what is left cannot be what made a name look right
@@ -168,22 +168,27 @@ def _without_name(search: Search) -> Finding:
     hidden = unrecorded(search)
     if hidden:
         return Finding("unknown_effect", (), (), (*reasons, hidden))
-    gain = max(first.generic_gain, first.leads[0].gain if first.leads else 0.0)
+    signs = [
+        (first.p_generic, first.generic, first.generic_gain),
+        (first.p_soil, first.soil, first.soil_gain),
+    ]
+    if first.leads:
+        signs.append((first.p_any, first.generic, first.leads[0].gain))
+    p, where, gain = min(signs)
     rows = len(search.workbench.observations)
     removed = 1.0 - float(np.exp(-gain / (2.0 * rows)))
-    if min(first.p_generic, first.p_any) < _SURE and removed > _LEAST_REMOVED:
-        where = first.generic or "nothing recorded"
+    if p < _SURE and removed > _LEAST_REMOVED:
         reasons.append(
-            f"the base model misses something (p {min(first.p_generic, first.p_any):.2g}), most "
-            f"clearly in {where}, and no effect of the library explains it well enough"
+            f"the base model misses something (p {p:.2g}), most clearly in "
+            f"{where or 'nothing recorded'}, and no effect of the library explains it well enough"
         )
         return Finding("unknown_effect", (), (), tuple(reasons))
-    if first.p_any < ALARM or first.p_generic < ALARM:
+    if p < ALARM:
         reasons.append(
-            f"there is a sign that something is missing (p {min(first.p_any, first.p_generic):.2g}), "
-            "but none that helps prediction: too small to matter here, or chance"
+            f"there is a sign that something is missing (p {p:.2g}), but none that helps prediction: "
+            "too small to matter here, or chance"
         )
-    elif min(first.p_any, first.p_generic) < 0.10:
+    elif p < 0.10:
         reasons.append("there is a weak sign that something is missing: measure more runs")
     return Finding("adequate", (), (), tuple(reasons))
 

@@ -17,6 +17,7 @@ from smallwheel_ros.measurements.units import (
     parse_header,
     to_base,
 )
+from smallwheel_ros.physics.conditions import PLATE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -120,7 +121,8 @@ def _lacking(table: Table, name: str, there: list[str], why: str) -> Exception:
 def read_columns(table: Table, sizes: dict[str, float | None]) -> Columns:
     """Every column of the table, checked cell by cell; diameter and width from `sizes` if given."""
     headers = _headers(table)
-    _check_there(table, list(headers), sizes)
+    needed = _needed(headers)
+    _check_there(table, list(headers), sizes, needed)
     columns = Columns(
         table, {name: column for name, (_, column) in headers.items()}, {}, {}, {}, []
     )
@@ -130,7 +132,7 @@ def read_columns(table: Table, sizes: dict[str, float | None]) -> Columns:
                 raise table.error(f"unit '{header.unit}' on a text", column=name)
             columns.texts[name] = column.as_text()
         elif column.blank.all():
-            if name in ("load", "diameter", "width"):
+            if name in needed:
                 raise table.error("the whole column is blank", column=name)
             columns.notes.append(f"column '{name}' is blank throughout and is left out")
         elif name in QUANTITIES:
@@ -145,7 +147,16 @@ def read_columns(table: Table, sizes: dict[str, float | None]) -> Columns:
     return columns
 
 
-def _check_there(table: Table, there: list[str], sizes: dict[str, float | None]) -> None:
+def _needed(headers: dict[str, tuple[Header, Column]]) -> tuple[str, ...]:
+    """Columns that there must be; a table of nothing but plates needs no width."""
+    if "contact" in headers and np.all(headers["contact"][1].as_text() == PLATE):
+        return ("load", "diameter")
+    return ("load", "diameter", "width")
+
+
+def _check_there(
+    table: Table, there: list[str], sizes: dict[str, float | None], needed: tuple[str, ...]
+) -> None:
     for name, size in sizes.items():
         if size is None:
             continue
@@ -154,7 +165,7 @@ def _check_there(table: Table, there: list[str], sizes: dict[str, float | None])
         if name in there:
             raise table.error(f"{name} was given for all rows too, expected one of the two: "
                               "leave the option or the column out", column=name)  # fmt: skip
-    for name in ("load", "diameter", "width"):
+    for name in needed:
         if name not in there and sizes.get(name) is None:
             why = "" if name == "load" else f" and no {name} given for all rows (--{name})"
             raise _lacking(table, name, there, why)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from smallwheel_ros.output import OutputError
+from smallwheel_ros.output import write_whole as write_in_one_step
 from smallwheel_ros.simulate.truth import SimulationError
 
 SUFFIXES = (".csv", ".parquet")
@@ -37,18 +36,10 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         If the file cannot be written; what was at `path` is still there then.
     """
     check_folder(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    os.close(handle)
-    part = Path(name)
     try:
-        write(part)
-        part.chmod(0o644)  # as any other new file, not private as a temporary one
-        part.replace(path)
-    except OSError as error:
-        raise SimulationError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
+        write_in_one_step(path, write)
+    except OutputError as error:
+        raise SimulationError(str(error)) from error
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
