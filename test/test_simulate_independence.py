@@ -9,7 +9,9 @@ import smallwheel_ros.simulate
 
 FOLDER = Path(smallwheel_ros.simulate.__file__).parent
 # What the truth may share with the rest of the package: nothing that computes soil or wheels.
-SHARED = {f"smallwheel_ros.{name}" for name in ("errors", "output", "bags", "bag_files", "interfaces")}
+SHARED = {
+    f"smallwheel_ros.{name}" for name in ("errors", "output", "bags", "bag_files", "interfaces")
+}
 
 
 def imported(source: str) -> set[str]:
