@@ -192,6 +192,10 @@ def test_commands_from_fit_to_the_effect_added(tmp_path: Path) -> None:
     model, better = tmp_path / "m.yaml", tmp_path / "m2.yaml"
     fitted = run.invoke(main, ["fit", str(data), "-o", str(model)])
     assert fitted.exit_code == 0, fitted.output
+    held_out = read_model(model).provenance["held_out_rmse"]
+    in_sample = fit_model(read_measurements(data)).noise["sinkage"].absolute
+    assert set(held_out) == {"sinkage", "resistance"}
+    assert held_out["sinkage"] > in_sample
     common = ["--model", str(model), "--data", str(data), "-o", str(better)]
     added = run.invoke(main, ["add", "slip_sinkage", *common])
     assert added.exit_code == 0, added.output
@@ -204,6 +208,15 @@ def test_commands_from_fit_to_the_effect_added(tmp_path: Path) -> None:
         wrong = run.invoke(main, ["add", effect, *common])
         assert wrong.exit_code == 2
         assert said in wrong.output
+
+
+def test_a_fit_of_one_run_has_no_held_out_error(tmp_path: Path) -> None:
+    frame = simulate_rig(RigSettings(seed=4009)).table
+    write_table(frame[frame["run"] == frame["run"][0]], tmp_path / "one.csv")
+    model = tmp_path / "m.yaml"
+    done = CliRunner().invoke(main, ["fit", str(tmp_path / "one.csv"), "-o", str(model)])
+    assert done.exit_code == 0, done.output
+    assert "held_out_rmse" not in read_model(model).provenance
 
 
 def test_apply_writes_the_model_pictures_and_report(tmp_path: Path) -> None:

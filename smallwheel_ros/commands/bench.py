@@ -11,10 +11,11 @@ from tqdm import tqdm
 
 from smallwheel_ros.commands.inputs import read_inputs, warn
 from smallwheel_ros.compare.scores import UNITS
-from smallwheel_ros.diagnosis.apply import Added, add_effect, base_physics
+from smallwheel_ros.diagnosis.apply import Added, add_effect, base_physics, held_out_rmse
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
 from smallwheel_ros.diagnosis.text import diagnosis_text
+from smallwheel_ros.diagnosis.workbench import Base
 from smallwheel_ros.display import display, number, words
 from smallwheel_ros.effects.registry import default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
@@ -87,11 +88,16 @@ def fit(
         effects.append(registry.form(id, form or None).suited_to(measurements.conditions))
     rule: Geometry = "closed_form" if geometry == "closed_form" else "contact_integral"
     result = fit_model(measurements, effects, rule)
-    write_model(output, calibrated(result, measurements))
+    held_out = held_out_rmse(Base(tuple(effects), rule), measurements)
+    write_model(output, calibrated(result, measurements, held_out))
     if json_file is not None:
-        write_json(json_file, fit_document(result))
+        write_json(json_file, fit_document(result) | {"held_out_rmse": held_out})
     if json_file != "-":
         click.echo(fit_text(result))
+        if held_out:
+            click.echo("Held-out error (runs left out of the fit)")
+        for name, value in held_out.items():
+            click.echo(f"  {words(name)}: {_value(name, value)}")
         click.echo(f"written: {output}")
 
 

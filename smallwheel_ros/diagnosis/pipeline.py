@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,14 @@ from smallwheel_ros.diagnosis.document import (
     ranking_entry,
     region_entry,
 )
+from smallwheel_ros.diagnosis.geometry import (
+    FREE_SOIL,
+    judge_geometry,
+    on_the_integral,
+    with_geometry,
+    with_row,
+)
+from smallwheel_ros.diagnosis.geometry import NAME as GEOMETRY
 from smallwheel_ros.diagnosis.held_out import Errors, noise_floor, refitted
 from smallwheel_ros.diagnosis.next_measurement import Proposal, propose
 from smallwheel_ros.diagnosis.ranking import Row, rank
@@ -99,7 +107,8 @@ def diagnose(
     FittingError
         Where nothing usable was measured.
     """
-    base = base or Base()
+    asked = base or Base()
+    base = asked if asked.geometry == "contact_integral" else on_the_integral(asked)
     measurements = condense(measurements)
     observations = observe(measurements)
     present = [effect.id for effect in base.effects]
@@ -120,6 +129,15 @@ def diagnose(
     progress("ranking")
     rows = rank(found, families, finding)
     lack_of_fit = _lack_of_fit(found)
+    notes = _notes(calibration, measurements, base)
+    if asked is not base:
+        notes.append(FREE_SOIL)
+        geometry = judge_geometry(workbench, asked, steps[-1].explanation)
+        finding, rows = with_geometry(finding, geometry), with_row(rows, geometry)
+        lack_of_fit["p_value"] = min(lack_of_fit["p_value"], geometry.p)
+        if finding.named[:1] == (GEOMETRY,):
+            first = Step(None, geometry.base, geometry.errors)
+            steps = [first, replace(steps[0], added=GEOMETRY), *steps[1:]]
     regions = where_it_fails(
         workbench.observations,
         steps[0].errors,
@@ -151,7 +169,7 @@ def diagnose(
         "run_scatter": dict(
             zip(workbench.effects.names, found.best.fit.scatter.tau.tolist(), strict=True)
         ),
-        "notes": _notes(calibration, measurements, base),
+        "notes": notes,
         "warnings": list(measurements.warnings),
     }
     return Diagnosis(
