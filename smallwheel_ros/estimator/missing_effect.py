@@ -202,27 +202,26 @@ def _scores(
         if both.mean() > _KNOWN:
             covariates[name] = np.where(known_here, column, np.median(column[known_here]))
             usable &= both
-    rolling = np.full(changes.load.size, ROLLING)
+    rolling = np.broadcast_to(np.array(ROLLING), changes.load.shape)
     conditions = Conditions(
         changes.load, changes.diameter, changes.width, rolling, None, covariates
     )
 
     nearby = NearbySinkage(soil, effects, conditions)
-
-    def change(column: Array) -> Array:
-        return (column[changes.later] - column[changes.earlier]) / changes.deviation
-
+    load_varies = _size(changes.of(np.log(changes.load))) > _LEAST_CHANGE
     plain = nearby.log_sinkage(soil)
-    missed = change(changes.log_sinkage - plain)
+    missed = changes.of(changes.log_sinkage - plain)
     others = (replace(soil, n=soil.n + _STEP), replace(soil, m=soil.m + _STEP))
-    known = np.column_stack([change(nearby.log_sinkage(law) - plain) / _STEP for law in others])
-    usable &= np.isfinite(missed) & np.isfinite(known).all(axis=1)
-    missed, known = missed[usable], known[usable]
-    known = known[:, _size(known) > 1e-3]
-    base = robust_fit(missed, known)
-    imitated = np.linalg.qr(known)[0]
+    slopes = [changes.of(nearby.log_sinkage(law) - plain) / _STEP for law in others]
+    for column in (missed, *slopes):
+        usable &= np.isfinite(column)
+    missed, changes = missed[usable], changes.where(usable)
+    slopes = [column[usable] for column in slopes]
+    known = np.array([column for column in slopes if _size(column) > 1e-3])
+    known = known.reshape(-1, missed.size)
+    base = robust_fit(missed, known.T)
+    imitated = np.linalg.qr(known.T)[0]
     best: dict[str, EffectScore] = {}
-    load_varies = float(_size(change(np.log(changes.load)))) > _LEAST_CHANGE
     for trial in trials:
         effect = trial.effect
         absent = [name for name in effect.needs if name not in conditions]
@@ -231,15 +230,16 @@ def _scores(
         elif not (effect.needs or load_varies):
             score = trial.untested("load hardly varied")
         else:
-            column = change(nearby.log_sinkage(soil, effect) - plain)[usable] / trial.strength
+            column = changes.of(nearby.log_sinkage(soil, effect) - plain) / trial.strength
             score = _score(trial, base, missed, known, imitated, column)
         if effect.id not in best or score.statistic > best[effect.id].statistic:
             best[effect.id] = score
     return tuple(sorted(best.values(), key=lambda s: -s.statistic))
 
 
-def _size(columns: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(columns**2, axis=0)))
+def _size(column: Array) -> float:
+    """Root mean square of an array of shape (pairs,)."""
+    return math.sqrt(float(column @ column) / column.size)
 
 
 def _trial(form: type[Effect]) -> _Trial:
@@ -253,17 +253,20 @@ def _trial(form: type[Effect]) -> _Trial:
 def _score(
     trial: _Trial, base: RobustFit, missed: Array, known: Array, imitated: Array, column: Array
 ) -> EffectScore:
-    """Add a form's column to those of n and m. imitated: orthonormal columns that span these."""
+    """Add a form's column to those of n and m.
+
+    known: these, shape (columns, rows). imitated: orthonormal columns that span them.
+    """
     if not np.isfinite(column).all():
         return trial.untested("it has no sinkage in this soil")
-    size = float(_size(column))
+    size = _size(column)
     if size * abs(trial.strength) < _LEAST_CHANGE:
         return trial.untested(f"{trial.follows} hardly varied")
-    if known.shape[1]:
+    if known.size:
         rest = column - imitated @ (imitated.T @ column)
-        if float(_size(rest)) < _LEFT * size:
+        if _size(rest) < _LEFT * size:
             return trial.untested("n and m would do the same")
-    fit = robust_fit(missed, np.column_stack([known, column]), np.append(base.coefficients, 0.0))
+    fit = robust_fit(missed, np.vstack([known, column]).T, np.append(base.coefficients, 0.0))
     found = trial.neutral + float(fit.coefficients[-1])
     low, high = trial.bounds
     gain = 2.0 * (fit.log_likelihood - base.log_likelihood)

@@ -8,6 +8,7 @@ of load, modulus and exponent moves ln z along the slopes, what it digs comes on
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import ContactSinkage, contact_sinkage
-from smallwheel_ros.physics.sinkage import layered_load
+from smallwheel_ros.physics.sinkage import loads_by_depth
 from smallwheel_ros.physics.soil import Soil, effective_modulus
 from smallwheel_ros.stages import Stages
 
@@ -27,9 +28,7 @@ Array = NDArray[np.float64]
 class _Statics(NamedTuple):
     """What the wheels stand on before they dig; arrays of shape (rows,)."""
 
-    stages: Stages
     load: Array
-    diameter: Array
     modulus: Array
     exponent: Array
 
@@ -41,17 +40,17 @@ class NearbySinkage:
     """
 
     def __init__(self, soil: Soil, effects: Sequence[Effect], conditions: Conditions) -> None:
-        self._effects, self._conditions = tuple(effects), conditions
-        self._at = self._statics(soil, ())
+        self._soil, self._effects, self._conditions = soil, tuple(effects), conditions
+        self._stages = Stages(self._effects, conditions)
+        self._diameter = self._stages.change("wheel_diameter", conditions.diameter)
+        self._at = self._statics(soil)
         self._solved: ContactSinkage | None = None
-        if not self._at.stages.layered:
+        if not self._stages.layered:
+            load, modulus, exponent = self._at
             self._solved = contact_sinkage(
-                self._at.load,
-                self._at.diameter,
-                conditions.width,
-                self._at.modulus,
-                self._at.exponent,
+                load, self._diameter, conditions.width, modulus, exponent
             )
+            self._log_z = np.log(self._solved.sinkage)
 
     def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
         """Give ln of what the instrument would show (m), shape (rows,).
@@ -63,34 +62,48 @@ class NearbySinkage:
         if self._solved is None or turned:  # no slopes for that
             model = Model(soil, effects=(*self._effects, *added))
             return _log(predict(model, self._conditions).sinkage)
-        there, here = self._statics(soil, added), self._at
-        log_z = np.log(self._solved.sinkage)
-        carried = there.load
-        if there.stages.layered:
-            width = self._conditions.width
-            soil_at = there.diameter, width, there.modulus, there.exponent
-            factor = there.stages.pressure_factor
-            borne = layered_load(self._solved.sinkage, *soil_at, factor)
-            log_z = log_z + self._solved.slope_load * np.log(carried / borne)
-        else:
-            more = np.log(carried / here.load) - np.log(there.modulus / here.modulus)
-            log_z = log_z + self._solved.slope_load * more
-            log_z = log_z + self._solved.slope_exponent * (there.exponent - here.exponent)
-        z = there.stages.change_rolling("sinkage", np.exp(log_z))
-        return _log(there.stages.change("measured_sinkage", z))
+        here = self._at
+        more_stages = Stages(added, self._conditions)
+        there = here if soil is self._soil else self._statics(soil)
+        there = _acted_on(there, more_stages)
+        more = np.log(there.load / here.load) - np.log(there.modulus / here.modulus)
+        if more_stages.layered:
+            depth, borne = self._loads_by_depth
+            factor = more_stages.pressure_factor(depth)
+            more = more + np.log(here.load / np.einsum("ij,ij->j", borne, factor))
+        log_z = self._log_z + self._solved.slope_load * more
+        log_z = log_z + self._solved.slope_exponent * (there.exponent - here.exponent)
+        z = np.exp(log_z)
+        for stages in (self._stages, more_stages):
+            z = stages.change_rolling("sinkage", z)
+        for stages in (self._stages, more_stages):
+            z = stages.change("measured_sinkage", z)
+        return _log(z)
 
-    def _statics(self, soil: Soil, added: Sequence[Effect]) -> _Statics:
-        """Let the effects act as `model.predict` does, up to where the contact is solved."""
-        stages = Stages((*self._effects, *added), self._conditions)
-        load = stages.change("normal_load", self._conditions.load)
-        diameter = stages.change("wheel_diameter", self._conditions.diameter)
-        modulus = effective_modulus(np.array(soil.k), np.array(soil.m), diameter)
-        exponent = np.full(load.shape, soil.n)
-        for effect in stages.acting_at("modulus_factor"):
-            modulus = modulus * stages.call(effect, "modulus_factor", 1.0)
-        for effect in stages.acting_at("exponent_shift"):
-            exponent = exponent + stages.call(effect, "exponent_shift", 0.0)
-        return _Statics(stages, load, diameter, modulus, exponent)
+    @cached_property
+    def _loads_by_depth(self) -> tuple[Array, Array]:
+        """What bears the wheels at which depth: all layered effects are told from it."""
+        assert self._solved is not None
+        _, modulus, exponent = self._at
+        width = self._conditions.width
+        return loads_by_depth(self._solved.sinkage, self._diameter, width, modulus, exponent)
+
+    def _statics(self, soil: Soil) -> _Statics:
+        """Let the model's effects act as `model.predict` does, up to where the contact is solved."""
+        load = self._conditions.load
+        modulus = effective_modulus(np.array(soil.k), np.array(soil.m), self._diameter)
+        statics = _Statics(load, modulus, np.full(load.shape, soil.n))
+        return _acted_on(statics, self._stages)
+
+
+def _acted_on(statics: _Statics, stages: Stages) -> _Statics:
+    load = stages.change("normal_load", statics.load)
+    modulus, exponent = statics.modulus, statics.exponent
+    for effect in stages.acting_at("modulus_factor"):
+        modulus = modulus * stages.call(effect, "modulus_factor", 1.0)
+    for effect in stages.acting_at("exponent_shift"):
+        exponent = exponent + stages.call(effect, "exponent_shift", 0.0)
+    return _Statics(load, modulus, exponent)
 
 
 def _log(sinkage: Array) -> Array:

@@ -58,6 +58,15 @@ class Changes(NamedTuple):
     earlier: NDArray[np.intp]
     deviation: Array
 
+    def of(self, column: Array) -> Array:
+        """Changes of a column of the pieces, over their deviation; shape (pairs,)."""
+        return (column[self.later] - column[self.earlier]) / self.deviation
+
+    def where(self, usable: NDArray[np.bool_]) -> Changes:
+        """Only some of the pairs, by a mask of shape (pairs,)."""
+        later, earlier, deviation = self.later[usable], self.earlier[usable], self.deviation[usable]
+        return self._replace(later=later, earlier=earlier, deviation=deviation)
+
 
 def _mean(values: tuple[float, ...]) -> float:
     """Mean of those that are known, NaN without any."""
@@ -119,18 +128,18 @@ class WayPieces:
 
     def changes(self) -> Changes | None:
         """Give what is kept; None while there is nothing."""
-        rows: list[_Piece] = []
-        later: list[int] = []
-        for done in self._done.values():
-            for i, piece in enumerate(done):
-                # Over a gap the soil may be any other.
-                if i and piece.distance - done[i - 1].distance < 3.0 * self._length:
-                    later.append(len(rows))
-                rows.append(piece)
-        if not later:
+        done = self._done.values()
+        if not done:
             return None
-        table = np.array(rows)
-        at = np.array(later)
-        deviation = np.sqrt(table[at, 2] + table[at - 1, 2] + _SCATTER**2)
-        load, diameter, width, slip, speed = table[:, 3:].T
-        return Changes(table[:, 1], load, diameter, width, slip, speed, at, at - 1, deviation)
+        numbers = [number for pieces in done for piece in pieces for number in piece]
+        table = np.array(numbers).reshape(-1, len(_Piece._fields)).T.copy()
+        distance, log_sinkage, variance, load, diameter, width, slip, speed = table
+        wheel = np.repeat(np.arange(len(done)), [len(pieces) for pieces in done])
+        # Over a gap the soil may be any other.
+        near = np.diff(distance) < 3.0 * self._length
+        earlier = np.flatnonzero(near & (wheel[1:] == wheel[:-1]))
+        if not earlier.size:
+            return None
+        later = earlier + 1
+        deviation = np.sqrt(variance[later] + variance[earlier] + _SCATTER**2)
+        return Changes(log_sinkage, load, diameter, width, slip, speed, later, earlier, deviation)

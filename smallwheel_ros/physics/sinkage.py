@@ -19,6 +19,7 @@ _BLOCK = 4096  # rows worked on at a time
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 _U = 0.5 * (_NODES + 1.0)
 _HEIGHT = (1.0 - _U**3) ** 2  # s/z0: clusters the nodes where p ~ (z0 - s)^n is not smooth
+_DEPTH = _U**3 * (2.0 - _U**3)  # 1 - s/z0
 _JACOBIAN = 0.5 * _WEIGHTS * 6.0 * _U**2 * (1.0 - _U**3)
 
 
@@ -112,14 +113,25 @@ def layered_load(
 
     factor takes depths (m) of shape (nodes,) + rows and returns the same shape.
     """
+    depth, borne = loads_by_depth(sinkage, diameter, width, modulus, exponent)
+    return np.asarray(np.sum(borne * factor(depth), axis=0))
+
+
+def loads_by_depth(
+    sinkage: Array, diameter: Array, width: Array, modulus: Array, exponent: Array
+) -> tuple[Array, Array]:
+    """Depths (m) of the soil below a wheel, and the load (N) that p = K z^n bears at each of them.
+
+    Both of shape (nodes,) + rows; their sum is the load by the contact integral.
+    """
     column = (slice(None),) + (None,) * sinkage.ndim
     height = _HEIGHT[column] * sinkage
-    depth = sinkage - height
-    pressure = modulus * depth**exponent * factor(depth)
+    # (z u)^n by one exponential: a power takes several times as long
+    pressure = modulus * sinkage**exponent * np.exp(np.log(_DEPTH)[column] * exponent)
     # dx/ds of the wheel's outline, times sqrt(s), which the substitution takes out at s = 0
     outline = (diameter - 2.0 * height) / (2.0 * np.sqrt(diameter - height))
-    scale = sinkage * _JACOBIAN[column] / np.sqrt(_HEIGHT[column] * sinkage)
-    return np.asarray(width * np.sum(pressure * outline * scale, axis=0))
+    scale = width * np.sqrt(sinkage) * (_JACOBIAN / np.sqrt(_HEIGHT))[column]
+    return _DEPTH[column] * sinkage, pressure * outline * scale
 
 
 def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: PressureFactor) -> Array:
