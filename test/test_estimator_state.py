@@ -132,7 +132,7 @@ def test_reference_turns_there_and_back() -> None:
     reference = OfReference(60.0, 0.3, 0.1)
     soil_law = np.array([10.0, coordinate_of(0.7), 0.3])
     there, jacobian = reference.from_direct(soil_law)
-    back, slopes = reference.to_direct(there)
+    back, slopes = reference.to_direct(tuple(there.tolist()))
     inverse = np.eye(3)
     inverse[0] = slopes
     np.testing.assert_allclose(back, soil_law, atol=1e-10)

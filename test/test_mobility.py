@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
+from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
+from smallwheel_ros.estimator.law_covariance import LawCovariance
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.onboard.force_gradients import force_gradients
 from smallwheel_ros.onboard.mobility import MobilityError, WheelForces, wheel_forces
@@ -24,20 +25,17 @@ STRENGTH = Strength(Quantity(500.0, 100.0), Quantity(0.52, 0.03), Quantity(0.015
 def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: float = 0.0):
     covariance = np.diag(np.square(deviations))
     covariance[0, 1] = covariance[1, 0] = correlation * deviations[0] * deviations[1]
-    pressure = math.exp(kind.log_reference_pressure)
+    law = LawCovariance.of(covariance)
     return SoilEstimate(
         k=kind.k,
         n=kind.n,
         m=kind.m,
-        covariance=covariance,
         log_reference_pressure=kind.log_reference_pressure,
-        log_covariance=covariance,
-        reference_pressure=pressure,
-        reference_pressure_std=pressure * deviations[0],
+        law_covariance=law,
+        prior=law,
         reference_sinkage=REFERENCE_SINKAGE,
         reference_diameter=REFERENCE_DIAMETER,
-        identifiable=Identifiable(True, True, True, True, True),
-        status=(),
+        variety=Variety(),
         accepted=1,
         outliers=0,
         refused={},

@@ -157,17 +157,17 @@ class OfReference:
         )
         return np.array([log_z, q, m]), jacobian
 
-    def to_direct(self, soil: Array) -> tuple[Row, Row]:
+    def to_direct(self, soil: Row) -> tuple[Row, Row]:
         """Turn (ln z_ref, q, m) into (ln pressure, q, m), with the slopes of ln pressure."""
-        first, q, m = soil.tolist()
+        first, q, m = soil
         n, by_q = exponent_and_slope(q)
         p = self.pressure(first, n)
         slopes = p.by_first, p.by_exponent * by_q, -self.diameter_log
         return (p.value - self.diameter_log * m, q, m), slopes
 
-    def bend(self, soil: Array) -> float:
+    def bend(self, soil: Row) -> float:
         """Second derivative of ln pressure by q near (ln z_ref, q, m), for its variance."""
-        first, q, _ = soil.tolist()
+        first, q, _ = soil
         return _bend(self.wheel, round(first * _FIRST_GRID), round(q * _GRID))
 
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.bounded_exponent import exponent_and_slope
-from smallwheel_ros.estimator.law_covariance import LawCovariance, Row, modulus_row
+from smallwheel_ros.estimator.law_covariance import LawCovariance, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
@@ -23,8 +22,7 @@ _SAME_DIAMETER = 1.05  # largest over smallest
 _SAME_LOAD = 1.3
 
 
-@dataclass(frozen=True)
-class Identifiable:
+class Identifiable(NamedTuple):
     """True: the data has cut the standard deviation to half of the prior's or less.
 
     At half, three quarters of what is known comes from the data. False: the value is essentially
@@ -73,11 +71,23 @@ class Variety:
 
 
 @dataclass(frozen=True)
-class Counts:
-    """What became of the measurements so far.
+class SoilEstimate:
+    """The soil under the wheels as it is believed now; every number is finite, SI units.
 
     Attributes
     ----------
+    k, n, m
+        The law p = k z^n D^m; k in Pa/m^(n+m).
+    log_reference_pressure
+        ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
+    law_covariance
+        Of (log_reference_pressure, n, m), in plain floats: the one to compute with.
+    prior
+        `law_covariance` as it was before the first measurement.
+    reference_sinkage, reference_diameter
+        m.
+    variety
+        Of the accepted measurements.
     accepted, outliers
         Measurements that updated the estimate, and those that did not fit it.
     refused
@@ -86,41 +96,6 @@ class Counts:
         How often a run of surprises was taken for another soil.
     distance
         Travel (m) of the newest measurement.
-    """
-
-    accepted: int
-    outliers: int
-    refused: Mapping[str, int]
-    soil_changes: int
-    distance: float
-
-
-@dataclass(frozen=True)
-class SoilEstimate:
-    """The soil under the wheels as it is believed now; every number is finite, SI units.
-
-    Attributes
-    ----------
-    k, n, m
-        The law p = k z^n D^m; k in Pa/m^(n+m).
-    covariance
-        Of (k, n, m), shape (3, 3), linearised at the estimate.
-    log_reference_pressure
-        ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
-    log_covariance
-        Of (log_reference_pressure, n, m), shape (3, 3): the one to compute with.
-    reference_pressure, reference_pressure_std
-        Pa.
-    identifiable
-        What the data has determined.
-    status
-        In words, what is not determined and why; empty when everything is determined.
-    accepted, outliers, refused, soil_changes, distance
-        As in `Counts`.
-    remaining
-        Posterior over prior standard deviation of k, n, m, effective_modulus, reference_pressure.
-    prior
-        `log_covariance` as it was before the first measurement.
     missing_effect
         The alarm that the model misses an effect, None while there is none.
     strength
@@ -130,30 +105,62 @@ class SoilEstimate:
     k: float
     n: float
     m: float
-    covariance: Array
     log_reference_pressure: float
-    log_covariance: Array
-    reference_pressure: float
-    reference_pressure_std: float
+    law_covariance: LawCovariance
+    prior: LawCovariance
     reference_sinkage: float
     reference_diameter: float
-    identifiable: Identifiable
-    status: tuple[str, ...]
+    variety: Variety
     accepted: int
     outliers: int
     refused: Mapping[str, int]
     soil_changes: int
     distance: float
-    remaining: Mapping[str, float] = field(default_factory=dict)
-    prior: LawCovariance | None = None
     missing_effect: MissingEffect | None = None
     strength: StrengthEstimate | None = None
 
     @cached_property
+    def log_covariance(self) -> Array:
+        """`law_covariance` as an array of shape (3, 3)."""
+        return self.law_covariance.array()
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of (k, n, m), shape (3, 3), linearised at the estimate."""
+        up, across = math.log(self.reference_sinkage), math.log(self.reference_diameter)
+        of_k = self.k, -self.k * up, -self.k * across
+        return self.law_covariance.seen_as(of_k, 1.0).array()
+
+    @cached_property
+    def reference_pressure(self) -> float:
+        """Pa, at `reference_sinkage` under a wheel of `reference_diameter`."""
+        return math.exp(self.log_reference_pressure)
+
+    @property
+    def reference_pressure_std(self) -> float:
+        """Pa."""
+        return self.reference_pressure * math.sqrt(self.law_covariance.pp)
+
+    @cached_property
+    def remaining(self) -> Mapping[str, float]:
+        """Posterior over prior standard deviation of what `Identifiable` judges, by name."""
+        reference = self.reference_sinkage, self.reference_diameter
+        return _remaining(self.prior, self.law_covariance, *reference)
+
+    @cached_property
+    def identifiable(self) -> Identifiable:
+        """What the data has determined."""
+        left = self.remaining
+        return Identifiable(*[left[name] <= DETERMINED for name in Identifiable._fields])
+
+    @property
+    def status(self) -> tuple[str, ...]:
+        """In words, what is not determined and why; empty when everything is determined."""
+        return in_words(self.identifiable, self.variety, self.accepted)
+
+    @cached_property
     def directions(self) -> tuple[Direction, ...]:
         """The three independent combinations of parameters, the best determined first."""
-        if self.prior is None:
-            return ()
         return _directions(self.prior.array(), self.log_covariance)
 
     @property
@@ -181,7 +188,7 @@ class SoilEstimate:
         row = modulus_row(self.reference_sinkage, self.reference_diameter, d)
         log_modulus = self.log_reference_pressure + row[1] * self.n + row[2] * self.m
         modulus = math.exp(log_modulus)
-        return modulus, modulus * LawCovariance.of(self.log_covariance).deviation(row)
+        return modulus, modulus * self.law_covariance.deviation(row)
 
 
 def _remaining(
@@ -251,53 +258,3 @@ def in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tup
     if not identifiable.effective_modulus:
         words.append("effective modulus not determined: it needs n; go by the reference pressure")
     return tuple(words)
-
-
-def soil_estimate(
-    state: Row,
-    covariance: LawCovariance,
-    prior: LawCovariance,
-    reference: tuple[float, float],
-    variety: Variety,
-    counts: Counts,
-    missing_effect: MissingEffect | None = None,
-    strength: StrengthEstimate | None = None,
-) -> SoilEstimate:
-    """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
-
-    state, covariance, prior: at the reference of `soil`. reference: sinkage and diameter (m) to report at.
-    """
-    pressure_log, q, m = state
-    n, slope = exponent_and_slope(q)
-    up, across = math.log(reference[0]), math.log(reference[1])
-    deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
-    pressure_log += n * deeper + m * larger
-    to_report = (1.0, slope * deeper, larger)
-    now, before = (law.seen_as(to_report, slope) for law in (covariance, prior))
-    k = math.exp(pressure_log - n * up - m * across)
-    of_k = now.seen_as((k, -k * up, -k * across), 1.0)
-    left = _remaining(before, now, *reference)
-    identifiable = Identifiable(**{name: share <= DETERMINED for name, share in left.items()})
-    pressure = math.exp(pressure_log)
-    return SoilEstimate(
-        k,
-        n,
-        m,
-        of_k.array(),
-        pressure_log,
-        now.array(),
-        pressure,
-        pressure * math.sqrt(now.pp),
-        *reference,
-        identifiable,
-        in_words(identifiable, variety, counts.accepted),
-        counts.accepted,
-        counts.outliers,
-        counts.refused,
-        counts.soil_changes,
-        counts.distance,
-        left,
-        before,
-        missing_effect,
-        strength,
-    )

@@ -46,6 +46,11 @@ class LawCovariance(NamedTuple):
         whole = x * by_p + y * by_n + z * by_m
         return LawCovariance(whole, slope * by_n, by_m, slope * slope * nn, slope * nm, mm)
 
+    def with_more(self, variance: float) -> LawCovariance:
+        """Covariance where the first quantity is more uncertain by this variance."""
+        pp, pn, pm, nn, nm, mm = self
+        return LawCovariance(pp + variance, pn, pm, nn, nm, mm)
+
     def variance(self, row: Row) -> float:
         """Variance of a weighted sum of the three; rounding can leave one of zero below it."""
         pp, pn, pm, nn, nm, mm = self

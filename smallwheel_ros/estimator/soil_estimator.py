@@ -20,13 +20,7 @@ from pathlib import Path
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.bounded_exponent import exponent_of
-from smallwheel_ros.estimator.identifiability import (
-    Counts,
-    Identifiable,
-    SoilEstimate,
-    soil_estimate,
-)
+from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
 from smallwheel_ros.estimator.measured_forces import MeasuredForces
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
@@ -214,7 +208,7 @@ class SoilEstimator:
         self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
     ) -> None:
         if self._watch.add(given, wheel.load[0], reading.noise):
-            now = self.estimate()
+            now = self._soils.current.state.law
             self._watch.test(self.prior.soil, (now.k, now.n, now.m), given.distance)
 
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
@@ -246,15 +240,18 @@ class SoilEstimator:
         known = self._wheels.get(wheel) if wheel is not None else None
         soil = self._soils.current if known is None else known.soil
         strength, law = soil.strength, soil.state.law
-        return soil_estimate(
+        return SoilEstimate(
             *law,
-            (self.settings.reference_sinkage, self.settings.reference_diameter),
+            self.settings.reference_sinkage,
+            self.settings.reference_diameter,
             soil.variety,
-            Counts(
-                self.accepted, self.outliers, dict(self.refused), self.soil_changes, self._distance
-            ),
+            self.accepted,
+            self.outliers,
+            dict(self.refused),
+            self.soil_changes,
+            self._distance,
             self._watch.alarm,
-            None if strength is None else strength.estimate(exponent_of(float(law[0][1]))),
+            None if strength is None else strength.estimate(law.n),
         )
 
     def save(self, path: str | Path) -> None:

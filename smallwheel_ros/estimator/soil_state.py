@@ -15,6 +15,7 @@ from smallwheel_ros.estimator.bounded_exponent import (
 from smallwheel_ros.estimator.coordinates import Direct, OfReference
 from smallwheel_ros.estimator.iterated_update import Belief, Four, Line, Point, line_at, linearise
 from smallwheel_ros.estimator.law_covariance import LawCovariance, Row
+from smallwheel_ros.estimator.law_estimate import LawEstimate, law_estimate
 from smallwheel_ros.estimator.opening import Opening
 from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
@@ -58,10 +59,13 @@ class SoilState:
         )
         self._prior = np.diag(np.square(deviations))
         self._prior_law = LawCovariance.of(self._prior)
+        self._reference = settings.reference_sinkage, settings.reference_diameter
         noise = settings.process_noise
         # Over a short travel s the drift is a random walk with variance 2 std^2 s / length.
         length = 2.0 * (deviations[0] / noise) ** 2 if noise > 0 else math.inf
         self._filter = SoilFilter(self._prior, length)
+        self._law: LawEstimate | None = None
+        self._law_of: Array | None = None  # the covariance that it was made from
         self.reset()
 
     def reset(self) -> None:
@@ -87,19 +91,25 @@ class SoilState:
         self._opening.travelled += distance
 
     @property
-    def law(self) -> tuple[Row, LawCovariance, LawCovariance]:
-        """Mean, covariance and prior covariance of ln pressure, q of n, and m."""
+    def law(self) -> LawEstimate:
+        """What is believed of the law, at the settings' reference."""
+        # Each change of the state brings a new covariance.
+        covariance = self._filter.state[1]
+        if self._law is None or covariance is not self._law_of:
+            self._law, self._law_of = self._law_now(), covariance
+        return self._law
+
+    def _law_now(self) -> LawEstimate:
         deviation, covariance, _ = self._filter.state
-        mean = self._mean + deviation[:_LAW]
+        soil: Row = tuple((self._mean + deviation[:_LAW]).tolist())
         law = LawCovariance.of(covariance[:_LAW, :_LAW])
-        if isinstance(self._coordinates, Direct):
-            first, q, m = mean.tolist()
-            return (first, q, m), law, self._prior_law
-        direct, row = self._coordinates.to_direct(mean)
-        # With n open the soils that fit lie on a slightly bent line: second order, for a Gaussian n.
-        bent = 0.5 * (self._coordinates.bend(mean) * law.nn) ** 2
-        law = law.seen_as(row, 1.0)
-        return direct, law._replace(pp=law.pp + bent), self._prior_law
+        if not isinstance(self._coordinates, Direct):
+            # With n open the soils that fit lie on a slightly bent line: second order, for a
+            # Gaussian n.
+            bent = 0.5 * (self._coordinates.bend(soil) * law.nn) ** 2
+            soil, row = self._coordinates.to_direct(soil)
+            law = law.seen_as(row, 1.0).with_more(bent)
+        return law_estimate(soil, law, self._prior_law, self._reference)
 
     def record(self) -> SoilRecord | None:
         """What to save; None before the first measurement."""
@@ -253,8 +263,8 @@ class SoilState:
 
     def _pass(self, coordinates: OfReference, soil: Array) -> bool:
         """Filter the records, linearised at one soil (3,); False where it leads out of range."""
-        self._linearise_prior(coordinates, np.array(coordinates.to_direct(soil)[0]))
         first, q, m = soil.tolist()
+        self._linearise_prior(coordinates, np.array(coordinates.to_direct((first, q, m))[0]))
         travelled = 0.0
         for record in self._opening.records:
             if record.travelled > travelled:
