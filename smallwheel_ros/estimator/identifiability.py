@@ -131,7 +131,7 @@ class SoilEstimate:
         of_k = self.k, -self.k * up, -self.k * across
         return self.law_covariance.seen_as(of_k, 1.0).array()
 
-    @cached_property
+    @property
     def reference_pressure(self) -> float:
         """Pa, at `reference_sinkage` under a wheel of `reference_diameter`."""
         return math.exp(self.log_reference_pressure)

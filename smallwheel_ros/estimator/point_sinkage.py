@@ -170,10 +170,11 @@ def point_pressure(
     ratio = min(ratio, AXLE_RATIO)
     if not ratio <= AXLE_RATIO:
         raise ValueError("sinkage is not a number")
-    shape = next(s for s in SHAPES if ratio <= s.limit)
-    polynomial = _terms(shape, exponent)
+    for shape in SHAPES:
+        if ratio <= shape.limit:
+            break
     value, slope, by_exponent = 0.0, 0.0, 0.0
-    for c, off in polynomial:
+    for c, off in terms(shape, exponent):  # not kept: a filter hardly comes to one exponent again
         slope = slope * ratio + value
         value = value * ratio + c
         by_exponent = by_exponent * ratio + off
