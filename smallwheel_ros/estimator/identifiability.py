@@ -150,8 +150,7 @@ class SoilEstimate:
     @cached_property
     def identifiable(self) -> Identifiable:
         """What the data has determined."""
-        left = self.remaining
-        return Identifiable(*[left[name] <= DETERMINED for name in Identifiable._fields])
+        return Identifiable(**{name: left <= DETERMINED for name, left in self.remaining.items()})
 
     @property
     def status(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from array import array
 from dataclasses import dataclass, field
 from statistics import fmean, median
 from typing import NamedTuple
@@ -30,6 +30,9 @@ class _Piece(NamedTuple):
     width: float
     slip: float
     speed: float
+
+
+_NUMBERS = len(_Piece._fields)
 
 
 @dataclass
@@ -81,7 +84,7 @@ class WayPieces:
         self._length, self._window = length, window
         self._open: dict[str, _Open] = {}
         self._wheels: dict[str, tuple[float, float]] = {}
-        self._done: dict[str, deque[_Piece]] = {}
+        self._done: dict[str, array[float]] = {}  # the numbers of its pieces, one after the other
 
     def add(self, given: SinkageMeasurement, load: float, variance: float) -> None:
         """Take a measurement. load: N, without its noise. variance: of the sinkage, m^2."""
@@ -110,8 +113,8 @@ class WayPieces:
         z = median(columns[0])
         noise = fmean(columns[1]) / (z * z) * _MEDIAN_VARIANCE / len(piece.rows)
         diameter, width = self._wheels[wheel]
-        done = self._done.setdefault(wheel, deque())
-        done.append(
+        done = self._done.setdefault(wheel, array("d"))
+        done.extend(
             _Piece(
                 piece.start,
                 math.log(z),
@@ -123,18 +126,17 @@ class WayPieces:
                 _mean(columns[4]),
             )
         )
-        while done[-1].distance - done[0].distance > self._window:
-            done.popleft()
+        while done[-_NUMBERS] - done[0] > self._window:
+            del done[:_NUMBERS]
 
     def changes(self) -> Changes | None:
         """Give what is kept; None while there is nothing."""
         done = self._done.values()
         if not done:
             return None
-        numbers = [number for pieces in done for piece in pieces for number in piece]
-        table = np.array(numbers).reshape(-1, len(_Piece._fields)).T.copy()
+        table = np.concatenate([np.array(pieces) for pieces in done]).reshape(-1, _NUMBERS).T.copy()
         distance, log_sinkage, variance, load, diameter, width, slip, speed = table
-        wheel = np.repeat(np.arange(len(done)), [len(pieces) for pieces in done])
+        wheel = np.repeat(np.arange(len(done)), [len(pieces) // _NUMBERS for pieces in done])
         # Over a gap the soil may be any other.
         near = np.diff(distance) < 3.0 * self._length
         earlier = np.flatnonzero(near & (wheel[1:] == wheel[:-1]))
