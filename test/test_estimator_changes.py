@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,3 +182,30 @@ def test_standing_still_teaches_the_spot_only() -> None:
             deviations.append(math.sqrt(e.estimate().log_covariance[0, 0]))
     assert deviations[1] > 0.9 * deviations[0] > 0.9 * 0.06
     assert np.linalg.eigvalsh(e.estimate().log_covariance).min() > 0.0
+
+
+def test_asking_for_the_estimate_changes_nothing_and_is_never_behind(tmp_path: Path) -> None:
+    """What is kept of a soil's law must follow its filter wherever that goes."""
+    given = measurements(drive(1, 2.0, outliers=0.02))
+    asked, left_alone = estimator(), estimator()
+    for i, one in enumerate(given):
+        asked.update(one)
+        for wheel in (None, one.wheel):
+            asked.estimate(wheel)
+        left_alone.update(one)
+        if i % 100 and i > 30:
+            continue
+        fresh = copy.deepcopy(left_alone)  # never asked before, so nothing of it is kept
+        for wheel in (None, one.wheel):
+            here, there = asked.estimate(wheel), fresh.estimate(wheel)
+            assert here == there
+            np.testing.assert_array_equal(here.covariance, there.covariance)
+    assert asked.soil_changes == 1
+    asked.save(tmp_path / "soil.json")
+    other = estimator()
+    other.estimate()
+    other.restore(tmp_path / "soil.json")
+    assert other.estimate().k == asked.estimate().k
+    assert other.estimate().law_covariance == asked.estimate().law_covariance
+    other.reset()
+    assert other.estimate() == estimator().estimate()

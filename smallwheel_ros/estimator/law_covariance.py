@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ class LawCovariance(NamedTuple):
     def array(self) -> Array:
         """Return the matrix, shape (3, 3)."""
         pp, pn, pm, nn, nm, mm = self
-        return np.array(((pp, pn, pm), (pn, nn, nm), (pm, nm, mm)))
+        return np.array((pp, pn, pm, pn, nn, nm, pm, nm, mm)).reshape(3, 3)
 
     def seen_as(self, first: Row, slope: float) -> LawCovariance:
         """Covariance where the first quantity is another sum of the three, and n counts otherwise.
@@ -62,6 +63,7 @@ class LawCovariance(NamedTuple):
         return math.sqrt(max(self.variance(row), 0.0))
 
 
+@lru_cache(maxsize=64)
 def modulus_row(reference_sinkage: float, reference_diameter: float, diameter: float) -> Row:
     """Give ln(k D^m) as a sum of (ln reference pressure, n, m); all in m."""
     return 1.0, -math.log(reference_sinkage), math.log(diameter / reference_diameter)
