@@ -7,6 +7,7 @@ those of ROS 2 Jazzy and of this package are used.
 from __future__ import annotations
 
 from smallwheel_ros.bag_files import BagError, BagMessage, BagTopic, RawMessage
+from smallwheel_ros.bags.field_reader import FieldError, FieldReader
 from smallwheel_ros.bags.library import Channel, message_type, typestore
 from smallwheel_ros.bags.packer import packer
 from smallwheel_ros.bags.reader import BagReader
@@ -19,6 +20,8 @@ __all__ = [
     "BagTopic",
     "BagWriter",
     "Channel",
+    "FieldError",
+    "FieldReader",
     "RawMessage",
     "message_type",
     "packer",

@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag1,
+    Nodetype,
     Qos,
     QosDurability,
     QosHistory,
@@ -43,6 +44,7 @@ __all__ = [
     "Channel",
     "Codec",
     "Connection",
+    "Nodetype",
     "StoragePlugin",
     "Typestore",
     "Writer",

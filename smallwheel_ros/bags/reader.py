@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,6 +17,7 @@ from smallwheel_ros.bag_files import (
     check_is_bag,
     reason,
 )
+from smallwheel_ros.bags.field_reader import FieldReader, Fields
 from smallwheel_ros.bags.library import Channel
 from smallwheel_ros.bags.salvage import SalvageSource, unfinished_log
 from smallwheel_ros.bags.source import RosbagsSource, Source
@@ -118,6 +119,17 @@ class BagReader:
         """Return what makes a message of the bytes of a type; None for one that nobody knows."""
         return self._open.codec.decoder(kind)
 
+    def field_reader(
+        self, kind: str, names: Sequence[str], values_of: Callable[[Any], Fields]
+    ) -> FieldReader | None:
+        """Return what reads fields of the bytes of a type; None for one that nobody knows.
+
+        For its parameters see `FieldReader`.
+        """
+        codec = self._open.codec
+        store = codec.store_of(kind)
+        return None if store is None else FieldReader(store, kind, codec.ros2, names, values_of)
+
     def as_channel(
         self, topic: str, kind: str
     ) -> tuple[Channel, Callable[[bytes], bytes | memoryview]] | None:
@@ -165,7 +177,7 @@ class BagReader:
                     f"topic {name} has type {kind}, whose definition is neither in the bag nor"
                     " known here; record the bag with its definitions (mcap does)",
                 )
-        for read, ((topic, kind), time, data) in enumerate(self._stream(readable, start, stop)):
+        for read, (topic, kind, time, data) in enumerate(self._stream(readable, start, stop)):
             try:
                 message = decoders[kind](data)
             except Exception as error:
@@ -178,36 +190,31 @@ class BagReader:
         *,
         start: int | None = None,
         stop: int | None = None,
-    ) -> Iterator[RawMessage]:
+    ) -> Generator[RawMessage, None, None]:
         """Give messages without deserialising them; otherwise like `messages`."""
-        for (topic, kind), time, data in self._stream(self._keys(topics), start, stop):
-            yield RawMessage(topic, kind, time, data)
+        return self._stream(self._keys(topics), start, stop)
 
     def _keys(self, topics: Collection[str] | None) -> set[tuple[str, str]]:
         return {key for key in self._open.topics if topics is None or key[0] in topics}
 
     def _stream(
         self, wanted: set[tuple[str, str]], start: int | None, stop: int | None
-    ) -> Iterator[tuple[tuple[str, str], int, bytes]]:
-        source = self._open.stream(wanted, start, stop)
-        read, time = 0, None
-        while True:
-            # Only the step of the reader is guarded: an error of whoever consumes the messages
-            # is not an error of the bag.
-            try:
-                key, time, data = next(source)
-            except StopIteration:
-                break
-            except Exception as error:
-                raise self.damaged(error, read, time) from error
-            yield key, time, data
-            read += 1
+    ) -> Generator[RawMessage, None, None]:
+        read, message = 0, None
+        try:
+            for message in self._open.stream(wanted, start, stop):
+                yield message
+                read += 1
+        except Exception as error:
+            last = None if message is None else message.log_time
+            raise self.damaged(error, read, last) from error
+        last = None if message is None else message.log_time
         if self._open.damage:
-            raise self.damaged(EOFError(self._open.damage), read, time)
+            raise self.damaged(EOFError(self._open.damage), read, last)
         # Damage inside a chunk can make rosbags skip messages without a word: count them.
         expected = sum(self._open.topics[key].messages for key in wanted)
         if start is None and stop is None and read < expected:
-            raise self.damaged(EOFError(f"{expected - read} of {expected} are lost"), read, time)
+            raise self.damaged(EOFError(f"{expected - read} of {expected} are lost"), read, last)
 
     def damaged(
         self, error: Exception, read: int, last: int | None, topic: str | None = None

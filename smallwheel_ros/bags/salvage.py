@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from smallwheel_ros.bag_files import storage_kind
+from smallwheel_ros.bag_files import RawMessage, storage_kind
 from smallwheel_ros.bags.library import Codec, decompressed, parse_qos, types_from, unpack_zstd
 from smallwheel_ros.bags.scan import ScanChannel, ScanDamage, scan
 from smallwheel_ros.bags.source import Key, SourceTopic
@@ -109,10 +109,8 @@ class SalvageSource:
             self.topics[key] = SourceTopic(count + (before.messages if before else 0), qos)
         return list(found)
 
-    def stream(
-        self, wanted: set[Key], start: int | None, stop: int | None
-    ) -> Iterator[tuple[Key, int, bytes]]:
-        """Give topic and type, log time and bytes as they were written, file by file."""
+    def stream(self, wanted: set[Key], start: int | None, stop: int | None) -> Iterator[RawMessage]:
+        """Give the messages as they were written, file by file."""
         first, end = start or 0, stop if stop is not None else 1 << 63
         for _, plain, kind in self._files:
             try:
@@ -120,7 +118,7 @@ class SalvageSource:
                     key = (channel.topic, channel.type)
                     if key in wanted and first <= time < end:
                         packed = data[:4] == _ZSTD and kind != ".bag"
-                        yield key, time, decompressed(data, "zstd") if packed else data
+                        yield RawMessage(*key, time, decompressed(data, "zstd") if packed else data)
             except ScanDamage:
                 continue  # said already, in `damage`; the next file may be good
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from smallwheel_ros.bag_files import RawMessage
 from smallwheel_ros.bags.library import AnyReader, Codec, Connection, connection_qos, typestore
 
 Key = tuple[str, str]  # topic and type
@@ -37,10 +38,8 @@ class Source(Protocol):
     end_time: int | None
     damage: str
 
-    def stream(
-        self, wanted: set[Key], start: int | None, stop: int | None
-    ) -> Iterator[tuple[Key, int, bytes]]:
-        """Give topic and type, log time and bytes of the wanted messages."""
+    def stream(self, wanted: set[Key], start: int | None, stop: int | None) -> Iterator[RawMessage]:
+        """Give the messages of the wanted topics and types."""
 
     def close(self) -> None:
         """Let go of files."""
@@ -68,17 +67,13 @@ class RosbagsSource:
         # rosbags gives the first instant after the last message.
         self.end_time = self._reader.end_time - 1 if filled else None
 
-    def stream(
-        self, wanted: set[Key], start: int | None, stop: int | None
-    ) -> Iterator[tuple[Key, int, bytes]]:
-        """Give topic and type, log time and bytes, in the order of log times."""
+    def stream(self, wanted: set[Key], start: int | None, stop: int | None) -> Iterator[RawMessage]:
+        """Give the messages of the wanted topics and types, in the order of log times."""
         chosen = [c for key in wanted for c in self._connections.get(key, [])]
         if not chosen:  # to rosbags an empty list means all of them
             return
-        keys = {id(c): (c.topic, c.msgtype) for c in chosen}
         for connection, time, data in self._reader.messages(chosen, start=start, stop=stop):
-            key = keys.get(id(connection)) or (connection.topic, connection.msgtype)
-            yield key, time, data
+            yield RawMessage(connection.topic, connection.msgtype, time, data)
 
     def close(self) -> None:
         """Close the files."""

@@ -1,6 +1,8 @@
 """From messages to `Onboard`: which topics there are, and what of each message counts.
 
-Works with any objects that have the fields of the ROS messages, those of rclpy and of a bag alike.
+A topic says which fields of its messages it reads. Who has message objects (the node: those of rclpy)
+gives them to `Topic.handle`; who has serialised messages (replay) reads just these fields, and gives
+them to `Topic.take`.
 """
 
 from __future__ import annotations
@@ -8,18 +10,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from operator import attrgetter
 from typing import Any
 
 from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import LoadSource, NodeSettings, SinkageSource
+from smallwheel_ros.onboard.parameters import (
+    LoadSource,
+    NodeSettings,
+    SinkageSource,
+    WheelInputs,
+)
 from smallwheel_ros.onboard.streams import SECOND
 
 JOINT_STATES = "joint_states"
-Handler = Callable[[Any, int | None], list[Result]]
+Fields = tuple[Any, ...]
+Taker = Callable[[Fields, int | None], list[Result]]
 
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_ODOMETRY_FIELDS = (
+    *_STAMP,
+    "header.frame_id",
+    "pose.pose.position.x",
+    "pose.pose.position.y",
+    *(f"pose.pose.orientation.{part}" for part in "xyzw"),
+    "twist.twist.linear.x",
+    "twist.twist.angular.z",
+)
 _UNIT = 0.01  # a quaternion's length may differ from 1 by so much
 
 
@@ -35,15 +54,33 @@ class Topic:
         Such as ``nav_msgs/msg/Odometry``.
     streams
         Streams of the estimate that come by it, each with a word on its part of the message.
-    handle
-        Takes a message and what the clock says (ns, None without a clock), and returns what it has
-        made ready.
+    fields
+        What is read of a message, such as ``header.stamp.sec``.
+    take
+        Takes the values of these fields, in their order, and what the clock says (ns, None without
+        a clock), and returns what they have made ready.
+    newer
+        Fields that older definitions of the type lack; their values, 0 then, come after the others.
     """
 
     name: str
     type: str
     streams: dict[str, str]
-    handle: Handler
+    fields: tuple[str, ...]
+    take: Taker
+    newer: tuple[str, ...] = ()
+
+    @cached_property
+    def values_of(self) -> Callable[[Any], Fields]:
+        """What gives the values for `take`; raises AttributeError where a message lacks a field."""
+        needed, newer = attrgetter(*self.fields), self.newer
+        if not newer:
+            return needed
+        return lambda message: (*needed(message), *(getattr(message, n, 0.0) for n in newer))
+
+    def handle(self, message: Any, now: int | None) -> list[Result]:
+        """Take a message: any object with the type's fields."""
+        return self.take(self.values_of(message), now)
 
 
 class Feed:
@@ -58,6 +95,9 @@ class Feed:
         self.odometry_frame = odometry_frame
         self._by_joint: dict[str, str] = {}  # wheel speed
         self._by_load_joint: dict[str, str] = {}
+        self._joints: tuple[str, ...] = ()  # of the newest joint states
+        self._speeds_at: list[tuple[int, str]] = []  # among them, and whose it is
+        self._loads_at: list[tuple[int, str]] = []
         self.topics: tuple[Topic, ...] = tuple(self._topics())
 
     def _topics(self) -> list[Topic]:
@@ -75,7 +115,8 @@ class Feed:
                         _WRENCH,
                         {f"{wheel}/load": ""}
                         | ({f"{wheel}/drawbar_pull": ", force.x"} if both else {}),
-                        partial(self._on_both if both else self._on_wrench, wheel),
+                        (*_STAMP, "wrench.force.z", *(("wrench.force.x",) if both else ())),
+                        partial(self._on_both if both else self._on_load, wheel),
                     )
                 )
             elif settings.load_source is LoadSource.JOINT_STATES:
@@ -87,115 +128,119 @@ class Feed:
                         inputs.drawbar_pull_topic,
                         _WRENCH,
                         {f"{wheel}/drawbar_pull": ", force.x"},
+                        (*_STAMP, "wrench.force.x"),
                         partial(self._on_pull, wheel),
                     )
                 )
             if f"{wheel}/wheel_speed" in streams:
                 self._by_joint[inputs.joint] = wheel
                 joints[f"{wheel}/wheel_speed"] = f", joint {inputs.joint}"
-            if f"{wheel}/sinkage" not in streams:
-                continue
-            by_range = inputs.sinkage_source is SinkageSource.RANGE
-            topics.append(
-                Topic(
-                    inputs.sinkage_topic,
-                    "sensor_msgs/msg/Range" if by_range else "smallwheel_ros/msg/WheelSinkage",
-                    {f"{wheel}/sinkage": ""},
-                    partial(self._on_range if by_range else self._on_sinkage, wheel),
-                )
-            )
+            if f"{wheel}/sinkage" in streams:
+                topics.append(self._sinkage_topic(wheel, inputs))
         if joints:
             kind = "sensor_msgs/msg/JointState"
-            topics.append(Topic(JOINT_STATES, kind, joints, self._on_joint_states))
+            arrays = (*_STAMP, "name", "velocity", "effort")
+            topics.append(Topic(JOINT_STATES, kind, joints, arrays, self._on_joint_states))
         if ODOMETRY in streams:
             kind = "nav_msgs/msg/Odometry"
-            topics.append(Topic(ODOMETRY, kind, {ODOMETRY: ""}, self._on_odometry))
+            topics.append(
+                Topic(ODOMETRY, kind, {ODOMETRY: ""}, _ODOMETRY_FIELDS, self._on_odometry)
+            )
         if VELOCITY in streams:
             kind = "geometry_msgs/msg/TwistStamped"
-            topics.append(Topic(settings.velocity_topic, kind, {VELOCITY: ""}, self._on_velocity))
+            fields = (*_STAMP, "twist.linear.x", "twist.angular.z")
+            name = settings.velocity_topic
+            topics.append(Topic(name, kind, {VELOCITY: ""}, fields, self._on_velocity))
         return topics
 
-    def _on_wrench(self, wheel: str, message: Any, now: int | None) -> list[Result]:
-        load = self.settings.load_sign * message.wrench.force.z
-        return self.onboard.on_load(wheel, stamp_of(message), load, now=now)
+    def _sinkage_topic(self, wheel: str, inputs: WheelInputs) -> Topic:
+        name, streams = inputs.sinkage_topic, {f"{wheel}/sinkage": ""}
+        if inputs.sinkage_source is SinkageSource.RANGE:
+            kind = "sensor_msgs/msg/Range"
+            distance = (*_STAMP, "range", "min_range", "max_range")
+            take = partial(self._on_range, wheel)
+            # Messages before Jazzy have no variance; 0 means "not known".
+            return Topic(name, kind, streams, distance, take, newer=("variance",))
+        kind, fields = "smallwheel_ros/msg/WheelSinkage", (*_STAMP, "sinkage", "variance")
+        return Topic(name, kind, streams, fields, partial(self._on_sinkage, wheel))
 
-    def _on_pull(self, wheel: str, message: Any, now: int | None) -> list[Result]:
-        pull = message.wrench.force.x
-        return self.onboard.on_drawbar_pull(wheel, stamp_of(message), pull, now=now)
+    def _on_load(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, force = values
+        load = self.settings.load_sign * force
+        return self.onboard.on_load(wheel, sec * SECOND + nanosec, load, now=now)
 
-    def _on_both(self, wheel: str, message: Any, now: int | None) -> list[Result]:
-        return self._on_pull(wheel, message, now) + self._on_wrench(wheel, message, now)
+    def _on_pull(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, force = values
+        return self.onboard.on_drawbar_pull(wheel, sec * SECOND + nanosec, force, now=now)
 
-    def _on_sinkage(self, wheel: str, message: Any, now: int | None) -> list[Result]:
-        return self.onboard.on_sinkage(
-            wheel, stamp_of(message), message.sinkage, message.variance, now=now
-        )
+    def _on_both(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, load, pull = values
+        found = self._on_pull(wheel, (sec, nanosec, pull), now)
+        return found + self._on_load(wheel, (sec, nanosec, load), now)
 
-    def _on_range(self, wheel: str, message: Any, now: int | None) -> list[Result]:
+    def _on_sinkage(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, sinkage, variance = values
+        return self.onboard.on_sinkage(wheel, sec * SECOND + nanosec, sinkage, variance, now=now)
+
+    def _on_range(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
         """Take the distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
         height = self.settings.inputs[wheel].range_height
         assert height is not None
-        distance, low, high = message.range, message.min_range, message.max_range
+        sec, nanosec, distance, low, high, variance = values
         limited = high > low  # drivers that do not know the limits leave both at 0
         if not math.isfinite(distance) or (limited and not low <= distance <= high):
             text = f"range is {distance:g} m, expected a number from {low:g} to {high:g} m"
             self.onboard.refuse(f"{wheel}/sinkage", "range_out_of_limits", text)
             return []
-        # Messages before Jazzy have no variance; 0 means "not known".
-        variance = getattr(message, "variance", 0.0)
-        return self.onboard.on_sinkage(
-            wheel, stamp_of(message), height - distance, variance, now=now
-        )
+        stamp = sec * SECOND + nanosec
+        return self.onboard.on_sinkage(wheel, stamp, height - distance, variance, now=now)
 
-    def _on_odometry(self, message: Any, now: int | None) -> list[Result]:
-        self.odometry_frame = message.header.frame_id
-        place, twist = message.pose.pose.position, message.twist.twist
-        yaw = yaw_of(message.pose.pose.orientation)
+    def _on_odometry(self, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, self.odometry_frame, x, y, *orientation, speed, yaw_rate = values
+        yaw = yaw_of(*orientation)
         if yaw is None:
             text = "the orientation is no unit quaternion: nobody knows where the wheels are"
             self.onboard.report(ODOMETRY, "no_orientation", text)
-        return self.onboard.on_odometry(
-            stamp_of(message), place.x, place.y, twist.linear.x, twist.angular.z, yaw, now=now
-        )
+        return self.onboard.on_odometry(sec * SECOND + nanosec, x, y, speed, yaw_rate, yaw, now=now)
 
-    def _on_velocity(self, message: Any, now: int | None) -> list[Result]:
-        twist = message.twist
-        return self.onboard.on_velocity(stamp_of(message), twist.linear.x, twist.angular.z, now=now)
+    def _on_velocity(self, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, speed, yaw_rate = values
+        return self.onboard.on_velocity(sec * SECOND + nanosec, speed, yaw_rate, now=now)
 
-    def _on_joint_states(self, message: Any, now: int | None) -> list[Result]:
+    def _on_joint_states(self, values: Fields, now: int | None) -> list[Result]:
+        sec, nanosec, names, speeds, efforts = values
+        stamp, joints = sec * SECOND + nanosec, tuple(names)
+        if joints != self._joints:  # they hardly ever change
+            self._joints = joints
+            self._speeds_at = _places(joints, self._by_joint)
+            self._loads_at = _places(joints, self._by_load_joint)
         results: list[Result] = []
-        stamp, count = stamp_of(message), len(message.name)
-        speeds, efforts = message.velocity, message.effort
-        for i, joint in enumerate(message.name):
-            wheel = self._by_joint.get(joint)
-            if wheel is not None:
-                if len(speeds) == count:
-                    results += self.onboard.on_wheel_speed(wheel, stamp, float(speeds[i]), now=now)
-                else:
-                    self._refuse_joint(f"{wheel}/wheel_speed", "velocities", count, len(speeds))
-            wheel = self._by_load_joint.get(joint)
-            if wheel is not None:
-                if len(efforts) == count:
-                    load = self.settings.load_sign * self.settings.load_per_effort * efforts[i]
-                    results += self.onboard.on_load(wheel, stamp, float(load), now=now)
-                else:
-                    self._refuse_joint(f"{wheel}/load", "efforts", count, len(efforts))
+        if self._speeds_at and self._as_many("wheel_speed", "velocities", len(speeds)):
+            turning = [(wheel, float(speeds[i])) for i, wheel in self._speeds_at]
+            results += self.onboard.on_wheel_speeds(stamp, turning, now=now)
+        if self._loads_at and self._as_many("load", "efforts", len(efforts)):
+            newtons = self.settings.load_sign * self.settings.load_per_effort
+            for i, wheel in self._loads_at:
+                results += self.onboard.on_load(wheel, stamp, newtons * float(efforts[i]), now=now)
         return results
 
-    def _refuse_joint(self, stream: str, what: str, joints: int, values: int) -> None:
-        text = f"{joints} joints have {values} {what}, expected as many"
-        self.onboard.refuse(stream, f"no_{what}", text)
+    def _as_many(self, what: str, values: str, count: int) -> bool:
+        """Whether a message has as many values as joints; counted for each wheel where not."""
+        joints = len(self._joints)
+        if count != joints:
+            text = f"{joints} joints have {count} {values}, expected as many"
+            for _, wheel in self._speeds_at if what == "wheel_speed" else self._loads_at:
+                self.onboard.refuse(f"{wheel}/{what}", f"no_{values}", text)
+        return count == joints
 
 
-def stamp_of(message: Any) -> int:
-    """The header's stamp, ns."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * SECOND + int(stamp.nanosec)
+def _places(joints: tuple[str, ...], wheels: dict[str, str]) -> list[tuple[int, str]]:
+    """Where among the joints those of wheels are, and the wheels."""
+    return [(i, wheels[joint]) for i, joint in enumerate(joints) if joint in wheels]
 
 
-def yaw_of(orientation: Any) -> float | None:
+def yaw_of(x: float, y: float, z: float, w: float) -> float | None:
     """Yaw (rad) of a quaternion; None where it has not the length of 1, as one never filled in."""
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     if not abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT:
         return None
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

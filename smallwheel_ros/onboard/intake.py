@@ -172,16 +172,17 @@ class Intake:
             self.arrivals.kept(VELOCITY, stamp, fault)
         return self._release()
 
-    def add_wheel_speed(
-        self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
+    def add_wheel_speeds(
+        self, stamp: int, speeds: Sequence[tuple[str, float]], *, now: int | None = None
     ) -> list[Instant]:
-        """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
-        order, _, _, stream, _ = self._wheel(wheel)
-        if not self._good_stamp(stream, stamp, now):
-            return []
-        if self.arrivals.is_number(stream, "wheel speed", angular_velocity, "rad/s"):
-            fault = self._memory.speeds[order].add(stamp, (angular_velocity,))
-            self.arrivals.kept(stream, stamp, fault)
+        """Take angular velocities (rad/s, positive when driving forward) of wheels by their names."""
+        for wheel, speed in speeds:
+            order, _, _, stream, _ = self._wheel(wheel)
+            if self._good_stamp(stream, stamp, now) and self.arrivals.is_number(
+                stream, "wheel speed", speed, "rad/s"
+            ):
+                fault = self._memory.speeds[order].add(stamp, (speed,))
+                self.arrivals.kept(stream, stamp, fault)
         return self._release()
 
     def add_sinkage(

@@ -116,7 +116,13 @@ class Onboard:
         self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
     ) -> list[Result]:
         """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
-        return self._results(self._intake.add_wheel_speed(wheel, stamp, angular_velocity, now=now))
+        return self.on_wheel_speeds(stamp, [(wheel, angular_velocity)], now=now)
+
+    def on_wheel_speeds(
+        self, stamp: int, speeds: Sequence[tuple[str, float]], *, now: int | None = None
+    ) -> list[Result]:
+        """Take the angular velocities (rad/s) of several wheels, measured at one instant."""
+        return self._results(self._intake.add_wheel_speeds(stamp, speeds, now=now))
 
     def on_sinkage(
         self,

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any
 
 from smallwheel_ros.bags import BagTopic
 from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
@@ -23,15 +21,6 @@ VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
 JOINTS = "sensor_msgs/msg/JointState"
 CLOCK = "/clock"
 _NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
-# What is read of each type.
-_READ = {
-    LOAD: ("wrench.force.z",),
-    SINKAGE: ("sinkage", "variance"),
-    RANGE: ("range", "min_range", "max_range"),
-    ODOMETRY_TYPE: ("pose.pose.position.x", "pose.pose.orientation.w", "twist.twist.linear.x"),
-    VELOCITY_TYPE: ("twist.linear.x", "twist.angular.z"),
-    JOINTS: ("name", "velocity", "effort"),
-}
 
 
 @dataclass(frozen=True)
@@ -108,18 +97,6 @@ def inputs_of(topics: Sequence[Topic], remaps: Mapping[str, str]) -> tuple[Input
                 f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
             )
     return tuple(inputs)
-
-
-def check_fields(topic: str, kind: str, message: Any) -> None:
-    """Raise ReplayError if a bag defines a type otherwise than it is known here."""
-    try:
-        for path in ("header.stamp.sec", "header.stamp.nanosec", *_READ.get(kind, ())):
-            attrgetter(path)(message)
-    except AttributeError as error:
-        raise ReplayError(
-            f"topic {topic}: the bag's definition of {kind} is another one than here ({error}):"
-            " record it with this version of the message"
-        ) from error
 
 
 @dataclass(frozen=True)

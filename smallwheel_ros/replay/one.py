@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import Any
 
 from smallwheel_ros.bag_files import BagError, Storage, storage_kind
-from smallwheel_ros.bags import BagReader
-from smallwheel_ros.onboard.feed import Feed, Handler
+from smallwheel_ros.bags import BagReader, FieldError, FieldReader
+from smallwheel_ros.onboard.feed import Feed, Taker
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
@@ -20,7 +19,6 @@ from smallwheel_ros.replay.inputs import (
     CLOCK,
     Missing,
     check_enough,
-    check_fields,
     inputs_of,
     missing_inputs,
     resolved,
@@ -115,17 +113,18 @@ class _Session:
         hint = proposal_text(reader, inputs, spec.bag) if missing else ""
         check_enough(onboard, missing, hint)
         self._reader, self._onboard = reader, onboard
-        self._handlers: dict[Key, list[Handler]] = {}
+        self._takers: dict[Key, list[tuple[FieldReader, Taker]]] = {}
         for topic in self._feed.topics:
             name = resolved(topic.name)
             key = (spec.remaps.get(name, name), topic.type)
-            self._handlers.setdefault(key, []).append(topic.handle)
-        self._checked: set[Key] = set()
-        self._decoders = {key: reader.decoder(key[1]) for key in self._handlers}
+            names = topic.fields + topic.newer
+            fields = reader.field_reader(topic.type, names, topic.values_of)
+            assert fields is not None, "types of inputs are known here"
+            self._takers.setdefault(key, []).append((fields, topic.take))
         self._clock_key = (CLOCK, _CLOCK_TYPE)
         present = {(topic.name, topic.type) for topic in topics}
         self._has_clock = spec.clock and self._clock_key in present
-        used = {key for key in self._handlers if key in present}
+        used = {key for key in self._takers if key in present}
         if self._clock_key in present:
             used.add(self._clock_key)
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
@@ -205,22 +204,25 @@ class _Session:
     def _messages(self, outputs: Outputs) -> Generator[int, None, None]:
         """Work on one message after the other; gives their log times."""
         now: int | None = None
-        handlers, copied = self._handlers, self.copied
+        takers, copied, clock_key = self._takers, self.copied, self._clock_key
         by_recording = self.result.spec.clock and not self._has_clock
         for topic, kind, log_time, data in self._reader.raw_messages(self._read):
             key = (topic, kind)
             if key in copied:
                 outputs.copy(key, log_time, data)
-            if key in handlers:
+            if key in takers:
                 if by_recording:
                     now = log_time
-                message = self._decoded(key, data)
-                if message is not None:
-                    for handler in handlers[key]:
-                        found = handler(message, now)
-                        if found:
-                            outputs.add(found, log_time, self._feed.odometry_frame)
-            elif self._has_clock and key == self._clock_key:
+                for fields, take in takers[key]:
+                    try:
+                        values = fields(data)
+                    except Exception as error:  # damaged bytes make rosbags raise as it likes
+                        self._cannot_read(key, error)
+                        break
+                    found = take(values, now)
+                    if found:
+                        outputs.add(found, log_time, self._feed.odometry_frame)
+            elif self._has_clock and key == clock_key:
                 now = self._clock(data)
             yield log_time
 
@@ -230,19 +232,16 @@ class _Session:
         clock = decoder(data).clock
         return int(clock.sec) * SECOND + int(clock.nanosec)
 
-    def _decoded(self, key: Key, data: bytes) -> Any:
-        decoder = self._decoders[key]
-        assert decoder is not None
-        try:
-            message = decoder(data)
-        except Exception as error:  # damaged bytes make rosbags raise as it likes
-            text = f"a message cannot be deserialised ({error or type(error).__name__})"
-            self._onboard.report(self._stream(key), "undecodable", text)
-            return None
-        if key not in self._checked:
-            check_fields(*key, message)
-            self._checked.add(key)
-        return message
+    def _cannot_read(self, key: Key, error: Exception) -> None:
+        """Count a message; raises ReplayError if the bag defines its type otherwise than here."""
+        if isinstance(error, FieldError):
+            topic, kind = key
+            raise ReplayError(
+                f"topic {topic}: the bag's definition of {kind} is another one than here ({error}):"
+                " record it with this version of the message"
+            ) from error
+        text = f"a message cannot be deserialised ({error or type(error).__name__})"
+        self._onboard.report(self._stream(key), "undecodable", text)
 
     def _stream(self, key: Key) -> str:
         return next(i.stream for i in self.result.inputs if (i.topic, i.type) == key)
