@@ -17,14 +17,17 @@ from click.testing import CliRunner
 from drawbar_drives import with_pulls
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.replay.blocks import quartiles
+from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.spec import ReplaySpec
@@ -558,6 +561,83 @@ def test_a_folder_of_somebody_else_is_left_alone(bag, rover, tmp_path):
     assert (tmp_path / "out" / "estimates.csv").read_text() == "mine"
     text = smallwheel("replay", bag, "--config", rover, "-o", bag, code=2).stderr
     assert "is the bag itself" in text
+
+
+# --- Messages that are none
+
+
+def raw_copy(bag: Path, target: Path, change) -> Path:
+    """The same bag with other bytes; change: gives those of a message by topic and number."""
+    counts: dict[str, int] = {}
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        for topic, kind, time, data in reader.raw_messages():
+            counts[topic] = counts.get(topic, 0) + 1
+            writer.write_raw(topic, kind, time, change(topic, counts[topic], data))
+    return target
+
+
+def test_messages_that_end_too_early_are_counted(bag, rover, usual, tmp_path):
+    broken = ("/front_left/load", "/odom", "/joint_states", "/rear_right/sinkage")
+
+    def change(topic, number, data):
+        return data[:-5] if topic in broken and number in (1, 30) else data
+
+    other = raw_copy(bag, tmp_path / "other", change)
+    table = replayed(other, rover, tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    found = {d["topic"]: d for d in summary["not_used"] if d["reason"] == "undecodable"}
+    assert {topic: drop["count"] for topic, drop in found.items()} == dict.fromkeys(broken, 2)
+    assert "a message cannot be deserialised (" in found["/odom"]["example"]
+    assert len(table) == len(usual[1]) - 2
+
+
+def test_a_clock_that_is_damaged_is_counted(bag, rover, usual, tmp_path):
+    clock = message_type("rosgraph_msgs/msg/Clock")
+    time_of = message_type("builtin_interfaces/msg/Time")
+    with BagReader(bag) as reader, BagWriter(tmp_path / "whole") as writer:
+        for i, (topic, kind, time, data) in enumerate(reader.raw_messages()):
+            if i % 20 == 0:
+                now = clock(clock=time_of(sec=time // SECOND, nanosec=time % SECOND))
+                writer.write("/clock", "rosgraph_msgs/msg/Clock", time, now)
+            writer.write_raw(topic, kind, time, data)
+
+    def change(topic, number, data):
+        return data[:7] if topic == "/clock" and number in (1, 5) else data
+
+    other = raw_copy(tmp_path / "whole", tmp_path / "other", change)
+    assert_same_estimates(replayed(other, rover, tmp_path / "out"), usual[1])
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    found = [d for d in summary["not_used"] if d["topic"] == "/clock"]
+    assert [(d["reason"], d["count"]) for d in found] == [("undecodable", 2)]
+
+
+def test_a_type_that_the_bag_defines_otherwise_is_named(bag, rover, tmp_path):
+    kind = "smallwheel_ros/msg/WheelSinkage"
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(
+        {kind: get_types_from_msg("std_msgs/Header header\nfloat64 depth\n", kind)[kind]}
+    )
+    writer = Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP)
+    with BagReader(bag) as reader, writer:
+        connections = {
+            topic.name: writer.add_connection(
+                topic.name, topic.type, typestore=store if topic.type == kind else typestore()
+            )
+            for topic in reader.topics
+        }
+        for topic, _, time, message in reader.messages():
+            if message.__msgtype__ == kind:
+                odd = store.types[kind](header=message.header, depth=message.sinkage)
+                data = store.serialize_cdr(odd, kind)
+            else:
+                data = typestore().serialize_cdr(message, message.__msgtype__)
+            writer.write(connections[topic], time, data)
+    expected = (
+        r"topic /\w+/sinkage: the bag's definition of smallwheel_ros/msg/WheelSinkage is another"
+        r" one than here \(.*'sinkage'\): record it with this version of the message"
+    )
+    with pytest.raises(ReplayError, match=expected):
+        replay(ReplaySpec(tmp_path / "other", rover, tmp_path / "out"))
 
 
 # --- Damaged bags

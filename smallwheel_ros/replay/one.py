@@ -6,10 +6,10 @@ import contextlib
 from collections.abc import Callable, Generator
 from pathlib import Path
 
-from smallwheel_ros.bag_files import BagError, Storage, storage_kind
+from smallwheel_ros.bag_files import BagError, Storage, reason, storage_kind
 from smallwheel_ros.bags import BagReader, FieldError, FieldReader
-from smallwheel_ros.onboard.feed import Feed, Taker
-from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.feed import Feed, Fields, Taker, Topic
+from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.blocks import Blocks
@@ -37,6 +37,7 @@ from smallwheel_ros.stop import Stop
 Key = tuple[str, str]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+_CLOCK_FIELDS = ("clock.sec", "clock.nanosec")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
@@ -116,17 +117,14 @@ class _Session:
         self._takers: dict[Key, list[tuple[FieldReader, Taker]]] = {}
         for topic in self._feed.topics:
             name = resolved(topic.name)
-            key = (spec.remaps.get(name, name), topic.type)
-            names = topic.fields + topic.newer
-            fields = reader.field_reader(topic.type, names, topic.values_of)
-            assert fields is not None, "types of inputs are known here"
-            self._takers.setdefault(key, []).append((fields, topic.take))
-        self._clock_key = (CLOCK, _CLOCK_TYPE)
+            self._take_from((spec.remaps.get(name, name), topic.type), topic)
+        clock = (CLOCK, _CLOCK_TYPE)
+        self._clock: int | None = None
         present = {(topic.name, topic.type) for topic in topics}
-        self._has_clock = spec.clock and self._clock_key in present
-        used = {key for key in self._takers if key in present}
-        if self._clock_key in present:
-            used.add(self._clock_key)
+        used = {key for key in (*self._takers, clock) if key in present}
+        self._has_clock = spec.clock and clock in present
+        if self._has_clock:
+            self._take_from(clock, Topic(CLOCK, _CLOCK_TYPE, {}, _CLOCK_FIELDS, self._on_clock))
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._read = {name for name, _ in used | self.copied}
         total = sum(t.message_count for t in topics if t.name in self._read)
@@ -144,6 +142,12 @@ class _Session:
             record=Record(onboard, reader.start_time),
             blocks=Blocks(settings.onboard.wheels, bool(settings.onboard.with_drawbar_pull)),
         )
+
+    def _take_from(self, key: Key, topic: Topic) -> None:
+        names = topic.fields + topic.newer
+        fields = self._reader.field_reader(topic.type, names, topic.values_of)
+        assert fields is not None, "types of inputs are known here"
+        self._takers.setdefault(key, []).append((fields, topic.take))
 
     def run(
         self, table: TableFiles, bag: NewBag, stop: Stop, progress: Callable[[int, int], None]
@@ -203,34 +207,27 @@ class _Session:
 
     def _messages(self, outputs: Outputs) -> Generator[int, None, None]:
         """Work on one message after the other; gives their log times."""
-        now: int | None = None
-        takers, copied, clock_key = self._takers, self.copied, self._clock_key
+        takers, copied = self._takers, self.copied
         by_recording = self.result.spec.clock and not self._has_clock
         for topic, kind, log_time, data in self._reader.raw_messages(self._read):
             key = (topic, kind)
             if key in copied:
                 outputs.copy(key, log_time, data)
-            if key in takers:
-                if by_recording:
-                    now = log_time
-                for fields, take in takers[key]:
-                    try:
-                        values = fields(data)
-                    except Exception as error:  # damaged bytes make rosbags raise as it likes
-                        self._cannot_read(key, error)
-                        break
-                    found = take(values, now)
-                    if found:
-                        outputs.add(found, log_time, self._feed.odometry_frame)
-            elif self._has_clock and key == clock_key:
-                now = self._clock(data)
+            for fields, take in takers.get(key, ()):
+                try:
+                    values = fields(data)
+                except Exception as error:  # damaged bytes make rosbags raise as it likes
+                    self._cannot_read(key, error)
+                    break
+                found = take(values, log_time if by_recording else self._clock)
+                if found:
+                    outputs.add(found, log_time, self._feed.odometry_frame)
             yield log_time
 
-    def _clock(self, data: bytes) -> int:
-        decoder = self._reader.decoder(_CLOCK_TYPE)
-        assert decoder is not None
-        clock = decoder(data).clock
-        return int(clock.sec) * SECOND + int(clock.nanosec)
+    def _on_clock(self, values: Fields, _: int | None) -> list[Result]:
+        sec, nanosec = values
+        self._clock = sec * SECOND + nanosec
+        return []
 
     def _cannot_read(self, key: Key, error: Exception) -> None:
         """Count a message; raises ReplayError if the bag defines its type otherwise than here."""
@@ -240,8 +237,6 @@ class _Session:
                 f"topic {topic}: the bag's definition of {kind} is another one than here ({error}):"
                 " record it with this version of the message"
             ) from error
-        text = f"a message cannot be deserialised ({error or type(error).__name__})"
-        self._onboard.report(self._stream(key), "undecodable", text)
-
-    def _stream(self, key: Key) -> str:
-        return next(i.stream for i in self.result.inputs if (i.topic, i.type) == key)
+        text = f"a message cannot be deserialised ({reason(error)})"
+        streams = (i.stream for i in self.result.inputs if (i.topic, i.type) == key)
+        self._onboard.report(next(streams, key[0]), "undecodable", text)
