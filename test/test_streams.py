@@ -148,6 +148,14 @@ class TestOdometer:
         made.add(T + 20 * SECOND, 3.0, 4.05, 0.0, 0.0)
         assert made.way(T + 20 * SECOND) == pytest.approx(5.0)
 
+    def test_a_gap_longer_than_the_memory_does_not_lose_the_way(self) -> None:
+        made = self.odometer(horizon=1.0)
+        for i in range(301):
+            made.add(T + i * nanoseconds(0.02), 0.02 * i, 0.0, 1.0, 0.0)
+        made.add(T + 20 * SECOND, 9.0, 4.0, 1.0, 0.0)
+        assert len(made.series) == 1
+        assert made.way(T + 20 * SECOND) == pytest.approx(6.0 + 5.0)
+
     def test_way_is_held_outside(self) -> None:
         made = self.odometer()
         assert made.way(T) == 0.0

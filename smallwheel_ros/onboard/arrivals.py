@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 
 from smallwheel_ros.onboard.problems import ProblemLog, stamp_problem
 from smallwheel_ros.onboard.settings import OnboardSettings, Timing, VelocitySource
@@ -47,13 +48,19 @@ class Arrivals:
         How often time went back.
     first, latest
         Stamps (ns) of the first and of the newest measurement that was kept; latest is None before.
+
+    Parameters
+    ----------
+    on_time_jump
+        Called when time has gone back: what was collected is void.
     """
 
-    def __init__(self, timing: Timing) -> None:
+    def __init__(self, timing: Timing, on_time_jump: Callable[[], None]) -> None:
         self.problems = ProblemLog()
         self.received: Counter[str] = Counter()
         self.newest: dict[str, int] = {}
         self.time_jumps = 0
+        self._on_time_jump = on_time_jump
         self.apply(timing)
         self.start_over()
 
@@ -72,22 +79,23 @@ class Arrivals:
         self.first = 0
         self.latest: int | None = None
 
-    def take(self, stream: str, stamp: int, now: int | None) -> StampFault | None:
+    def take(self, stream: str, stamp: int, now: int | None) -> bool:
         """Count a message and judge its stamp by what was kept and by the clock (ns).
 
-        JUMP_BACK does not mean a bad message: it is the first one of a new time.
+        Returns whether the message can be used; so can the first one of a new time.
         """
         self.received[stream] += 1
         fault = self._rules.fault(stamp, self.latest, now)
-        if fault is None:
-            if stamp > self.newest.get(stream, 0):
-                self.newest[stream] = stamp
-        elif fault is StampFault.JUMP_BACK:
+        if fault is not None:
+            back = fault is StampFault.JUMP_BACK
+            self._note(stream, stamp, fault, now, unused=not back)
+            if not back:
+                return False
             self.time_jumps += 1
-            self._note(stream, stamp, fault, now, unused=False)
-        else:
-            self._note(stream, stamp, fault, now)
-        return fault
+            self._on_time_jump()
+        if stamp > self.newest.get(stream, 0):
+            self.newest[stream] = stamp
+        return True
 
     def is_number(self, stream: str, name: str, value: float, unit: str) -> bool:
         """Whether a value is one that can be computed with; counted where it is not."""

@@ -55,7 +55,7 @@ class Intake:
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self.arrivals = Arrivals(settings.timing)
+        self.arrivals = Arrivals(settings.timing, self._on_time_jump)
         self._streams = {
             wheel.name: _Streams(i, *(f"{wheel.name}/{what}" for what in _Streams._fields[1:]))
             for i, wheel in enumerate(settings.wheels)
@@ -100,35 +100,36 @@ class Intake:
         stamp: when it was measured. now: what the clock says, None or 0 where there is no clock.
         Returns what this message has made ready. Raises OnboardError for an unknown wheel.
         """
-        order, stream, *_ = self._wheel(wheel)
-        if not self._good_stamp(stream, stamp, now):
+        place, arrivals = self._wheel(wheel), self.arrivals
+        stream = place.load
+        if not arrivals.take(stream, stamp, now):
             return []
-        if not self.arrivals.is_number(stream, "load", load, "N"):
+        if not arrivals.is_number(stream, "load", load, "N"):
             pass
         elif load <= 0:
-            self.arrivals.problems.add(
+            arrivals.problems.add(
                 stream,
                 "load_not_positive",
                 f"load is {load:g} N, expected more than 0: the wheel is in the air, or the"
                 " sensor's sign is the other one (parameter load_sign)",
             )
         else:
-            fault = self._memory.loads[order].add(stamp, (load,))
-            kept = self.arrivals.kept(stream, stamp, fault)
+            fault = self._memory.loads[place.order].add(stamp, (load,))
+            kept = arrivals.kept(stream, stamp, fault)
             if kept and wheel in self.settings.without_sinkage:
-                self._predict_later(order, stamp)
+                self._predict_later(place.order, stamp)
         return self._release()
 
     def add_drawbar_pull(
         self, wheel: str, stamp: int, pull: float, *, now: int | None = None
     ) -> list[Instant]:
         """Take what a wheel pulls the vehicle with (N, positive forward)."""
-        order, *_, stream = self._wheel(wheel)
-        if not self._good_stamp(stream, stamp, now):
+        place = self._wheel(wheel)
+        if not self.arrivals.take(place.drawbar_pull, stamp, now):
             return []
-        if self.arrivals.is_number(stream, "drawbar pull", pull, "N"):
-            fault = self._memory.pulls[order].add(stamp, (pull,))
-            self.arrivals.kept(stream, stamp, fault)
+        if self.arrivals.is_number(place.drawbar_pull, "drawbar pull", pull, "N"):
+            fault = self._memory.pulls[place.order].add(stamp, (pull,))
+            self.arrivals.kept(place.drawbar_pull, stamp, fault)
         return self._release()
 
     def add_odometry(
@@ -143,7 +144,7 @@ class Intake:
         now: int | None = None,
     ) -> list[Instant]:
         """Take pose (m, rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
-        if not self._good_stamp(ODOMETRY, stamp, now):
+        if not self.arrivals.take(ODOMETRY, stamp, now):
             return []
         is_number = self.arrivals.is_number
         good = (
@@ -163,7 +164,7 @@ class Intake:
         self, stamp: int, speed: float, yaw_rate: float = 0.0, *, now: int | None = None
     ) -> list[Instant]:
         """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them."""
-        if not self._good_stamp(VELOCITY, stamp, now):
+        if not self.arrivals.take(VELOCITY, stamp, now):
             return []
         good = self.arrivals.is_number(VELOCITY, "speed", speed, "m/s")
         good = self.arrivals.is_number(VELOCITY, "yaw rate", yaw_rate, "rad/s") and good
@@ -176,13 +177,15 @@ class Intake:
         self, stamp: int, speeds: Sequence[tuple[str, float]], *, now: int | None = None
     ) -> list[Instant]:
         """Take angular velocities (rad/s, positive when driving forward) of wheels by their names."""
+        arrivals = self.arrivals
         for wheel, speed in speeds:
-            order, _, _, stream, _ = self._wheel(wheel)
-            if self._good_stamp(stream, stamp, now) and self.arrivals.is_number(
+            place = self._wheel(wheel)
+            stream = place.wheel_speed
+            if arrivals.take(stream, stamp, now) and arrivals.is_number(
                 stream, "wheel speed", speed, "rad/s"
             ):
-                fault = self._memory.speeds[order].add(stamp, (speed,))
-                self.arrivals.kept(stream, stamp, fault)
+                fault = self._memory.speeds[place.order].add(stamp, (speed,))
+                arrivals.kept(stream, stamp, fault)
         return self._release()
 
     def add_sinkage(
@@ -198,8 +201,9 @@ class Intake:
 
         A variance of 0 or less, or one that is not finite, means that it is not known.
         """
-        order, _, stream, *_ = self._wheel(wheel)
-        if not self._good_stamp(stream, stamp, now):
+        place = self._wheel(wheel)
+        order, stream = place.order, place.sinkage
+        if not self.arrivals.take(stream, stamp, now):
             return []
         if not self.arrivals.is_number(stream, "sinkage", sinkage, "m"):
             pass
@@ -228,14 +232,8 @@ class Intake:
             known = ", ".join(self._streams)
             raise OnboardError(f"no wheel '{name}': the vehicle has {known}") from None
 
-    def _good_stamp(self, stream: str, stamp: int, now: int | None) -> bool:
-        fault = self.arrivals.take(stream, stamp, now)
-        if fault is StampFault.JUMP_BACK:
-            # The message itself is good: it is the first one of the new time.
-            self.start_over("time went back before its turn came")
-            self.arrivals.newest[stream] = stamp
-            return True
-        return fault is None
+    def _on_time_jump(self) -> None:
+        self.start_over("time went back before its turn came")
 
     # --- When a measurement's turn has come
 

@@ -200,29 +200,38 @@ class Odometer:
         yaw: float | None = None,
     ) -> StampFault | None:
         """Keep one message; a fault says why it was not kept."""
-        series = self.series
+        series, way = self.series, self._way
         before = len(series)
+        last = (series.stamps[-1], series.values[-1]) if before else None
         # An angle is not interpolated across its jump at pi, its cosine and sine are.
         turn = (math.nan, math.nan) if yaw is None else (math.cos(yaw), math.sin(yaw))
-        fault = series.add(stamp, (x, y, speed, yaw_rate, *turn))
+        values = (x, y, speed, yaw_rate, *turn)
+        fault = series.add(stamp, values)
         if fault is not None:
             return fault
-        way, forgotten = self._way, before + 1 - len(series)
-        if forgotten:
-            del way[:forgotten]
+        if last is None or stamp > last[0]:
+            way.append(0.0 if last is None else way[-1] + self._step(*last, stamp, values))
+            del way[: before + 1 - len(series)]  # what the series has forgotten
+            return None
+        # A late message changes the way at every later stamp.
         place = bisect_left(series.stamps, stamp)
         way.insert(place, 0.0)
-        if place == 0 and len(series) > 1:
-            way[0] = way[1] - self._step(0)
-        # A late message changes the way at every later stamp.
+        if place == 0:
+            way[0] = way[1] - self._step_to(1)
         for i in range(max(place, 1), len(series)):
-            way[i] = way[i - 1] + self._step(i - 1)
+            way[i] = way[i - 1] + self._step_to(i)
         return None
 
-    def _step(self, i: int) -> float:
-        """Way from stamp i to the next."""
+    def _step_to(self, i: int) -> float:
+        """Way to stamp i from the one before it."""
         stamps, values = self.series.stamps, self.series.values
-        start, end, duration = values[i], values[i + 1], stamps[i + 1] - stamps[i]
+        return self._step(stamps[i - 1], values[i - 1], stamps[i], values[i])
+
+    def _step(
+        self, begin: int, start: tuple[float, ...], stamp: int, end: tuple[float, ...]
+    ) -> float:
+        """Way between two messages: their stamps, and their numbers as of a `Motion`."""
+        duration = stamp - begin
         if duration > self._gap:
             straight = math.hypot(end[0] - start[0], end[1] - start[1])
             return straight if straight > self._standstill * duration / SECOND else 0.0
