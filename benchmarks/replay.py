@@ -48,10 +48,15 @@ def estimate(bag: Path) -> None:
     """The estimator alone: the messages given to it, and nothing written."""
     settings, _ = ReplaySpec(bag, CONFIG, Path()).settings()
     onboard = Onboard(settings.onboard)
-    handlers = {f"/{topic.name}": topic.handle for topic in Feed(onboard, settings).topics}
+    topics = Feed(onboard, settings).topics
     with BagReader(bag) as reader:
-        for message in reader.messages():
-            handlers[message.topic](message.message, message.log_time)
+        takers = {
+            f"/{t.name}": (reader.field_reader(t.type, t.fields + t.newer, t.values_of), t.take)
+            for t in topics
+        }
+        for topic, _, log_time, data in reader.raw_messages():
+            fields, take = takers[topic]
+            take(fields(data), log_time)
     onboard.flush()
 
 
