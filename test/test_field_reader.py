@@ -315,6 +315,17 @@ def test_a_field_that_the_definition_lacks_is_named() -> None:
             reader(raw)
 
 
+@pytest.mark.parametrize("text", ["std_msgs/Header sinkage", "std_msgs/Header[2] sinkage"])
+def test_what_is_neither_a_number_nor_a_string_is_named(text: str) -> None:
+    store, names = other(f"std_msgs/Header header\n{text}\n"), ("header.frame_id", "sinkage")
+    reader = FieldReader(store, SINKAGE, True, names, attrgetter(*names))
+    header = example(store, "std_msgs/msg/Header")
+    found = [header, header] if "[" in text else header
+    raw = store.serialize_cdr(store.types[SINKAGE](header=header, sinkage=found), SINKAGE)
+    with pytest.raises(FieldError, match="sinkage is neither a number nor a string"):
+        reader(bytes(raw))
+
+
 def test_an_older_range_has_no_variance() -> None:
     topic, store = TOPICS["Range-range-5"], noetic()
     assert topic.newer == ("variance",)

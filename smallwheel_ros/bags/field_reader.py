@@ -44,7 +44,7 @@ _MOST = 64  # layouts: where each message of a topic has another one, rosbags re
 
 
 class FieldError(SmallwheelError):
-    """A bag defines a type without a field that is asked for; the text names the field."""
+    """A bag defines a type without a field that is asked for, or with another one of that name."""
 
 
 class _Layout(NamedTuple):
@@ -154,7 +154,8 @@ class _Writer:
 
     def _field(self, node: Nodetype, what: Any, value: Any, path: str) -> None:
         if node == Nodetype.NAME:
-            assert path not in self._fields, f"{path} is neither a number nor a string"
+            if path in self._fields:
+                raise FieldError(f"{path} is neither a number nor a string")
             self._message(what, value, f"{path}.")
         elif node == Nodetype.BASE and what[0] == "string":
             text = value.encode() + self._ros2 * b"\0"
@@ -170,7 +171,7 @@ class _Writer:
                 self._take(what[0], len(value), path, slice(self._count, self._count + len(value)))
             else:
                 for element in value:
-                    self._field(item, what, element, f"{path}[]")
+                    self._field(item, what, element, path)
 
     def _take(self, kind: str, count: int, path: str, place: int | slice) -> None:
         """Note numbers of one kind; place: among all numbers, if these are asked for."""
