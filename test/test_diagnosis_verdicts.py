@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -169,9 +170,16 @@ def test_everything_constant_is_insufficient(tmp_path: Path) -> None:
 
 def test_one_row_is_one_message(tmp_path: Path) -> None:
     (tmp_path / "one.csv").write_text("load,diameter,width,sinkage\n50,0.2,0.1,0.01\n")
-    result = CliRunner().invoke(main, ["diagnose", str(tmp_path / "one.csv")])
-    assert result.exit_code in (0, 2)
-    assert "Traceback" not in result.output
+    written = tmp_path / "one.json", tmp_path / "one.html"
+    arguments = ["--json", str(written[0]), "--html", str(written[1])]
+    result = CliRunner().invoke(main, ["diagnose", str(tmp_path / "one.csv"), *arguments])
+    assert result.exit_code == 0, result.output
+    found = json.loads(written[0].read_text())
+    assert found["verdict"] == "insufficient_data"
+    assert found["reason"].startswith("1 run: ")
+    assert found["steps"] == [{"added": None, "held_out_rmse": {}}]
+    assert {row["status"] for row in found["ranking"]} == {"not_testable"}
+    assert written[1].is_file()
     assert "nan" not in result.output.lower().split()
 
 

@@ -61,12 +61,13 @@ class Step:
 class Diagnosis:
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
-    search, finding and workbench are None, and steps empty, where the data is insufficient.
+    search, finding and workbench are None, and steps empty, where the data is insufficient;
+    calibration too where there is one measurement only.
     """
 
     document: dict[str, Any]
     measurements: Measurements
-    calibration: Calibration
+    calibration: Calibration | None = None
     workbench: Workbench | None = None
     search: Search | None = None
     finding: Finding | None = None
@@ -74,7 +75,7 @@ class Diagnosis:
 
     def fitted(self, step: int) -> FitResult:
         """The model of a step as a fit of its own, its noise and outliers estimated with it."""
-        assert self.workbench is not None
+        assert self.calibration is not None
         explanation = self.steps[step].explanation
         return result_of(without_corrections(self.calibration.observations, explanation))
 
@@ -115,8 +116,12 @@ def diagnose(
     results = measured_forces(measurements.units)
     families = list_families(observations, present, base.geometry, registry, results)
     progress("fitting the base model")
-    calibration = calibrate(observations, base.layout(observations))
     reason = _insufficient(observations)
+    if len(observations) < 2:  # not even a fit
+        notes, warnings = measurements.notes, measurements.warnings
+        rows = _not_testable(families, reason)
+        return Diagnosis(insufficient(reason, {}, {}, rows, notes, warnings), measurements)
+    calibration = calibrate(observations, base.layout(observations))
     if reason:
         return _too_little(measurements, calibration, families, reason)
     workbench = Workbench(calibration, base)
@@ -189,6 +194,10 @@ def _insufficient(observations: Observations) -> str:
     return ""
 
 
+def _not_testable(families: Sequence[Family], reason: str) -> list[Row]:
+    return [Row(f.name, "not_testable", f.blocked or reason) for f in families]
+
+
 def _too_little(
     measurements: Measurements, calibration: Calibration, families: Sequence[Family], reason: str
 ) -> Diagnosis:
@@ -201,7 +210,7 @@ def _too_little(
         observations.channel,
         observations.channels,
     )
-    rows = [Row(f.name, "not_testable", f.blocked or reason) for f in families]
+    rows = _not_testable(families, reason)
     notes = [
         "the errors given here are in sample: with so little data nothing was held out",
         *result_of(calibration).notes,
