@@ -166,6 +166,8 @@ def test_everything_constant_is_insufficient(tmp_path: Path) -> None:
     found = document(tmp_path, frame)
     assert found["verdict"] == "insufficient_data"
     assert "vary at least the load" in found["reason"]
+    words = diagnosis_text(found)
+    assert "nothing was held out" in words and "Held-out error" not in words
 
 
 def test_one_row_is_one_message(tmp_path: Path) -> None:

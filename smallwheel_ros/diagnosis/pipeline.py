@@ -118,9 +118,11 @@ def diagnose(
     progress("fitting the base model")
     reason = _insufficient(observations)
     if len(observations) < 2:  # not even a fit
-        notes, warnings = measurements.notes, measurements.warnings
-        rows = _not_testable(families, reason)
-        return Diagnosis(insufficient(reason, {}, {}, rows, notes, warnings), measurements)
+        none = _not_testable(families, reason)
+        return Diagnosis(
+            insufficient(reason, {}, {}, none, measurements.notes, measurements.warnings),
+            measurements,
+        )
     calibration = calibrate(observations, base.layout(observations))
     if reason:
         return _too_little(measurements, calibration, families, reason)

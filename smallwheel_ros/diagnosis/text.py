@@ -61,7 +61,10 @@ def diagnosis_text(document: Mapping[str, Any]) -> str:
 
 
 def _steps(document: Mapping[str, Any]) -> list[str]:
-    lines = ["Held-out error"]
+    if not document["channels"]:
+        return []
+    little = document["verdict"] == "insufficient_data"
+    lines = ["Error of the fit itself: nothing was held out" if little else "Held-out error"]
     for name, channel in document["channels"].items():
         path = [_shown(name, step["held_out_rmse"].get(name)) for step in document["steps"]]
         floor = channel.get("noise_floor")
