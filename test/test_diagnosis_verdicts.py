@@ -76,6 +76,16 @@ def test_what_follows_nothing_recorded_gets_no_name(tmp_path: Path) -> None:
     assert "not recorded" in found["reason"]
 
 
+def test_a_rebound_may_be_a_sensor_of_wrong_scale(tmp_path: Path) -> None:
+    """A sensor that reads 20 % too much is no effect of the soil, and nothing in the data says which."""
+    frame = simulate_rig(RigSettings(seed=4040)).table
+    assert "scale" not in document(tmp_path, frame)["reason"]
+    frame["sinkage [mm]"] *= 1.2
+    found = document(tmp_path, frame)
+    assert "elastic_rebound" in [*found["missing_effects"], *found["candidates"]]
+    assert "wrong scale of either sensor" in found["reason"]
+
+
 def test_soil_that_scatters_as_prepared_soils_do_is_adequate(tmp_path: Path) -> None:
     rig = simulate_rig(RigSettings(seed=4014, soil_scatter=0.10))
     assert document(tmp_path, rig.table)["verdict"] == "adequate"

@@ -23,6 +23,10 @@ _LEFT_OVER = 0.001  # p-value of what the best explanation leaves
 _LEFT_SHARE = 0.7  # of the weakest effect's gain
 _MOST_EXPLAINED = 0.9  # of the error: beyond it, what is left cannot be what made a name look right
 _PREPARED = 0.15  # scatter of ln k from run to run
+_SCALE = (
+    "elastic_rebound sets sinkage apart from resistance: a wrong scale of either sensor (the gain of a "
+    "load cell, a depth read too large) looks the same, so check the calibration first"
+)
 _LEAST_REMOVED = 0.02  # of the standardised error, for such a misfit to matter
 
 
@@ -92,6 +96,8 @@ def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> F
                 f"varied together (r = {tie.correlation:.2f})"
             )
     candidates = tuple(dict.fromkeys(open_sets))
+    if "elastic_rebound" in (*named, *candidates):
+        reasons.append(_SCALE)
     if named:
         return Finding("missing_effect", tuple(named), candidates, tuple(reasons), tuple(pairs))
     if candidates:
