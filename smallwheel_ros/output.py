@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,35 @@ def check_target(path: str | Path) -> Path:
     if not path.parent.is_dir():
         raise OutputError(f"{path}: cannot be written: the folder {path.parent} does not exist")
     return path
+
+
+def check_targets(
+    targets: Iterable[str | Path | None], inputs: Iterable[str | Path | None] = ()
+) -> None:
+    """Refuse outputs that would be lost, or destroy something, before a long computation.
+
+    targets: files that a command is to write, - for standard output. inputs: files that it reads.
+    Raises OutputError where a target cannot be made, is an input, or is named twice.
+    """
+    paths = [check_target(path) for path in targets if path is not None and str(path) != "-"]
+    given = [Path(path) for path in inputs if path is not None]
+    files = [path for path in paths if path.is_file() or not path.exists()]  # no device or pipe
+    for path in files:
+        if path.exists() and any(one.exists() and os.path.samefile(path, one) for one in given):
+            raise OutputError(f"{path}: is read by this command, expected another name to write to")
+        if sum(path.resolve() == other.resolve() for other in files) > 1:
+            raise OutputError(f"{path}: two outputs name the same file, expected two")
+        folder = Path(os.path.realpath(path)).parent
+        try:
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def check_folder_target(path: Path | None) -> None:
+    """Refuse a file where a command is to write several into a folder. Raises OutputError."""
+    if path is not None and path.exists() and not path.is_dir():
+        raise OutputError(f"{path}: a file, expected a folder for the pictures")
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:

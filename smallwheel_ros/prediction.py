@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.physics.soil import Soil, nearest
 from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_with_uncertainty
 
 Array = NDArray[np.float64]
@@ -40,11 +43,15 @@ class PredictionError(SmallwheelError):
 
 @dataclass(frozen=True)
 class PredictionTable:
-    """Settings by name and what the model says of each combination; arrays of shape (rows,), SI."""
+    """Settings by name and what the model says of each combination; arrays of shape (rows,), SI.
+
+    notes: what the numbers rest on that nobody measured.
+    """
 
     settings: Mapping[str, Array]
     varied: tuple[str, ...]
     result: UncertainPrediction
+    notes: tuple[str, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """The table as JSON knows it: one mapping a row; null where the wheel is sunk."""
@@ -63,7 +70,7 @@ class PredictionTable:
                     row[f"{quantity}_std"] = None if sunk else float(deviation[i])
             row["status"] = SUNK if sunk else "ok"
             rows.append(row)
-        return {"schema": 1, "rows": rows}
+        return {"schema": 1, "rows": rows, "notes": list(self.notes)}
 
 
 def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
@@ -88,6 +95,74 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
     )
 
 
+class _Assumed(NamedTuple):
+    """A parameter of the strength that nobody measured; name, variance: as in a covariance."""
+
+    name: str
+    variance: float
+    words: str
+    value: float
+    deviation: float
+    unit: str
+    default: float  # all three in that unit, for people
+
+    @property
+    def is_default(self) -> bool:
+        return math.isclose(self.value, self.default)
+
+    def text(self, spread: bool) -> str:
+        word = "default " if self.is_default else ""
+        width = f" +- {float(f'{self.deviation:.2g}'):g}" if spread else ""
+        return f"the {word}{self.words} ({self.value:.4g}{width} {self.unit})"
+
+
+def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
+    usual = usual_strength(soil)
+    c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
+    found = []
+    for name, words, known, derivative, unit, factor, default in (
+        ("cohesion", "cohesion", c, 1.0, "Pa", 1.0, Soil.cohesion),
+        ("friction_angle", "friction angle", phi, 1.0, "deg", 180 / math.pi, Soil.friction_angle),
+        (
+            "log_shear_displacement", "shear displacement", kappa, 1.0 / kappa.value, "mm", 1e3,
+            Soil.shear_displacement,
+        ),
+    ):  # fmt: skip
+        if f"{soil.name}.{name}" not in names:
+            variance = (derivative * known.standard_deviation) ** 2
+            value, deviation = factor * known.value, factor * known.standard_deviation
+            found.append(_Assumed(name, variance, words, value, deviation, unit, factor * default))
+    return found
+
+
+def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
+    """The model with a covariance of the strength too, and a note where that was not measured.
+
+    A fit without drawbar pull leaves cohesion, friction angle and shear displacement where they
+    were: thrust would look as if they were known exactly. What the covariance lacks gets the
+    deviations among soils of one kind (`usual_strength`), as in the estimator. A model without any
+    covariance stays as it is, with a note where its cohesion and friction angle are the defaults.
+    """
+    names, covariance, notes = calibrated.names, calibrated.covariance, []
+    for soil in calibrated.model.soils:
+        assumed = _assumed_strength(soil, calibrated.names)
+        known = bool(calibrated.names)
+        defaults = {one.name for one in assumed if one.is_default}
+        unmeasured = {"cohesion", "friction_angle"} <= defaults
+        if not assumed or not (known or unmeasured):
+            continue
+        what = "strength" if len(assumed) == 3 else " and ".join(one.words for one in assumed)
+        texts = [one.text(known) for one in assumed]
+        listed = " and ".join(filter(None, [", ".join(texts[:-1]), texts[-1]]))
+        source = "; these deviations are those among soils of one kind" if known else ""
+        doubt = "not measured" if unmeasured else "without a deviation in the model"
+        notes.append(f"{what} {doubt}: thrust and drawbar pull rest on {listed}{source}")
+        if known:
+            names += tuple(f"{soil.name}.{one.name}" for one in assumed)
+            covariance = block_diag(covariance, np.diag([one.variance for one in assumed]))
+    return CalibratedModel(calibrated.model, names, covariance, calibrated.provenance), tuple(notes)
+
+
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:
     """Predict every combination of the settings.
 
@@ -104,6 +179,9 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
     grid = np.meshgrid(*settings.values(), indexing="ij")
     columns = {name: g.reshape(-1) for name, g in zip(settings, grid, strict=True)}
     conditions = Conditions.of(**columns)
+    notes: tuple[str, ...] = ()
+    if slip is not None:
+        calibrated, notes = with_usual_strength(calibrated)
     result = predict_with_uncertainty(calibrated, conditions)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
-    return PredictionTable(columns, varied, result)
+    return PredictionTable(columns, varied, result, notes)

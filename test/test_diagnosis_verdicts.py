@@ -225,7 +225,15 @@ def test_commands_from_fit_to_the_effect_added(tmp_path: Path) -> None:
     useless = run.invoke(main, ["add", "penetration_rate", *common])
     assert useless.exit_code == 0, useless.output
     assert "not recommended" in useless.output
-    for effect, said in (("slip_sinkag", "slip_sinkage"), ("grouser", "grouser_height")):
+    for effect, said in (
+        ("slip_sinkag", "slip_sinkage"),
+        ("grouser", "grouser_height"),
+        ("covariate:speed", "'speed' is a known setting, and those have effects of their own (pen"),
+        ("covariate:load", "(load_dependent_modulus): add one of them"),
+        ("covariate:moistness", "no column 'moistness' of numbers"),
+        ("covariate:sinkage", "'sinkage' is what was measured"),
+        ("covariate:wheel", "'wheel' is text"),
+    ):
         wrong = run.invoke(main, ["add", effect, *common])
         assert wrong.exit_code == 2
         assert said in wrong.output

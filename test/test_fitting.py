@@ -15,6 +15,7 @@ from smallwheel_ros.fitting.observations import observe
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.prediction import predict_table
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
 
@@ -144,6 +145,26 @@ def test_a_model_file_holds_the_fit_and_is_no_second_evidence(tmp_path: Path) ->
     other = table(tmp_path, simulate_rig(RigSettings(seed=2011)).table, "other.csv")
     prior = soil_priors(known, other)["rig_soil"]
     assert np.all(np.linalg.eigvalsh(prior.covariance) > 0)
+
+
+@pytest.mark.parametrize("pulled", [True, False])
+def test_a_model_file_holds_how_well_the_strength_was_measured(
+    tmp_path: Path, pulled: bool
+) -> None:
+    channels = ("sinkage", "drawbar_pull") if pulled else ("sinkage",)
+    measurements = table(tmp_path, simulate_rig(RigSettings(seed=2010, channels=channels)).table)
+    fit = fit_model(measurements)
+    write_model(tmp_path / "m.yaml", calibrated(fit, measurements))
+    known = read_model(tmp_path / "m.yaml")
+    settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
+    found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})
+    assert bool(found.notes) is not pulled
+    for name in ("cohesion", "friction_angle", "log_shear_displacement"):
+        full = f"rig_soil.{name}"
+        assert (known.standard_deviation(full) is not None) is pulled
+        if pulled:
+            at = fit.names.index(full)
+            assert known.standard_deviation(full) == pytest.approx(np.sqrt(fit.covariance[at, at]))
 
 
 def test_drawbar_pull_without_slip_cannot_be_fitted(tmp_path: Path) -> None:

@@ -412,6 +412,21 @@ def test_runs_that_are_no_repeats_are_a_warning(write: Write) -> None:
     assert any("rows of several wheels" in warning for warning in wheels.warnings)
 
 
+def test_wheels_of_one_vehicle_are_no_mistake(write: Write) -> None:
+    """One row of each wheel in a run: a stretch of a drive, whatever load each wheel carries."""
+    header, there, far = "run,wheel," + HEADER, ",40,0.2,0.1,8,0.1", ",90,0.2,0.1,9,0.1"
+    drive = read_measurements(write(header, "1,left" + there, "1,right" + far, "2,left" + there))
+    assert drive.warnings == ()
+    assert any("wheels of one vehicle" in note for note in drive.notes)
+    # Repeats of each wheel under one name are a rig whose runs are numbered anew.
+    rows = ["1,left" + there, "1,left" + there, "1,right" + far, "2,right" + far]
+    rig = read_measurements(write(header, *rows))
+    assert any("rows of several wheels" in warning for warning in rig.warnings)
+    assert any("the load varies within 1 of 2 runs" in warning for warning in rig.warnings)
+    single = read_measurements(write(header, "1,left" + there, "2,right" + far))
+    assert not any("vehicle" in note for note in single.notes)
+
+
 def test_a_row_that_measures_nothing_is_a_warning(write: Write) -> None:
     data = read_measurements(write(HEADER, ROW, "60,0.2,0.1,,0.1"))
     assert any("nothing was measured in line 3" in warning for warning in data.warnings)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.effects.registry import effect
+from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import Soil, soil
 from smallwheel_ros.prediction import PredictionError, on_one_soil, predict_table
 from smallwheel_ros.ranges import RangeError, parse_range
 
@@ -118,3 +119,65 @@ def test_refusals() -> None:
     many = np.linspace(1, 2, 700)
     with pytest.raises(PredictionError, match="490000 combinations, at most 200000"):
         predict_table(calibrated, {"load": many, "diameter": many, "width": one})
+
+
+ROLLING = {
+    "load": np.array([60.0]),
+    "diameter": np.array([0.2]),
+    "width": np.array([0.1]),
+    "slip": np.array([0.4]),
+}
+LAW = ("sand.log_reference_pressure", "sand.n")
+STRENGTH = ("sand.cohesion", "sand.friction_angle", "sand.log_shear_displacement")
+
+
+def test_a_strength_that_nobody_measured_is_said_and_makes_thrust_uncertain() -> None:
+    """As sure as the estimator is of a soil of this kind, against sampling, and no surer."""
+    sand = Soil("sand", 1.6e6, 0.8, cohesion=800.0, friction_angle=0.5)
+    known = CalibratedModel(Model(sand), LAW, np.diag([1e-4, 1e-4]))
+    table = predict_table(known, ROLLING)
+    (note,) = table.notes
+    assert note.startswith("strength without a deviation in the model: thrust and drawbar pull")
+    (row,) = table.document()["rows"]
+    usual = usual_strength(sand)
+    rng = np.random.default_rng(0)
+    scale = usual.shear_displacement.standard_deviation / usual.shear_displacement.value
+    thrusts = []
+    for c, phi, kappa in rng.normal(size=(3000, 3)):
+        other = Soil(
+            "sand", 1.6e6, 0.8,
+            cohesion=max(800.0 + c * usual.cohesion.standard_deviation, 0.0),
+            friction_angle=0.5 + phi * usual.friction_angle.standard_deviation,
+            shear_displacement=0.015 * float(np.exp(scale * kappa)),
+        )  # fmt: skip
+        found = predict(Model(other), Conditions.of(60, 0.2, 0.1, slip=0.4)).thrust
+        assert found is not None
+        thrusts.append(found[0])
+    assert row["thrust_std"] == pytest.approx(np.std(thrusts), rel=0.1)
+    assert row["drawbar_pull_std"] > 0.95 * row["thrust_std"]
+    # The law is as well known as before.
+    law = predict_table(known, {k: v for k, v in ROLLING.items() if k != "slip"})
+    assert law.notes == ()
+    assert row["sinkage_std"] == pytest.approx(law.document()["rows"][0]["sinkage_std"], rel=1e-9)
+
+
+def test_the_note_names_defaults_and_only_what_is_not_known() -> None:
+    plain, variances = Soil("sand", 1.6e6, 0.8), np.diag([1e-4, 1e-4])
+    note = "strength not measured: thrust and drawbar pull rest on the default cohesion (0"
+    found = predict_table(CalibratedModel(Model(plain), LAW, variances), ROLLING)
+    assert found.notes[0].startswith(note)
+    assert "friction angle (30 +- 5.7 deg)" in found.notes[0]
+    assert found.document()["notes"] == list(found.notes)
+    # Without any covariance there is no deviation to be wrong, but the value is a default still.
+    bare = predict_table(CalibratedModel(Model(plain)), ROLLING)
+    assert bare.notes[0].startswith(note)
+    assert "+-" not in bare.notes[0]
+    assert "thrust_std" not in bare.document()["rows"][0]
+    assert predict_table(CalibratedModel(Model(soil("dry_sand"))), ROLLING).notes == ()
+    # A covariance that has the strength is taken as it is.
+    full = CalibratedModel(Model(plain), (*LAW, *STRENGTH), np.diag([1e-4, 1e-4, 1.0, 1e-6, 1e-6]))
+    measured = predict_table(full, ROLLING)
+    assert measured.notes == ()
+    assert measured.document()["rows"][0]["thrust_std"] < 0.1
+    part = CalibratedModel(Model(plain), (*LAW, *STRENGTH[:2]), np.diag([1e-4, 1e-4, 1.0, 1e-6]))
+    assert predict_table(part, ROLLING).notes[0].startswith("shear displacement without")

@@ -708,6 +708,7 @@ def test_the_measurements_are_a_table_for_the_bench(rover, tmp_path):
     estimates = replayed(path, rover, folder)
     data = read_measurements(folder / "measurements.csv")
     assert 20 < len(data.line) < 100
+    assert data.warnings == ()
     assert set(data.conditions.diameter) == {0.25, 0.4}
     rows = pd.read_csv(folder / "measurements.csv")
     assert rows.groupby(["run", "wheel"]).size().max() == 1

@@ -127,7 +127,7 @@ def test_bad_data_gives_one_message_and_no_file(content: str, message: str, tmp_
         (["-o", "."], "a folder"),
         (["-o", "report.html", "--json", "no/x.json"], "does not exist"),
         (["-o", "report.html", "--json", "./report.html"], "expected two"),
-        (["-o", "rig.csv"], "the table of measurements"),
+        (["-o", "rig.csv"], "is read by this command"),
         (["-o", "report.html", "--model", "none.yaml"], "none.yaml"),
         (["-o", "report.html", "--effects", "none.py"], "none.py"),
         (["-o", "report.html", "--diameter", "0.3"], "diameter"),

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from smallwheel_ros.commands.inputs import read_inputs, warn
+from smallwheel_ros.commands.inputs import check_column, read_inputs, warn
 from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.diagnosis.apply import Added, add_effect, base_physics, held_out_rmse
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
@@ -24,7 +24,7 @@ from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Geometry
 from smallwheel_ros.model_file import write_model
-from smallwheel_ros.output import check_target
+from smallwheel_ros.output import check_folder_target, check_targets
 from smallwheel_ros.tables import write_json
 
 _DATA = click.argument("data", type=click.Path(path_type=Path))
@@ -39,12 +39,6 @@ _OWN = click.option("--effects", "own", type=click.Path(path_type=Path), metavar
 
 class BenchError(SmallwheelError):
     """Options of fit, diagnose or add that do not go together."""
-
-
-def _check(*targets: str | Path | None) -> None:
-    for target in targets:
-        if target is not None and str(target) != "-":
-            check_target(target)
 
 
 def _value(channel: str, value: float) -> str:
@@ -74,10 +68,10 @@ def fit(
     json_file: str | None,
 ) -> None:
     """Calibrate soil and effects on the measurements in DATA and write a model file."""
-    _check(output, json_file)
+    given = [name.strip() for name in names.split(",") if name.strip()]
+    check_targets([output, json_file], [data, *(n for n in given if n.endswith(".py"))])
     measurements = read_measurements(data, diameter=diameter, width=width)
     warn(measurements)
-    given = [name.strip() for name in names.split(",") if name.strip()]
     registry = default_registry()
     for name in given:
         if name.endswith(".py"):
@@ -185,7 +179,9 @@ def diagnose(
     """
     if apply != (output is not None):
         raise BenchError("--apply and -o FILE go together: one without the other does nothing")
-    _check(json_file, html, output)
+    check_targets([json_file, html, output], [data, own])
+    check_targets([json_file, html], [model_file])  # -o may replace it
+    check_folder_target(plots)
     measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
     base = base_physics(base, measurements, registry)
     with tqdm(total=5, desc="diagnosing", disable=None, leave=False) as bar:
@@ -213,7 +209,8 @@ def _write(
     if output is not None:
         last = len(result.steps) - 1
         if last < 1:
-            click.echo("nothing was named, so nothing was added", err=True)
+            gone = "" if last == 0 else f"; {output} was not written"
+            click.echo(f"nothing was named, so nothing was added{gone}", err=True)
         if last >= 0:
             held_out = result.document["steps"][-1]["held_out_rmse"]
             write_model(output, calibrated(result.fitted(last), result.measurements, held_out))
@@ -255,8 +252,10 @@ def add(
     width: float | None,
 ) -> None:
     """Add EFFECT to a model, fit it with the soil, and print the held-out error before and after."""
-    _check(output, json_file)
+    check_targets([output, json_file], [data, own])
+    check_targets([json_file], [model_file])  # -o may replace it
     measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
+    check_column(effect, measurements, registry)
     base = base_physics(base, measurements, registry)
     result = add_effect(effect, base, measurements, registry=registry)
     after = result.after.rmse()

@@ -19,7 +19,7 @@ from smallwheel_ros.compare.text import comparison_text
 from smallwheel_ros.effects.registry import load_effects
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model_file import read_model
-from smallwheel_ros.output import OutputError, check_target, write_bytes
+from smallwheel_ros.output import OutputError, check_folder_target, check_targets, write_bytes
 from smallwheel_ros.pictures.comparison import (
     error_bars,
     measured_against_predicted,
@@ -60,11 +60,8 @@ def compare(
     judged on runs that were held out of the fit. A model file stands as it is. Errors are given for
     each channel, soil, wheel and range of conditions, beside the noise floor of repeated rows.
     """
-    for target in (html, None if json_file in (None, "-") else json_file):
-        if target is not None:
-            check_target(target)
-    if plots is not None and plots.exists() and not plots.is_dir():
-        raise OutputError(f"{plots}: a file, expected a folder for the pictures")
+    check_targets([html, json_file], [data, *models, effects_file])
+    check_folder_target(plots)
     measurements = read_measurements(data, diameter=diameter, width=width)
     contenders = standing_contenders(models, effects_file)
     with tqdm(desc="fitting", unit="fit", disable=None, leave=False) as bar:

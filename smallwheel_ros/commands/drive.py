@@ -182,9 +182,11 @@ def convert_trial(
     BAG holds the force sensor's messages while a wheel is pressed straight into the soil.
     """
     from smallwheel_ros.bag_files import check_new_bag
+    from smallwheel_ros.output import check_targets
     from smallwheel_ros.trial import TrialSettings, read_trial, write_trial
 
     check_new_bag(output)
+    check_targets([json_file], [bag, zero, log])
     settings = TrialSettings(wheel, log_behind, start, end, compliance, sinkage_std)
     trial = read_trial(bag, zero, log, settings)
     count = write_trial(trial, output, settings)

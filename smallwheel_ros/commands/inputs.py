@@ -9,12 +9,21 @@ from typing import Any, TypeVar
 import click
 
 from smallwheel_ros.diagnosis.apply import base_of
+from smallwheel_ros.diagnosis.candidates import STANDARD, list_families
 from smallwheel_ros.diagnosis.workbench import Base
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.observations import observe
+from smallwheel_ros.measurements.columns import TEXTS
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model_file import read_model
+from smallwheel_ros.physics.soil import nearest
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+class ColumnError(SmallwheelError):
+    """An effect of a column that the table does not have as a free one."""
 
 
 def data_options(command: _Command) -> _Command:
@@ -57,3 +66,32 @@ def warn(measurements: Measurements) -> None:
     """Say the table's warnings on standard error."""
     for warning in measurements.warnings:
         click.echo(f"warning: {warning}", err=True)
+
+
+def check_column(effect: str, measurements: Measurements, registry: Registry) -> None:
+    """Say why the NAME of `covariate:NAME` is no free column of the table, and what to do.
+
+    Any other effect passes. Raises ColumnError.
+    """
+    kind, _, name = effect.partition(":")
+    conditions = measurements.conditions
+    free = [column for column in conditions.covariates if column not in STANDARD]
+    if kind != "covariate" or not name or name in free:
+        return
+    if name in ("load", "diameter", "width", *conditions.covariates):
+        families = list_families(observe(measurements), registry=registry)
+        follow = [family.name for family in families if name in family.drivers]
+        known = f" ({', '.join(follow)})" if follow else ""
+        why = (
+            f"'{name}' is a known setting, and those have effects of their own{known}: add one of "
+            f"them; `smallwheel fit --effects {effect}` fits a free law of it all the same"
+        )
+    elif name in measurements.channels:
+        why = f"'{name}' is what was measured, no setting"
+    elif name in measurements.labels or name in TEXTS:
+        why = f"'{name}' is text, expected a column of numbers"
+    elif free:
+        why = f"the table has no column '{name}' of numbers: {nearest(name, free)}"
+    else:
+        why = f"the table has no column '{name}' of numbers, nor any but the known settings"
+    raise ColumnError(f"effect '{effect}' cannot be added: {why}")

@@ -12,6 +12,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families, forms, load_effects
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.model_file import CalibratedModel, read_model
+from smallwheel_ros.output import check_folder_target, check_targets
 from smallwheel_ros.paper import paper_lines
 from smallwheel_ros.physics.soil import SOILS, soil
 from smallwheel_ros.pictures.physics import plot_effect, plot_paper, plot_prediction
@@ -88,6 +89,7 @@ def predict(
         raise click.UsageError("give --soil or --model")
     if model_file is not None and closed_form:
         raise click.UsageError("--closed-form goes with --soil: a model file says its geometry")
+    check_targets([plot, json_file], [model_file, effects_file])
     texts = {"load": load, "diameter": diameter, "width": width}
     if slip is not None:
         texts["slip"] = slip
@@ -116,6 +118,8 @@ def predict(
         write_json(json_file, document)
     if json_file != "-":
         click.echo(_prediction_text(document["rows"], list(settings)))
+        for note in table.notes:
+            click.echo(f"\nnote: {note}")
         if plot is not None:
             click.echo(f"\nDrawn: {plot}")
 
@@ -156,6 +160,7 @@ def effects(
     effect: str | None, effects_file: Path | None, json_file: str | None, plot: Path | None
 ) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
+    check_targets([plot, json_file], [effects_file])
     user = load_effects(effects_file) if effects_file else None
     if effect is None:
         if plot is not None:
@@ -248,6 +253,8 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
 @click.option("--plots", type=click.Path(path_type=Path), help="Folder to draw figures into.")
 def paper(json_file: str | None, plots: Path | None) -> None:
     """Compute the numbers that the paper prints, and say which of them reproduce."""
+    check_targets([json_file])
+    check_folder_target(plots)
     lines = paper_lines()
     if json_file is not None:
         write_json(json_file, {"schema": 1, "lines": [vars(line) for line in lines]})

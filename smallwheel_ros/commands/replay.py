@@ -15,7 +15,7 @@ from tqdm import tqdm
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.output import check_target
+from smallwheel_ros.output import check_targets
 from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
 from smallwheel_ros.replay.many import (
@@ -79,8 +79,7 @@ def replay(
 
     Exit code 1: a bag ended early, failed, or was interrupted; what there was is written.
     """
-    if json_file not in (None, "-"):
-        check_target(str(json_file))
+    check_targets([json_file], [*bags, config])
     remapped = read_remaps(remaps)
     if only_topics:
         for bag in bags:

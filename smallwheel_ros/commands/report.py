@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -16,7 +15,7 @@ from smallwheel_ros.diagnosis.apply import base_physics
 from smallwheel_ros.diagnosis.candidates import settings_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
 from smallwheel_ros.display import words
-from smallwheel_ros.output import OutputError, check_target
+from smallwheel_ros.output import check_targets
 from smallwheel_ros.report import Picture, whole_report, write_page
 from smallwheel_ros.report.residual_picture import (
     AFTER,
@@ -51,12 +50,7 @@ def report(
     error step by step, what this data cannot tell, what to measure next.
     """
     targets = [output, *(Path(name) for name in (json_file,) if name not in (None, "-"))]
-    for target in targets:
-        check_target(target)
-        if target.exists() and data.exists() and os.path.samefile(target, data):
-            raise OutputError(f"{target}: is the table of measurements, expected another name")
-    if len({target.resolve() for target in targets}) < len(targets):
-        raise OutputError(f"{output}: -o and --json name the same file, expected two")
+    check_targets(targets, [data, model_file, own])
     measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
     standing = [] if model_file is None else standing_contenders([model_file], own)
     with tqdm(desc="comparing", unit="fit", disable=None, leave=False) as bar:

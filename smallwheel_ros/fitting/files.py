@@ -34,12 +34,6 @@ def calibrated(
 
     date: ISO; today where None.
     """
-    soils = {s.name for s in fit.model.soils}
-    keep = [
-        i
-        for i, name in enumerate(fit.names)
-        if name.rsplit(".", 1)[0] not in soils or name.rsplit(".", 1)[1] in _SOIL
-    ]
     provenance: dict[str, object] = {
         "data": measurements.source,
         "sha256": measurements.sha256,
@@ -51,8 +45,7 @@ def calibrated(
         provenance["held_out_rmse"] = {name: float(v) for name, v in held_out.items()}
     if fit.run_scatter:
         provenance["run_scatter"] = {name: float(v) for name, v in fit.run_scatter.items()}
-    names = tuple(fit.names[i] for i in keep)
-    return CalibratedModel(fit.model, names, fit.covariance[np.ix_(keep, keep)], provenance)
+    return CalibratedModel(fit.model, fit.names, fit.covariance, provenance)
 
 
 def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:

@@ -100,10 +100,24 @@ def _spread(values: Array, index: NDArray[np.intp], runs: int) -> tuple[Array, A
     return low, high
 
 
+def one_row_a_wheel(data: Measurements) -> bool:
+    """Whether runs are of several wheels that the table names, each with one row: a vehicle's.
+
+    So are the runs of a drive that `replay` makes a table of: one stretch of way.
+    """
+    if not data.wheels_given:
+        return False
+    pairs = np.unique(np.stack([data.run, data.wheel]), axis=1)
+    return bool(pairs.shape[1] == len(data) > data.runs.size)
+
+
 def _runs(data: Measurements) -> Iterator[str]:
     names, index = np.unique(data.run, return_inverse=True)
     index = index.reshape(-1)
+    vehicle = one_row_a_wheel(data)
     for what, column in (("wheels", data.wheel), ("soils", data.soil)):
+        if what == "wheels" and vehicle:
+            continue
         codes = np.unique(column, return_inverse=True)[1].reshape(-1)
         low, high = _spread(codes.astype(float), index, names.size)
         if (low < high).any():
@@ -112,6 +126,8 @@ def _runs(data: Measurements) -> Iterator[str]:
                 f"run '{run}' has rows of several {what}: rows of one run are repeats of one "
                 "setting. If runs are numbered anew for each, give each a name of its own"
             )
+    if vehicle:
+        return  # its wheels carry different loads, each one load
     low, high = _spread(data.conditions.load, index, names.size)
     wide = high > _STEADY_LOAD * low
     if wide.any():

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.checks import suspicions
+from smallwheel_ros.measurements.checks import one_row_a_wheel, suspicions
 from smallwheel_ros.measurements.columns import (
     CHANNELS,
     SETTINGS,
@@ -34,6 +34,10 @@ Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 _AT_REST = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0}
 # A wheel that moves more across its plane than along it is ploughed, not rolled.
 _PLOUGHED = np.pi / 4
+_VEHICLE = (
+    "each run has one row of each of several wheels: they count as wheels of one vehicle at one "
+    "place. If runs are numbered anew for each wheel, give each a name of its own"
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Measurements:
     declared_std: by channel, the standard deviation that the table states; NaN where none.
     run: rows of one run are repeats of one setting and never split between fit and test.
     `runs_given` is False where the table names no runs and each row is its own.
-    wheel: the wheel's name, made from its size where the table has none.
+    wheel: the wheel's name, made from its size where the table has none (`wheels_given` False).
     line: each row's line in the file (row in a Parquet file), for messages.
     labels: text columns that are neither soil, run, wheel nor contact.
     units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
@@ -64,6 +68,7 @@ class Measurements:
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     runs_given: bool = True
+    wheels_given: bool = False
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     source: str = ""
@@ -152,11 +157,14 @@ def read_measurements(
         {name: text for name, text in columns.texts.items() if name not in TEXTS},
         columns.units,
         runs_given,
+        "wheel" in columns.texts,
         notes=tuple(columns.notes),
         source=table.source,
         sha256=table.sha256,
     )
     _refuse_too_deep(columns, data)
+    if one_row_a_wheel(data):
+        data = replace(data, notes=(*data.notes, _VEHICLE))
     return replace(data, warnings=tuple(suspicions(data, table.place)))
 
 
