@@ -62,8 +62,9 @@ class ModelFileError(SmallwheelError):
 class CalibratedModel:
     """A model with how well its parameters are known, and where they came from.
 
-    names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`
-    and `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
+    names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
+    where drawbar pull was measured the soil's strength too (`SOIL_PARAMETERS`), and
+    `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
     provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
     """
 

@@ -55,6 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ["report", "d.csv", "--model", "m.yaml", "-o", "m.yaml"],
         [*PREDICT, "--json", "m.yaml"],
         ["effects", "--effects", "own.py", "--json", "own.py"],
+        ["convert-trial", "b", "--zero", "z", "--log", "d.csv", "-o", "new", "--json", "d.csv"],
         ["replay", "bag", "--config", "m.yaml", "-o", "out", "--json", "m.yaml"],
     ],
 )

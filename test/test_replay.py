@@ -563,6 +563,16 @@ def test_a_folder_of_somebody_else_is_left_alone(bag, rover, tmp_path):
     assert "is the bag itself" in text
 
 
+@pytest.mark.parametrize("name", ["bag", "bag/bag.mcap"])
+def test_the_bag_of_an_earlier_replay_is_not_cleared_to_read_it(bag, rover, tmp_path, name):
+    folder = tmp_path / "out"
+    replayed(bag, rover, folder)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    text = smallwheel("replay", folder / name, "--config", rover, "-o", folder, code=2).stderr
+    assert "what an earlier replay has written" in text
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
 # --- Messages that are none
 
 

@@ -84,6 +84,11 @@ class Places:
         killed = False
         if folder.resolve() == self._spec.bag.resolve():
             raise ReplayError(f"folder {folder} is the bag itself: give another one with -o")
+        if self._spec.bag.resolve().is_relative_to(self.bag.resolve()):
+            raise ReplayError(
+                f"bag {self._spec.bag} is what an earlier replay has written into folder {folder},"
+                " which a new one clears: give another one with -o"
+            )
         try:
             folder.mkdir(parents=True, exist_ok=True)
             before = read_summary(folder)
