@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from smallwheel_ros.cli import main
 from smallwheel_ros.diagnosis import add_effect, base_of, diagnose
+from smallwheel_ros.diagnosis.search import plausible
 from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.diagnosis.workbench import Base
 from smallwheel_ros.effects.base import EffectError
@@ -101,6 +102,32 @@ def test_an_error_of_one_channel_over_one_column_is_unknown(tmp_path: Path) -> N
     assert found["verdict"] == "unknown_effect"
     assert "sinkage over warmth" in found["reason"]
     assert any(region["region"].startswith("warmth") for region in found["where_it_fails"])
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.06], ids=["of any load", "of the load"])
+def test_what_the_rig_itself_resists_is_no_effect_of_the_soil(
+    tmp_path: Path, friction: float
+) -> None:
+    frame = simulate_rig(RigSettings(seed=4042)).table
+    load, resistance = (next(c for c in frame if c.startswith(n)) for n in ("load", "resistance"))
+    frame[resistance] += friction * frame[load] if friction else 4.0
+    diagnosis = diagnose(table(tmp_path, frame))
+    assert diagnosis.document["verdict"] == "unknown_effect"
+    assert "resistance of the rig itself" in diagnosis.document["reason"]
+    # A curve that was bent as far as it goes is not the one that is there.
+    assert diagnosis.workbench is not None
+    bent = [
+        (explanation, effect.id)
+        for explanation in diagnosis.workbench.known()
+        for slot, frozen in zip(
+            explanation.layout.slots, explanation.fit.solution.frozen, strict=True
+        )
+        if slot.of_effect and frozen
+        for effect in [explanation.layout.model.effects[slot.owner]]
+        if next(p for p in effect.parameters() if p.name == slot.field).neutral is None
+    ]
+    assert bent
+    assert not any(plausible(explanation, name) for explanation, name in bent)
 
 
 @pytest.mark.parametrize("seed", [4020, 4021, 4022])

@@ -137,14 +137,14 @@ def add_effect(
     sensible = plausible(after, effect)
     final = without_corrections(observations, after)
     reason = ""
-    if fall <= 0.0:
+    if fall < 0.0005:  # 0.0 %, as it would be printed
         reason = "the error did not fall; not recommended"
     elif fall < _LEAST_FALL:
         reason = f"the error fell by {100 * fall:.1f} % only; not recommended"
     elif sigmas < 1.0:
         reason = "the error fell by less than its own uncertainty; not recommended"
     elif not sensible:
-        reason = "the fitted strength is at a bound or outside the published range; not recommended"
+        reason = "what was fitted is at a bound or outside the published range; not recommended"
     return Added(
         effect,
         form,

@@ -13,14 +13,15 @@ from smallwheel_ros.diagnosis.workbench import Explanation
 
 Array = NDArray[np.float64]
 
+RIG = "resistance of the rig itself (the same amount everywhere, or a share of the load)"
 _FEWEST_RUNS = 6
 _WIDE = 5.0  # largest over smallest, from which a setting is also tried by its logarithm
 
 
 def generic_columns(explanation: Explanation, prefix: str) -> Columns:
-    """Straight and bent ones for each channel and each setting that varies.
+    """Straight and bent ones for each channel and each setting that varies; what a rig itself resists.
 
-    Groups are named `prefix` + channel + " over " + setting.
+    Groups are named `prefix` + channel + " over " + setting, or `RIG` behind the prefix.
     """
     observations = explanation.predictor.observations
     level = np.abs(explanation.fit.solution.predicted)
@@ -33,6 +34,12 @@ def generic_columns(explanation: Explanation, prefix: str) -> Columns:
             for shape in shapes:
                 columns.append(np.where(observations.channel == c, shape * level, 0.0))
                 groups.append(f"{prefix}{channel} over {name}")
+    if columns and "resistance" in observations.channels:
+        # Friction of bearings, or a load cell that is off: of any size, and in each setting alike.
+        resists = observations.channel == observations.channels.index("resistance")
+        load = observations.conditions.load[observations.row]
+        columns += [resists.astype(float), np.where(resists, load, 0.0)]
+        groups += [prefix + RIG] * 2
     return _columns(columns, groups, len(observations))
 
 

@@ -197,8 +197,9 @@ def polish(found: Search, explanation: Explanation) -> Explanation:
 
 
 def plausible(explanation: Explanation, family: str) -> bool:
-    """Whether the fitted strength is, within two deviations, in the published range, not at a bound.
+    """Whether what was fitted is, within two deviations, in the published range, not at a bound.
 
+    A form that has to be bent as far as it goes is not the one that is there.
     Ranges are widened by a quarter of their width on each side: they are of other soils.
     """
     for j, slot in enumerate(explanation.layout.slots):
@@ -206,7 +207,7 @@ def plausible(explanation: Explanation, family: str) -> bool:
             continue
         effect = explanation.layout.model.effects[slot.owner]
         known = next(p for p in effect.parameters() if p.name == slot.field)
-        if explanation.fit.solution.frozen[j] and known.neutral is not None:
+        if explanation.fit.solution.frozen[j]:
             return False
         if known.published is None:
             continue
@@ -259,7 +260,7 @@ def _member(found: Search, name: str) -> Member:
     if p >= _threshold(len(best.forms)):
         objection = f"a gain this large comes by chance (p {p:.2g})"
     elif not plausible(best, name):
-        objection = "its strength is at a bound or outside the published range"
+        objection = "what was fitted is at a bound or outside the published range"
     elif fall < _LEAST_FALL:
         objection = f"held-out error falls by {100 * fall:.1f} % only"
     elif sigmas < 1.0:

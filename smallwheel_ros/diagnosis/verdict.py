@@ -10,8 +10,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from smallwheel_ros.diagnosis.candidates import Family
+from smallwheel_ros.diagnosis.generic import RIG
 from smallwheel_ros.diagnosis.held_out import one_step
-from smallwheel_ros.diagnosis.search import ALARM, Member, Search
+from smallwheel_ros.diagnosis.search import ALARM, RIVAL_GAP, Member, Search
 from smallwheel_ros.diagnosis.ties import Tie, partners
 
 Verdict = Literal[
@@ -144,8 +145,12 @@ def _better_without_physics(
     own = {driver for f in families if f.name in names for driver in f.drivers}
     if channel == "sinkage" and setting in own:
         return ""
-    together = search.base.cost - search.best.cost if len(accepted) > 1 else 0.0
-    if first.generic_gain < max(together, *(lead.gain for lead in leads)):
+    together = 0.0
+    if len(accepted) > 1:
+        # One curve that does as well as two effects, short of what a second one must gain, is simpler.
+        together = search.base.cost - search.best.cost - (len(accepted) - 1) * first.critical
+    clearly = RIVAL_GAP if first.generic == RIG else 0.0  # no reason to think of a rig's friction first
+    if first.generic_gain < max(together, *(lead.gain for lead in leads)) + clearly:
         return ""
     return (
         f"the error is described better by {first.generic} alone than by {_listed(names)}: an effect "
