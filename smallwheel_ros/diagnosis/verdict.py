@@ -149,7 +149,9 @@ def _better_without_physics(
     if len(accepted) > 1:
         # One curve that does as well as two effects, short of what a second one must gain, is simpler.
         together = search.base.cost - search.best.cost - (len(accepted) - 1) * first.critical
-    clearly = RIVAL_GAP if first.generic == RIG else 0.0  # no reason to think of a rig's friction first
+    clearly = (
+        RIVAL_GAP if first.generic == RIG else 0.0
+    )  # no reason to think of a rig's friction first
     if first.generic_gain < max(together, *(lead.gain for lead in leads)) + clearly:
         return ""
     return (
