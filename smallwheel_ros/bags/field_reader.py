@@ -17,26 +17,11 @@ from collections.abc import Callable, Sequence
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from smallwheel_ros.bags.library import Nodetype, Typestore
+from smallwheel_ros.bags.library import NUMBER_CODES, Nodetype, Typestore
 from smallwheel_ros.errors import SmallwheelError
 
 Fields = tuple[Any, ...]
 
-_CODES = {  # of `struct`
-    "bool": "?",
-    "byte": "b",
-    "char": "B",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-}
 _HEAD = 4  # bytes before the fields of a ROS 2 message
 _PADDING = 3  # so many bytes may follow them
 _NOTHING = "structure_needs_at_least_one_member"  # a byte in messages without fields, not in ROS 1
@@ -175,7 +160,7 @@ class _Writer:
 
     def _take(self, kind: str, count: int, path: str, place: int | slice) -> None:
         """Note numbers of one kind; place: among all numbers, if these are asked for."""
-        code = _CODES[kind]
+        code = NUMBER_CODES[kind]
         gap, size = self._step(struct.calcsize(f"<{code}"), count)
         self._shape += f"{gap + size}x"
         if path in self._fields:

@@ -40,6 +40,7 @@ else:
     from backports import zstd
 
 __all__ = [
+    "NUMBER_CODES",
     "AnyReader",
     "Channel",
     "Codec",
@@ -57,6 +58,22 @@ __all__ = [
     "typestore",
     "unpack_zstd",
 ]
+
+NUMBER_CODES = {  # of `struct`, by the types of definitions
+    "bool": "?",
+    "byte": "b",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
 
 _PIECE = 1 << 14  # bytes that are decompressed at once
 _IDL_SEPARATOR = "=" * 80 + "\n"

@@ -11,12 +11,10 @@ from functools import cache
 from struct import Struct, calcsize
 from typing import Any, NamedTuple
 
-from smallwheel_ros.bags.library import typestore
+from smallwheel_ros.bags.library import NUMBER_CODES, Nodetype, typestore
 from smallwheel_ros.errors import SmallwheelError
 
-_CODES = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "uint64": "Q", "float64": "d"}
 _TEXT = "text"
-_VALUE, _MESSAGE, _ARRAY = 1, 2, 3  # kinds of fields, as rosbags counts them
 _WIDEST = 8  # bytes of the widest number
 _HEAD = b"\0\1\0\0"  # of CDR: little-endian
 
@@ -31,18 +29,18 @@ def _fields(kind: str) -> Iterator[_Field]:
     """Give the fields of a message, those of the messages in it in their places."""
     described: Any  # (kind of field, of what), see rosbags.interfaces.typing
     for name, described in typestore().fielddefs[kind][1]:
-        (node, of), times, is_array = described, 1, described[0] == _ARRAY
+        (node, of), times, is_array = described, 1, described[0] == Nodetype.ARRAY
         if is_array:
             (node, of), times = of
-        if node == _MESSAGE and not is_array:
+        if node == Nodetype.NAME and not is_array:
             yield from _fields(of)
-        elif node == _VALUE and of[0] == "string" and not is_array:
+        elif node == Nodetype.BASE and of[0] == "string" and not is_array:
             yield _Field(_TEXT, 1, False)
-        elif node == _VALUE and of[0] in _CODES:
-            yield _Field(_CODES[of[0]], times, is_array)
+        elif node == Nodetype.BASE and of[0] in NUMBER_CODES:
+            yield _Field(NUMBER_CODES[of[0]], times, is_array)
         else:
             raise SmallwheelError(
-                f"{kind}.{name} cannot be packed: expected text, or one of {', '.join(_CODES)}"
+                f"{kind}.{name} cannot be packed: expected text, or one of {', '.join(NUMBER_CODES)}"
                 " or an array of fixed length of them"
             )
 

@@ -68,7 +68,7 @@ class MeasuredSpread(NamedTuple):
         scatter: float,
     ) -> MeasuredSpread:
         """Collect it. scatter: standard deviation of ln k from spot to spot."""
-        law = LawCovariance.of(soil.log_covariance)
+        law = soil.law_covariance
         one, two, three, four = map(tuple, strength.spot_covariance.tolist())
         return cls(
             law._replace(pp=law.pp + scatter**2),

@@ -204,7 +204,7 @@ class _Spread(NamedTuple):
         slip: Quantity | None,
         scatter: float,
     ) -> _Spread:
-        law = LawCovariance.of(soil.log_covariance)
+        law = soil.law_covariance
         return cls(
             LawCovariance(law.pp + scatter**2, *law[1:]),
             (
