@@ -167,6 +167,20 @@ def test_a_model_file_holds_how_well_the_strength_was_measured(
             assert known.standard_deviation(full) == pytest.approx(np.sqrt(fit.covariance[at, at]))
 
 
+def test_a_strength_at_its_bound_is_not_known_exactly(tmp_path: Path) -> None:
+    frame = simulate_rig(RigSettings(seed=2010, channels=("sinkage", "drawbar_pull"))).table
+    pull = next(c for c in frame if c.startswith("drawbar_pull"))
+    frame[pull] = 0.3 * frame[pull] - 15.0  # less than soil without cohesion gives
+    measurements = table(tmp_path, frame)
+    fit = fit_model(measurements)
+    assert any(p.name == "cohesion" and p.status == "at its bound" for p in fit.parameters)
+    known = calibrated(fit, measurements)
+    assert known.standard_deviation("rig_soil.cohesion") is None
+    settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
+    found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})
+    assert "cohesion without a deviation" in " ".join(found.notes)
+
+
 def test_drawbar_pull_without_slip_cannot_be_fitted(tmp_path: Path) -> None:
     rig = simulate_rig(RigSettings(seed=2012, channels=("drawbar_pull",)))
     with pytest.raises(FittingError, match="needs slip"):

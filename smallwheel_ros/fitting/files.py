@@ -19,6 +19,7 @@ from smallwheel_ros.physics.soil import Soil
 Array = NDArray[np.float64]
 
 _SOIL = ("log_reference_pressure", "n", "m")
+_STRENGTH = ("cohesion", "friction_angle", "log_shear_displacement")
 _UNKNOWN = np.diag([9.0, 0.36, 1.0])  # variances where a model file states none
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
@@ -45,7 +46,14 @@ def calibrated(
         provenance["held_out_rmse"] = {name: float(v) for name, v in held_out.items()}
     if fit.run_scatter:
         provenance["run_scatter"] = {name: float(v) for name, v in fit.run_scatter.items()}
-    return CalibratedModel(fit.model, fit.names, fit.covariance, provenance)
+    # A strength that the fit pushed against its bound has no deviation: that is not known, not zero.
+    keep = [
+        i
+        for i, name in enumerate(fit.names)
+        if name.rsplit(".", 1)[1] not in _STRENGTH or fit.covariance[i, i] > 0.0
+    ]
+    names = tuple(fit.names[i] for i in keep)
+    return CalibratedModel(fit.model, names, fit.covariance[np.ix_(keep, keep)], provenance)
 
 
 def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:
