@@ -145,14 +145,14 @@ def _better_without_physics(
     own = {driver for f in families if f.name in names for driver in f.drivers}
     if channel == "sinkage" and setting in own:
         return ""
-    together = 0.0
-    if len(accepted) > 1:
-        # One curve that does as well as two effects, short of what a second one must gain, is simpler.
-        together = search.base.cost - search.best.cost - (len(accepted) - 1) * first.critical
-    clearly = (
-        RIVAL_GAP if first.generic == RIG else 0.0
-    )  # no reason to think of a rig's friction first
-    if first.generic_gain < max(together, *(lead.gain for lead in leads)) + clearly:
+    # One curve that does as well as two effects, short of what a second one must gain, is simpler.
+    gain = search.base.cost - search.best.cost - (len(accepted) - 1) * first.critical
+    if first.generic == RIG:
+        # Both gains are of whole fits here, and there is no reason to think of a rig's friction first.
+        needed = gain + RIVAL_GAP
+    else:
+        needed = max(gain if len(accepted) > 1 else 0.0, *(lead.gain for lead in leads))
+    if first.generic_gain < needed:
         return ""
     return (
         f"the error is described better by {first.generic} alone than by {_listed(names)}: an effect "
