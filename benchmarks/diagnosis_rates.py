@@ -31,12 +31,17 @@ from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_ta
 
 @dataclass(frozen=True)
 class Case:
-    """One line of the table. then: after the first diagnosis make the proposed runs and ask again."""
+    """One line of the table.
+
+    then: after the first diagnosis make the proposed runs and ask again. friction: share of the load that
+    the rig itself resists, which is no effect of the soil.
+    """
 
     name: str
     hidden: tuple[str, ...]
     settings: Mapping[str, Any] = field(default_factory=dict)
     then: bool = False
+    friction: float = 0.0
 
     @property
     def expected(self) -> set[str]:
@@ -63,6 +68,7 @@ CASES = (
     Case("skid_sinkage", ("skid_sinkage",)),
     Case("column:density", ("column:density",)),
     Case("unrecorded", ("unrecorded",)),
+    Case("friction of the rig, 6 % of the load", (), friction=0.06),
     Case("slip_sinkage + multipass", ("slip_sinkage", "multipass")),
     Case("bulldozing + penetration_rate", ("bulldozing", "penetration_rate")),
     Case("slip_sinkage + width_dependent_modulus", ("slip_sinkage", "width_dependent_modulus")),
@@ -116,6 +122,8 @@ def gone(document: Mapping[str, Any]) -> float | None:
 
 def trial(case: Case, seed: int, folder: Path) -> dict[str, Any]:
     rig = simulate_rig(RigSettings(seed=seed, hidden=case.hidden, **case.settings))
+    if case.friction:
+        rig.table["resistance [N]"] += case.friction * rig.table["load [N]"]
     measurements = read(rig.table, folder)
     started = time.process_time()
     document = diagnose(measurements).document

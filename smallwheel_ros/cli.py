@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,14 @@ class BadInput(click.ClickException):
     exit_code = 2
 
 
+def _drop_output() -> None:
+    """Send what standard output cannot take nowhere: Python would try once more at its exit, and say 120."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 class LazyGroup(click.Group):
     """A group that knows its commands by a table and imports one when it is asked for."""
 
@@ -104,6 +113,7 @@ class LazyGroup(click.Group):
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise  # `| head` has seen enough: click ends quietly
+            _drop_output()
             what = f"{error.filename}: " if error.filename else ""
             raise BadInput(f"{what}cannot be read or written: {error.strerror or error}") from error
 

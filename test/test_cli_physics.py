@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -86,10 +87,12 @@ def test_predict_writes_nothing_but_json_on_a_dash() -> None:
 @pytest.mark.parametrize("more", [(), ("--json", "-")])
 def test_a_full_disk_is_one_message(more: tuple[str, ...]) -> None:
     arguments = ["predict", "--load", "100", *WHEEL, "--soil", "dry_sand", *more]
+    # With a buffer, as usual, Python tries once more at its exit.
+    buffered = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "smallwheel_ros", *arguments],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=buffered,
         )  # fmt: skip
     assert done.returncode == 2
     assert "No space left" in done.stderr
