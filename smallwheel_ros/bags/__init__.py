@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from smallwheel_ros.bag_files import BagError, BagMessage, BagTopic, RawMessage
 from smallwheel_ros.bags.field_reader import FieldError, FieldReader
-from smallwheel_ros.bags.library import Channel, message_type, typestore
+from smallwheel_ros.bags.library import Channel, Nodetype, message_type, typestore
 from smallwheel_ros.bags.packer import packer
 from smallwheel_ros.bags.reader import BagReader
 from smallwheel_ros.bags.writer import BagWriter
@@ -22,6 +22,7 @@ __all__ = [
     "Channel",
     "FieldError",
     "FieldReader",
+    "Nodetype",
     "RawMessage",
     "message_type",
     "packer",

@@ -10,7 +10,7 @@ from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_
 from smallwheel_ros.diagnosis.geometry import NAME as GEOMETRY
 from smallwheel_ros.diagnosis.geometry import on_the_integral
 from smallwheel_ros.diagnosis.held_out import Errors, better, refitted
-from smallwheel_ros.diagnosis.search import best_form, plausible
+from smallwheel_ros.diagnosis.search import LEAST_FALL, best_form, plausible
 from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
@@ -20,8 +20,6 @@ from smallwheel_ros.fitting.observations import Observations, observe
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import CalibratedModel
-
-_LEAST_FALL = 0.05
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,7 @@ def add_effect(
     reason = ""
     if fall < 0.0005:  # 0.0 %, as it would be printed
         reason = "the error did not fall; not recommended"
-    elif fall < _LEAST_FALL:
+    elif fall < LEAST_FALL:
         reason = f"the error fell by {100 * fall:.1f} % only; not recommended"
     elif sigmas < 1.0:
         reason = "the error fell by less than its own uncertainty; not recommended"

@@ -13,12 +13,11 @@ import numpy as np
 
 from smallwheel_ros.diagnosis.held_out import Errors, better, one_step, refitted
 from smallwheel_ros.diagnosis.ranking import Row
-from smallwheel_ros.diagnosis.search import RIVAL_GAP
+from smallwheel_ros.diagnosis.search import LEAST_FALL, RIVAL_GAP
 from smallwheel_ros.diagnosis.verdict import Finding
 from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
 
 NAME = "contact_geometry"
-LEAST_FALL = 0.05
 FREE_SOIL = (
     "the base model has the closed form (eq. 10): effects were looked for on the contact integral, with "
     "the soil refitted freely, since its numbers belong to eq. 10"

@@ -31,9 +31,7 @@ Array = NDArray[np.float64]
 _SHARES = (0.02, 1.0, 3.0)  # of an effect's start: a slope at zero, and for what is not a line
 _NO_START = 0.03  # of the range, where an effect starts at zero
 _ALIKE = 0.999
-_EXACT = (
-    0.03  # of the noise: where the error is less, as in computed data, there is nothing to explain
-)
+_EXACT = 0.03  # of the noise: an error under that, as of computed data, is nothing to explain
 _TAIL = 25  # draws that carry the tail of a p-value
 
 

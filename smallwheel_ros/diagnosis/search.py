@@ -32,7 +32,7 @@ _DRAWS = 999
 _LATER_DRAWS = 499
 _WORSE_ALONE = 40.0  # of -2 log likelihood: how much worse a form may be without the second effect
 _AS_GOOD = 15.0  # of -2 log likelihood: a form that might be the true one
-_LEAST_FALL = 0.05  # of a channel's held-out error
+LEAST_FALL = 0.05  # of a channel's held-out error
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ def _member(found: Search, name: str) -> Member:
         objection = f"a gain this large comes by chance (p {p:.2g})"
     elif not plausible(best, name):
         objection = "what was fitted is at a bound or outside the published range"
-    elif fall < _LEAST_FALL:
+    elif fall < LEAST_FALL:
         objection = f"held-out error falls by {100 * fall:.1f} % only"
     elif sigmas < 1.0:
         objection = "held-out error falls by less than its standard error"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.diagnosis.pipeline import FEWEST_RUNS
+from smallwheel_ros.diagnosis.search import LEAST_FALL
 from smallwheel_ros.display import brief, column_display, display, number, words
 from smallwheel_ros.explore.pictures import view_picture
 from smallwheel_ros.explore.session import CLEAR, Session, View
@@ -15,8 +16,6 @@ from smallwheel_ros.explore.style import CSS
 from smallwheel_ros.fitting.result import FittedParameter
 from smallwheel_ros.report.page import Block, Callout, Details, Picture, Table, Text
 from smallwheel_ros.report.verdict_section import listed, said, shown_value
-
-_LEAST_FALL = 0.05  # as `smallwheel add` has it
 
 
 def whole_page(
@@ -124,7 +123,7 @@ def _headline(session: Session, view: View) -> Callout:
     ]
     if view.fall <= 0.0:
         lines.insert(0, "the error did not fall: not recommended")
-    elif view.fall < _LEAST_FALL:
+    elif view.fall < LEAST_FALL:
         lines.insert(0, f"the error fell by {100 * view.fall:.1f} % only: not recommended")
     elif view.sigmas < 1.0:
         lines.insert(0, "the error fell by less than its own uncertainty: not recommended")

@@ -7,7 +7,7 @@ from functools import cache
 from operator import itemgetter
 from typing import Any, Literal, NamedTuple
 
-from smallwheel_ros.bags import packer, typestore
+from smallwheel_ros.bags import Nodetype, packer, typestore
 from smallwheel_ros.onboard.message_fields import mobility_fields, soil_fields
 from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Result
@@ -44,7 +44,7 @@ def _fields(message: str) -> tuple[tuple[str, Kind], ...]:
     return tuple(
         (name, _KINDS.get(str(described[1][0]), "integer"))
         for name, described in typestore().fielddefs[message][1]
-        if int(described[0]) == 1  # a plain value, no message and no array
+        if described[0] == Nodetype.BASE  # a plain value, no message and no array
     )
 
 
