@@ -47,6 +47,8 @@ def test_brackets_that_do_not_fit_are_refused(text: str) -> None:
         (20.0, "%", "1", 0.2),
         (20.0, "degC", None, 293.15),
         (7.0, "1", "1", 7.0),
+        (3.0, "m/s²", None, 3.0),
+        (3.0, "mm s⁻¹", "m/s", 3e-3),
     ],
 )
 def test_values_are_converted_to_si(
@@ -73,7 +75,14 @@ def test_another_dimension_is_refused_with_both_named(unit: str, expected: str, 
         to_base(np.ones(1), unit, expected)
 
 
-@pytest.mark.parametrize("unit", ["foo", "2*m", "m)", "()", "9**9**9**9", "m**(9**9**9)", "1e5"])
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "foo", "2*m", "m)", "()", "9**9**9**9", "m**(9**9**9)", "1e5", "m" * 41,
+        # pint evaluates powers of any digits of Unicode, and these would not end
+        "9⁹⁹⁹⁹ m", "9⁹", "m⁹⁹⁹⁹⁹⁹⁹", "٩**٩**٩ m", "min**999999999", "((min^9)^9)^9",
+    ],
+)  # fmt: skip
 def test_what_is_no_unit_is_refused(unit: str) -> None:
     with pytest.raises(UnitsError, match="unknown unit"):
         to_base(np.ones(1), unit)
@@ -85,10 +94,56 @@ def test_a_unit_in_the_wrong_case_gets_a_hint() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit", "base"), [("mm", "m"), ("kN", "N"), ("mm/s", "m/s"), ("deg", "rad"), ("%", "1")]
+    ("unit", "base"),
+    [
+        ("mm", "m"),
+        ("kN", "N"),
+        ("mm/s", "m/s"),
+        ("deg", "rad"),
+        ("%", "1"),
+        ("kPa", "Pa"),
+        ("kWh", "J"),
+        ("mJ", "J"),
+    ],
 )
 def test_base_units_are_shown_as_people_write_them(unit: str, base: str) -> None:
     assert base_unit(unit) == base
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"),
+    [
+        ("Nm", 1.0),
+        ("N m", 1.0),
+        ("N*m", 1.0),
+        ("N·m", 1.0),
+        ("N-m", 1.0),
+        ("mNm", 1e-3),
+        ("kNm", 1e3),
+        ("Ncm", 1e-2),
+        ("lbf ft", 1.3558179483314),
+        ("ft-lbf", 1.3558179483314),
+        ("kgf cm", 0.0980665),
+    ],
+)
+def test_a_force_times_a_length_is_a_torque(unit: str, size: float) -> None:
+    assert base_unit(unit) == "N m"
+    assert to_base(np.ones(1), unit)[0] == pytest.approx(size, rel=1e-12)
+    with pytest.raises(UnitsError, match=r"expected a force \(N\)"):
+        to_base(np.ones(1), unit, "N")
+
+
+def test_nanometres_and_newtons_per_metre_are_no_torque() -> None:
+    assert base_unit("nm") == "m"
+    assert to_base(np.ones(1), "nm", "m")[0] == pytest.approx(1e-9)
+    assert base_unit("N/m") != "N m"
+
+
+@given(st.text("0123456789⁰¹²³⁴⁵⁶⁷⁸⁹٠٩۹𝟗９()^*/ m", max_size=45))
+def test_no_text_of_digits_and_powers_is_computed(text: str) -> None:
+    """Only names of units with an exponent of one digit get as far as pint."""
+    with contextlib.suppress(UnitsError):
+        assert np.isfinite(to_base(np.ones(1), text.strip() or "1")).all()
 
 
 @settings(max_examples=300, deadline=None)

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 RADIAN = "rad"
 DIMENSIONLESS = "1"
+TORQUE = "N m"
 
 
 class UnitsError(SmallwheelError):
@@ -29,10 +30,21 @@ class Header(NamedTuple):
     unit: str | None
 
 
-# What may stand in brackets. A number raised to a power is refused: pint would evaluate it, and
-# 9**9**9**9 does not end.
-_UNIT = re.compile(r"[\w\s%°µμΩ·⋅*/^().+-]{1,40}")
-_NUMBER_POWER = re.compile(r"\d[\s)]*(\*\*|\^)")
+# What may stand in brackets: names of units, each with an exponent of one digit, joined by products,
+# quotients and brackets. Nothing else reaches pint, which would evaluate it: 9**9**9**9 does not
+# end, and pint reads superscript digits (and any other digits of Unicode) as powers too.
+_LONGEST = 40  # characters; the longest compound units in use have about half of that
+_FACTOR = (
+    r"(?:[A-Za-z_°%µμΩÅ℃][A-Za-z0-9_]*"
+    r"(?:\s*(?:\*\*|\^)\s*\(?\s*[+-]?[0-9](?:\.[0-9]{1,2})?\s*\)?)?"
+    r"|1(?=\s*[*/·⋅]))"
+)
+_UNIT = re.compile(rf"[\s(]*{_FACTOR}(?:[\s*/·⋅.()]+{_FACTOR})*[\s)]*")
+_SUPERSCRIPT = re.compile("([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
+_PLAIN_DIGITS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
+# Torque as it is written. pint reads Nm as the fineness of a yarn (metres per gram).
+_NEWTON_METRE = re.compile(r"(?<![A-Za-z0-9_])([kmMµμ]?N)(mm|cm|m)(?![A-Za-z0-9_])")
+_HYPHEN = re.compile(r"(?<=[A-Za-z])-(?=[A-Za-z])")  # N-m and ft-lbf are products
 _EXAMPLES = "expected one like mm, N or m/s"
 _PURE_NUMBER = {"", "1", "-"}
 _NAMED = ("N", "Pa", "J", "W", "Hz")  # SI units with a name: shown by it
@@ -53,7 +65,7 @@ def parse_header(text: str) -> Header:
 
     Raises UnitsError where a bracket is not closed or text follows it.
     """
-    text = text.strip()
+    text = " ".join(text.split())
     if "[" not in text and "]" not in text:
         return Header(text, None)
     found = re.fullmatch(r"([^\[\]]*)\[([^\[\]]*)\]", text)
@@ -63,14 +75,22 @@ def parse_header(text: str) -> Header:
     return Header(found[1].strip(), DIMENSIONLESS if unit in _PURE_NUMBER else unit)
 
 
+def _as_pint_reads(text: str) -> str:
+    """Superscripts as powers, torques as products."""
+    powers = _SUPERSCRIPT.sub(lambda found: "^" + found[0].translate(_PLAIN_DIGITS), text)
+    return _HYPHEN.sub("*", _NEWTON_METRE.sub(r"\1*\2", powers))
+
+
 def _unit(text: str) -> pint.Unit:
     registry = _registry()
     if text == DIMENSIONLESS:
         return registry.Unit("")
-    if not _UNIT.fullmatch(text) or _NUMBER_POWER.search(text):
-        raise UnitsError(f"unknown unit '{text}', {_EXAMPLES}")
+    plain = _as_pint_reads(text) if len(text) <= _LONGEST else ""
+    if not _UNIT.fullmatch(plain):
+        shown = text if len(text) <= _LONGEST else text[:_LONGEST] + "..."
+        raise UnitsError(f"unknown unit '{shown}', {_EXAMPLES}")
     try:
-        return registry.parse_units(text)
+        return registry.parse_units(plain)
     except pint.UndefinedUnitError as error:
         # pint names only the part of a compound that it does not know
         part = str(error).split("'")[1] if "'" in str(error) else text
@@ -94,13 +114,26 @@ def _near(registry: pint.UnitRegistry, text: str) -> str:
 def base_unit(unit: str) -> str:
     """Name the SI unit that values in `unit` are converted to; "1" for a pure number.
 
+    A force times a length is a torque, "N m", although its dimension is that of an energy, "J".
     Raises UnitsError where the unit does not exist.
     """
-    return _base(_unit(unit))
+    parsed = _unit(unit)
+    base = _base(parsed)
+    return TORQUE if base == "J" and _has_a_force(parsed) else base
+
+
+def _has_a_force(unit: pint.Unit) -> bool:
+    registry = _registry()
+    force = registry.Unit("N").dimensionality
+    parts = registry.Quantity(1, unit).unit_items()
+    return any(registry.Unit(name).dimensionality == force for name, _ in parts)
 
 
 def _base(unit: pint.Unit) -> str:
-    root = _registry().get_base_units(unit)[1]
+    try:
+        root = _registry().get_base_units(unit)[1]
+    except Exception:  # a factor that overflows
+        raise UnitsError(f"unit '{unit}' cannot be converted to SI") from None
     if root.dimensionless:
         return RADIAN if "radian" in str(root) else DIMENSIONLESS
     named = next((name for name in _NAMED if root == _registry().get_base_units(name)[1]), None)
