@@ -75,8 +75,9 @@ def _hidden_options(command: Command) -> Command:
             callback=_names,
             default="none",
             show_default=True,
-            metavar="EFFECT[,EFFECT]",
-            help=f"Effects in the truth: {', '.join(hidden_names())}.",
+            metavar="EFFECT[=SIZE][,EFFECT]",
+            help=f"Effects and faults of instruments in the truth: {', '.join(hidden_names())}."
+            " With a size, that is its amplitude in SI units: load_offset=-4.",
         ),
     ):
         command = option(command)

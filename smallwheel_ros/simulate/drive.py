@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.simulate.hidden import (
-    EFFECTS,
     check_form,
     check_hidden,
     draw_effects,
-    hidden_column,
+    in_drives,
 )
 from smallwheel_ros.simulate.hidden_effects import Form, HiddenEffect
 from smallwheel_ros.simulate.ride import WheelTruth, ride
@@ -97,10 +96,10 @@ class DriveSettings:
         self.rover()
         hidden = check_hidden(self.hidden)
         for name in hidden:
-            if hidden_column(name) is not None or not EFFECTS[name].in_drives:
+            if not in_drives(name):
                 raise SimulationError(
-                    f"hidden effect {name!r} cannot be in a drive: its driver has no sensor there;"
-                    " use `simulate rig`"
+                    f"hidden effect {name!r} cannot be in a drive: what it depends on or acts on"
+                    " has no sensor there; use `simulate rig`"
                 )
         return replace(self, hidden=hidden)
 

@@ -1,9 +1,15 @@
-"""The hidden effects by name: what `--hidden` takes, and how their numbers are drawn for a seed."""
+"""The hidden effects by name: what `--hidden` takes, and how their numbers are drawn for a seed.
+
+A name may carry the size that the effect has, in SI units of its formula: `load_offset=-4`. Then
+nothing of it is drawn, and `strength` has no say in it.
+"""
 
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,12 +25,21 @@ from smallwheel_ros.simulate.hidden_effects import (
     LoadDependentModulus,
     Multipass,
     PenetrationRate,
-    SinkageOffset,
     SkidSinkage,
     SlipAngleSinkage,
     SlipSinkage,
     Unrecorded,
     WidthDependentModulus,
+)
+from smallwheel_ros.simulate.hidden_faults import (
+    LoadGain,
+    LoadOffset,
+    ResistanceGain,
+    ResistanceOffset,
+    RigFriction,
+    SinkageGain,
+    SinkageOffset,
+    SlipResistance,
 )
 from smallwheel_ros.simulate.truth import SimulationError
 
@@ -41,9 +56,16 @@ EFFECTS: dict[str, type[HiddenEffect]] = {
         Multipass,
         Hardpan,
         Grouser,
-        SinkageOffset,
         ElasticRebound,
         Unrecorded,
+        SinkageOffset,
+        SinkageGain,
+        LoadOffset,
+        LoadGain,
+        ResistanceOffset,
+        ResistanceGain,
+        RigFriction,
+        SlipResistance,
     )
 }
 MOISTURE = "moisture"  # a column like any other, only better known
@@ -90,15 +112,47 @@ def column_unit(column: str) -> str:
     return KNOWN_COLUMNS.get(column, ("",))[0]
 
 
-def hidden_column(name: str) -> str | None:
+def split_size(text: str) -> tuple[str, float | None]:
+    """Name and size of `NAME=SIZE`; the size is None where none is given.
+
+    Raises
+    ------
+    SimulationError
+        If the size is no finite number.
+    """
+    name, equals, size = text.partition("=")
+    if not equals:
+        return name, None
+    if name == "none":
+        raise SimulationError(f"hidden effect {text!r}: 'none' has no size")
+    try:
+        number = float(size)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise SimulationError(
+            f"hidden effect {text!r}: its size is {size!r}, expected a number, as in {name}=0.1"
+        )
+    return name, number
+
+
+def hidden_column(text: str) -> str | None:
     """Name of the extra column that drives an effect, None when it needs no column of its own."""
+    name, _ = split_size(text)
     if name == MOISTURE:
         return MOISTURE
     return name[len(_COLUMN) :] if name.startswith(_COLUMN) else None
 
 
-def check_hidden(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the effects' names without `none`; raise `SimulationError` for unknown ones."""
+def in_drives(text: str) -> bool:
+    """Whether a drive can have this effect: its driver and its instrument are there."""
+    name, _ = split_size(text)
+    return hidden_column(text) is None and EFFECTS[name].in_drives
+
+
+def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects without `none`; raise `SimulationError` for unknown ones."""
+    names = [split_size(text)[0] for text in texts]
     for name in names:
         known = name == "none" or name in EFFECTS
         column = hidden_column(name)
@@ -117,7 +171,7 @@ def check_hidden(names: Sequence[str]) -> tuple[str, ...]:
         raise SimulationError("hidden effect 'none' together with others: give either")
     if len({hidden_column(name) or name for name in names}) < len(names):
         raise SimulationError(f"hidden effects {', '.join(names)}: one of them is given twice")
-    return tuple(name for name in names if name != "none")
+    return tuple(text for text in texts if text != "none")
 
 
 def check_form(form: str) -> None:
@@ -127,17 +181,19 @@ def check_form(form: str) -> None:
 
 
 def draw_effects(
-    names: Sequence[str], rng: np.random.Generator, strength: float, form: Form
+    hidden: Sequence[str], rng: np.random.Generator, strength: float, form: Form
 ) -> tuple[HiddenEffect, ...]:
     """Draw the numbers of the named effects, in that order."""
     drawn = []
-    for name in check_hidden(names):
+    for text in check_hidden(hidden):
+        name, size = split_size(text)
         column = hidden_column(name)
         if column is None:
-            drawn.append(EFFECTS[name].draw(rng, strength, form))
-            continue
-        _, low, high = KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
-        amplitude = strength * ColumnEffect.typical[form] * rng.uniform(0.85, 1.15)
-        middle, half = (low + high) / 2, (high - low) / 2
-        drawn.append(ColumnEffect(form, amplitude, column, middle, half))
+            effect = EFFECTS[name].draw(rng, strength, form)
+        else:
+            _, low, high = KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
+            amplitude = strength * ColumnEffect.typical[form] * rng.uniform(0.85, 1.15)
+            middle, half = (low + high) / 2, (high - low) / 2
+            effect = ColumnEffect(form, amplitude, column, middle, half)
+        drawn.append(effect if size is None else replace(effect, amplitude=size))
     return tuple(drawn)

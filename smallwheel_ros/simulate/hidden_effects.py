@@ -3,8 +3,8 @@
 
 Each has a form of its own, other than the published forms which the library fits: a tool that finds
 the effect only where it knows the exact formula has found nothing. `form="published"` takes a form
-from the literature instead, to see what a fit reaches where its form is right. `sinkage_offset` is
-the exception: a constant is the only sensible form of it.
+from the literature instead, to see what a fit reaches where its form is right. Faults of
+instruments are in `hidden_faults`.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class HiddenEffect:
     formula: ClassVar[dict[Form, str]] = {}
     typical: ClassVar[dict[Form, float]] = {}  # amplitude at strength 1
     needs: ClassVar[tuple[str, ...]] = ()  # columns that a table has only for this effect
+    kind: ClassVar[Literal["soil", "instrument"]] = "soil"
     in_drives: ClassVar[bool] = True  # false where a drive's bag has no sensor for the driver
 
     @classmethod
@@ -58,9 +59,9 @@ class HiddenEffect:
         """How far the soil comes up again (m) behind a wheel with that pressure (Pa) under it."""
         return 0.0
 
-    def reading(self) -> float:
-        """Error (m) of the instrument that measures sinkage."""
-        return 0.0
+    def shown(self, channel: str, value: Array, at: Circumstances) -> Array:
+        """What an instrument without noise shows of `sinkage` (m), `resistance` or `load` (N)."""
+        return value
 
     def describe(self) -> dict[str, Any]:
         """Name, formula and numbers, for the answer."""
@@ -290,17 +291,6 @@ class Grouser(HiddenEffect):
         slip = np.maximum(at.slip, 0.0)
         share = -np.expm1(-slip / 0.2) if self.form == "own" else slip
         return np.asarray(sinkage + self.amplitude * at.grouser_height * share)
-
-
-class SinkageOffset(HiddenEffect):
-    """The instrument's zero is off by 2 to 3 mm. The wheel itself does not notice."""
-
-    name = "sinkage_offset"
-    formula: ClassVar = {"own": "measured z = z + A", "published": "measured z = z + A"}
-    typical: ClassVar = {"own": 0.0025, "published": 0.0025}
-
-    def reading(self) -> float:
-        return self.amplitude
 
 
 @dataclass(frozen=True)

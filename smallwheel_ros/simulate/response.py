@@ -23,13 +23,14 @@ from smallwheel_ros.simulate.truth import (
 class Response:
     """True values, each of shape (rows,); NaN in all of them where a wheel sinks to its axle.
 
-    `shown_sinkage` is what a noiseless instrument shows of `depth`: they differ by an error of the
-    instrument and by soil that comes up again behind the wheel.
+    What is `shown` is what an instrument without noise shows: it differs by the instrument's fault
+    and, for sinkage, by soil that comes up again behind the wheel.
     """
 
     depth: Array  # m, lowest point of the wheel below the untouched surface
     shown_sinkage: Array  # m
     resistance: Array  # N
+    shown_resistance: Array  # N
     thrust: Array  # N
 
     @property
@@ -97,6 +98,21 @@ def wheel_response(
         rise = effect.rebound(pressure)
         # The soil that rises pushes the wheel on: half of pressure times rise for each area.
         resistance = resistance - at.width * pressure * rise / 2
-        shown = shown - rise + effect.reading()
+        shown = shown - rise
     thrust = shear_thrust(law, soil, at, depth)
-    return Response(depth, shown, resistance, thrust)
+    return Response(
+        depth=depth,
+        shown_sinkage=shown_by_instrument(effects, "sinkage", shown, at),
+        resistance=resistance,
+        shown_resistance=shown_by_instrument(effects, "resistance", resistance, at),
+        thrust=thrust,
+    )
+
+
+def shown_by_instrument(
+    effects: Sequence[HiddenEffect], channel: str, value: Array, at: Circumstances
+) -> Array:
+    """Let the faults of instruments have their say about `sinkage`, `resistance` or `load`."""
+    for effect in effects:
+        value = effect.shown(channel, value, at)
+    return value

@@ -20,7 +20,7 @@ from smallwheel_ros.simulate.hidden import (
     draw_effects,
 )
 from smallwheel_ros.simulate.hidden_effects import Form, HiddenEffect
-from smallwheel_ros.simulate.response import wheel_response
+from smallwheel_ros.simulate.response import shown_by_instrument, wheel_response
 from smallwheel_ros.simulate.rig_design import (
     RigDesign,
     RunSettings,
@@ -54,7 +54,8 @@ class RigSettings:
     seed
         The same seed gives the same table, to the byte.
     hidden, strength, form
-        Effects in the truth, factor on their size, and their form (module `hidden`).
+        Effects in the truth, factor on their size, and their form (module `hidden`). A name can
+        carry its size: ``"load_offset=-4"``.
     runs, rows_per_run
         A run is one setting of everything; its rows are repeats of it.
     noise
@@ -244,7 +245,7 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
         )
     true = {
         "sinkage": response.shown_sinkage,
-        "resistance": response.resistance,
+        "resistance": response.shown_resistance,
         "drawbar_pull": response.drawbar_pull,
     }
     measured = {}
@@ -252,7 +253,8 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
         spread = np.hypot(settings.noise * true[name], size * _ABSOLUTE_NOISE[name])
         measured[name] = true[name] + spread * rng.normal(0.0, 1.0, rows)
     _spoil(measured, settings, rng, run["diameter"])
-    real["load"] = real["load"] * (1.0 + size * _LOAD_ERROR * error[0])
+    load = shown_by_instrument(truth.effects, "load", real["load"], at)
+    real["load"] = load * (1.0 + size * _LOAD_ERROR * error[0])
     real["slip"] = np.clip(real["slip"] + size * _SLIP_ERROR * error[1], -1.0, 1.0)
     real["speed"] = real["speed"] * (1.0 + size * _SPEED_ERROR * error[2])
     table: dict[str, Any] = {"run": [_run_name(number)] * rows, "soil": [truth.soil.name] * rows}

@@ -1,0 +1,169 @@
+"""Rigs that are not the simulator's own: what a lab does, what drifts, what responds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmarks._bench import (
+    ABSOLUTE_NOISE,
+    Bench,
+    Pull,
+    designed,
+    heavy_tailed,
+    repeated,
+    stream,
+)
+from smallwheel_ros.simulate.hidden import draw_effects
+from smallwheel_ros.simulate.response import Response
+from smallwheel_ros.simulate.rig_design import draw_design
+from smallwheel_ros.simulate.truth import Circumstances, TruthSoil
+
+Array = NDArray[np.float64]
+_SCATTER = 0.05  # of ln k from run to run
+_LAB_WHEEL = {"diameter": 0.25, "width": 0.10, "speed": 0.05, "pass_number": 1.0}
+
+
+def run_scatter(rng: np.random.Generator, number: Array, size: float = _SCATTER) -> Array:
+    """Factor on k, one value a run."""
+    values = np.exp(rng.normal(0.0, size, int(number.max()) + 1))
+    return np.asarray(values[number.astype(np.intp)])
+
+
+def lab(
+    seed: int, part: int, hidden: Sequence[str], loads: Sequence[float], slips: Sequence[float]
+) -> pd.DataFrame:
+    """One wheel, a full grid of loads and slips, three times, each time in soil prepared anew.
+
+    Fresh runs lie between the grid's points.
+    """
+    soil = draw_design((), (), stream(seed, 0, 21)).soil
+    effects = draw_effects(hidden, stream(seed, 0, 20), 1.0, "own")
+    rng = stream(seed, part, 40)
+    pairs = [(load, slip) for load in loads for slip in slips] * 3
+    if part:
+        between_loads = rng.uniform(loads[0], loads[-1], len(pairs))
+        between_slips = rng.uniform(slips[0], slips[-1], len(pairs))
+        pairs = list(zip(between_loads, between_slips, strict=True))
+    runs = [_LAB_WHEEL | {"load": float(w), "slip": float(i)} for w, i in pairs]
+    at, number = repeated(runs, 1)
+    return Bench(soil, effects).table(at, number, run_scatter(rng, number), rng)
+
+
+def drawn(
+    seed: int,
+    part: int,
+    hidden: Sequence[str] = (),
+    *,
+    scatter: float = _SCATTER,
+    tails: bool = False,
+    channels: tuple[str, ...] = ("sinkage", "resistance"),
+    pull: Pull | None = None,
+) -> pd.DataFrame:
+    """The simulator's runs, 32 of 3 rows, with other scatter, other noise or another pull."""
+    design, effects, runs = designed(seed, part, hidden, 32)
+    at, number = repeated(runs, 3)
+    rng = stream(seed, part, 41)
+    bench = Bench(design.soil, effects, channels=channels, pull=pull)
+    if tails:
+        bench = Bench(design.soil, effects, channels=channels, draw=heavy_tailed)
+    return bench.table(at, number, run_scatter(rng, number, scatter), rng)
+
+
+def rim_stress_pull(soil: TruthSoil, at: Circumstances, response: Response) -> Array:
+    """Wong and Reece (1967): shear along the whole rim's displacement, other K for each wheel."""
+    radius = at.diameter / 2
+    entry = np.arccos(1.0 - response.depth / radius)
+    angle = entry[:, None] * np.linspace(0.0, 1.0, 201)
+    width = entry / 200
+    depth = radius[:, None] * (np.cos(angle) - np.cos(entry)[:, None])
+    stress = np.maximum(depth, 0.0) ** soil.n
+    carried = at.width * radius * width * np.sum(stress * np.cos(angle), axis=1)
+    stress = stress * (at.load / carried)[:, None]
+    slip = at.slip[:, None]
+    travelled = (entry[:, None] - angle) - (1.0 - slip) * (np.sin(entry)[:, None] - np.sin(angle))
+    # A pseudo-random factor from 0.5 to 2 for each size of wheel, the same in every table.
+    deformation = soil.shear_deformation * 2.0 ** np.sin(977.0 * (at.diameter + 3.0 * at.width))
+    mobilised = -np.expm1(-radius[:, None] * travelled / deformation[:, None])
+    shear = (soil.cohesion + stress * np.tan(soil.friction_angle)) * mobilised
+    thrust = at.width * radius * width * np.sum(shear * np.cos(angle), axis=1)
+    return np.asarray(thrust - response.resistance)
+
+
+def hump_pull(soil: TruthSoil, at: Circumstances, response: Response) -> Array:
+    """A two-parameter hump: thrust has its greatest value at slip 0.3 and falls beyond."""
+    x = at.slip / 0.3
+    return np.asarray(0.6 * at.load * x * np.exp(1.0 - x) - response.resistance)
+
+
+def lossy_pull(soil: TruthSoil, at: Circumstances, response: Response) -> Array:
+    """The drive train takes a tenth of the load."""
+    return np.asarray(response.drawbar_pull - 0.1 * at.load)
+
+
+def drifting_soil(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
+    """The bin's soil compacts by 1 % a run."""
+    design, effects, runs = designed(seed, part, hidden, 32)
+    at, number = repeated(runs, 3)
+    rng = stream(seed, part, 42)
+    scatter = run_scatter(rng, number) * 1.01**number
+    return Bench(design.soil, effects).table(at, number, scatter, rng)
+
+
+def creeping_zero(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
+    """The zero of the sinkage sensor creeps by 0.06 mm a run: 1.9 mm in all."""
+    table = drawn(seed, part, hidden)
+    number = table["run"].str.removeprefix("run_").astype(float) - 1.0
+    table["sinkage [mm]"] += 0.06 * number
+    return table
+
+
+def uncertain_settings(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
+    """Load is measured with an error of 8 %, slip with one of 0.04, anew in each row."""
+    table = drawn(seed, part, hidden)
+    rng = stream(seed, part, 43)
+    table["load [N]"] *= 1.0 + 0.08 * rng.normal(size=len(table)).clip(-3.0, 3.0)
+    table["slip"] = (table["slip"] + 0.04 * rng.normal(size=len(table))).clip(-0.99, 0.99)
+    return table
+
+
+def declared(seed: int, part: int, factor: float, hidden: Sequence[str] = ()) -> pd.DataFrame:
+    """40 runs without repeats; standard deviations are declared, `factor` times the true ones."""
+    design, effects, runs = designed(seed, part, hidden, 40)
+    at, number = repeated(runs, 1)
+    rng = stream(seed, part, 44)
+    bench = Bench(design.soil, effects)
+    table = bench.table(at, number, run_scatter(rng, number), rng)
+    for name, unit, scale in (("sinkage", "mm", 1e3), ("resistance", "N", 1.0)):
+        absolute = scale * ABSOLUTE_NOISE[name]
+        spread = np.hypot(bench.noise * table[f"{name} [{unit}]"], absolute)
+        table[f"{name}_std [{unit}]"] = factor * spread
+    return table
+
+
+def with_torque(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
+    """The wheel's torque is recorded: it follows slip and load, and sets nothing."""
+    design, effects, runs = designed(seed, part, hidden, 32)
+    at, number = repeated(runs, 3)
+    rng = stream(seed, part, 45)
+    bench, scatter = Bench(design.soil, effects), run_scatter(rng, number)
+    table = bench.table(at, number, scatter, rng)
+    torque = bench.respond(at, scatter).thrust * at.diameter / 2
+    table["torque [N m]"] = torque * (1.0 + 0.03 * rng.normal(size=torque.size))
+    return table
+
+
+def load_falls_in_skid(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
+    """Braked wheels, slip -0.6 to 0, that lose up to 27 % of their load as they skid."""
+    design, effects, runs = designed(seed, part, hidden, 120)
+    braked = [run for run in runs if run["slip"] < 0.0] or list(runs)
+    falling = [
+        {**run, "slip": -abs(run["slip"]), "load": run["load"] * (1.0 - 0.45 * abs(run["slip"]))}
+        for run in braked[:32]
+    ]
+    at, number = repeated(falling, 3)
+    rng = stream(seed, part, 46)
+    return Bench(design.soil, effects).table(at, number, run_scatter(rng, number), rng)
