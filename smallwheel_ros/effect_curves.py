@@ -35,9 +35,6 @@ _UNITS = {
     "slope": "rad",
     "grouser_height": "m",
 }
-# The driver of an effect that needs no column, and spans that differ from their column's.
-_DRIVERS = {"width_dependent_modulus": "width", "grouser": "grouser_height"}
-_OWN_SPANS = {"skid_sinkage": np.linspace(-0.8, 0.0, 60)}
 CHANNELS = {"sinkage": ("mm", 1e3), "resistance": ("N", 1.0), "drawbar_pull": ("N", 1.0)}
 
 
@@ -62,8 +59,10 @@ class EffectCurves:
 def effect_curves(family: tuple[type[Effect], ...]) -> EffectCurves:
     """Predict a typical wheel on dry sand over what drives an effect."""
     first = family[0]
-    driver = _DRIVERS.get(first.id) or (first.needs or ("load",))[0]
-    span = _OWN_SPANS.get(first.id, _SPANS.get(driver, np.linspace(0.1, 2.0, 60)))
+    driver = (*first.drivers, "load")[0]
+    span = _SPANS.get(driver, np.linspace(0.1, 2.0, 60))
+    if first.side < 0:
+        span = -span[::-1]
     settings: dict[str, ArrayLike] = {
         "load": _LOAD,
         "diameter": _DIAMETER,

@@ -103,9 +103,11 @@ def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
 class Prediction:
     """What the model says of each row; arrays of shape (rows,), SI units.
 
-    sinkage is what the instrument would show. resistance is all of it, compaction_resistance the
-    share of compaction. thrust and drawbar_pull are None where the conditions have no slip. Where
-    `immobilised` (sunk to the axle) the numbers are a continuation for fits, not predictions.
+    sinkage and resistance are what the instruments would show; true_sinkage and true_resistance
+    what they measure, the same where the model has no effect of an instrument. compaction_resistance
+    is the share of compaction in true_resistance. drawbar_pull is thrust less true_resistance; both
+    are None where the conditions have no slip. Where `immobilised` (sunk to the axle) the numbers
+    are a continuation for fits, not predictions.
     """
 
     sinkage: Array
@@ -114,6 +116,8 @@ class Prediction:
     thrust: Array | None
     drawbar_pull: Array | None
     immobilised: NDArray[np.bool_]
+    true_sinkage: Array
+    true_resistance: Array
 
 
 def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
@@ -180,17 +184,16 @@ def _layered_sinkage(
     return solve_layered(load, 0.5 * diameter, load_at)
 
 
-def _check_covariates(model: Model, stages: Stages) -> None:
+def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Conditions) -> None:
     """Refuse rows that an effect cannot be worked out for."""
-    conditions = stages.conditions
     lacking = model.missing_covariates(conditions)
     if lacking:
         name, columns = next(iter(lacking.items()))
         there = ", ".join(("load", "diameter", "width", *conditions.covariates))
         raise ModelError(f"effect '{name}' needs the column '{columns[0]}'. There is: {there}")
-    for effect in stages.effects:
+    for effect in effects:
         for name in effect.needs:
-            blank = np.flatnonzero(np.isnan(conditions[name]) & stages.rolling)
+            blank = np.flatnonzero(np.isnan(conditions[name]) & conditions.rolling)
             if blank.size:
                 raise ModelError(
                     f"effect '{effect.id}' needs '{name}', which is blank in row {blank[0] + 1}, "
@@ -204,10 +207,13 @@ def _check_covariates(model: Model, stages: Stages) -> None:
 def predict(model: Model, conditions: Conditions) -> Prediction:
     """Predict sinkage, resistance and drawbar pull of each row.
 
-    Raises ModelError where an effect's covariate is missing or a row's soil is not the model's.
+    The load of `conditions` is what the load cell shows. Raises ModelError where an effect's
+    covariate is missing or a row's soil is not the model's.
     """
-    stages = Stages(model.acting(conditions), conditions)
-    _check_covariates(model, stages)
+    effects = model.acting(conditions)
+    _check_covariates(model, effects, conditions)
+    stages = Stages(effects, conditions)
+    conditions = stages.conditions  # with the load itself
     soil = _soil_columns(model, conditions)
     rolling = stages.rolling
     load = stages.change("normal_load", conditions.load)
@@ -229,7 +235,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
     compacted = z
     if stages.acting_at("compaction_sinkage"):
         compacted = static
-        for effect in stages.effects:
+        for effect in effects:
             if effect.overrides("sinkage") or effect.overrides("compaction_sinkage"):
                 deeper = stages.call(effect, "compaction_sinkage", compacted, compacted)
                 compacted = np.where(rolling, deeper, compacted)
@@ -238,7 +244,8 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
         compaction = conditions.width * work
     else:
         compaction = compaction_resistance(compacted, conditions.width, modulus, n)
-    state = WheelState(load, diameter, conditions.width, z, modulus, n)
+    strength = (soil["cohesion"], soil["friction_angle"])
+    state = WheelState(load, diameter, conditions.width, z, modulus, n, *strength)
     resistance = compaction
     for effect in stages.acting_at("added_resistance"):
         resistance = resistance + stages.call(effect, "added_resistance", 0.0, state)
@@ -249,10 +256,12 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
     return Prediction(
         stages.change("measured_sinkage", z),
         compaction,
-        resistance,
+        stages.change_rolling("measured_resistance", resistance),
         push,
         None if push is None else push - resistance,
         immobilised,
+        z,
+        resistance,
     )
 
 
@@ -268,8 +277,8 @@ def _push(model: Model, stages: Stages, soil: dict[str, Array], state: WheelStat
         state.sinkage,
         state.diameter,
         state.width,
-        soil["cohesion"],
-        soil["friction_angle"],
+        state.cohesion,
+        state.friction_angle,
         soil["shear_displacement"],
         model.thrust_form,
     )

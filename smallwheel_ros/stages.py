@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +21,7 @@ class Stages:
     """Calls effects stage by stage, with what goes for all of them.
 
     A pressed or plate row may leave a covariate blank (NaN): an effect that reads it does nothing
-    there. An effect that fails is named.
+    there. An effect that fails is named. `conditions` has the load itself, after `corrected_load`.
     """
 
     def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
@@ -28,6 +29,9 @@ class Stages:
         self.conditions = conditions
         self.rolling = conditions.rolling
         self.all_rolling = bool(self.rolling.all())
+        if self.acting_at("corrected_load"):
+            load = self.change("corrected_load", conditions.load)
+            self.conditions = replace(conditions, load=load)
 
     def acting_at(self, stage: str) -> list[Effect]:
         """Give the effects that act at a stage, in the model's order."""
@@ -68,7 +72,8 @@ class Stages:
     def change_rolling(self, stage: str, value: Array) -> Array:
         """Let each effect change a value in turn, on rolling rows.
 
-        What digs or compacts further does so because the wheel rolls; a pressed body does not.
+        What digs or compacts further does so because the wheel rolls; a pressed body does not, and
+        has no resistance to show.
         """
         for effect in self.acting_at(stage):
             value = np.where(self.rolling, self.call(effect, stage, value, value), value)

@@ -19,6 +19,8 @@ CONTRACT = {
     "slip_sinkage", "skid_sinkage", "slip_angle_sinkage", "bulldozing", "penetration_rate",
     "load_dependent_modulus", "width_dependent_modulus", "multipass", "elastic_rebound", "grouser",
     "hardpan", "moisture", "slope", "contact_geometry", "sinkage_offset",
+    "sinkage_gain", "load_offset", "load_gain", "resistance_offset", "resistance_gain",
+    "rig_friction", "slip_resistance",
 }  # fmt: skip
 FORMS = [form for forms in families().values() for form in forms] + list(covariate("temperature"))
 SAND = soil("dry_sand")
@@ -236,7 +238,8 @@ def test_entry_speed_law_is_its_formula() -> None:
 )
 def test_bulldozing_at_the_scale_of_a_small_wheel(form: str, newtons: float) -> None:
     """The project's reference figures: D 0.2, b 0.1, z 20 mm, phi 33 deg, c 0.5 kPa."""
-    state = WheelState(*(np.array([v]) for v in (84.0, 0.2, 0.1, 0.02, 1e5, 0.8)))
+    numbers = (84.0, 0.2, 0.1, 0.02, 1e5, 0.8, 500.0, np.radians(33.0))
+    state = WheelState(*(np.array([v]) for v in numbers))
     made = example("bulldozing", form, scale=1.0)
     assert made.added_resistance(state, one_row()) == pytest.approx(newtons, rel=0.06)
 
@@ -247,6 +250,23 @@ def test_bulldozing_is_invisible_in_sinkage() -> None:
     assert (pushed.sinkage == base.sinkage).all()
     assert (pushed.compaction_resistance == base.compaction_resistance).all()
     assert (pushed.resistance > base.resistance).all()
+
+
+@pytest.mark.parametrize("form", ["rankine", "hegedus"])
+def test_bulldozing_follows_the_models_soil(form: str) -> None:
+    made = example("bulldozing", form)
+
+    def pushed(**strength: float) -> float:
+        predicted = predict(Model(replace(SAND, **strength)) + made, one_row())
+        return float((predicted.resistance - predicted.compaction_resistance)[0])
+
+    depth = float(predict(Model(SAND), one_row()).sinkage[0])
+    more = pushed(cohesion=2000.0) - pushed(cohesion=0.0)
+    phi = SAND.friction_angle
+    x = np.pi / 4 - phi / 2
+    slope = {"rankine": 2 * np.tan(np.pi / 4 + phi / 2), "hegedus": 1 / np.tan(x) + np.tan(x + phi)}
+    assert more == pytest.approx(0.1 * 2000.0 * depth * slope[form], rel=1e-9)
+    assert pushed(friction_angle=0.7) > pushed(friction_angle=0.5)
 
 
 @pytest.mark.parametrize("form", ["dug_exponential", "dug_quadratic"])
@@ -264,12 +284,6 @@ def test_rebound_is_pressure_over_stiffness() -> None:
     z = predict(Model(SAND), one_row()).sinkage
     shown = predict(Model(SAND) + made, one_row()).sinkage
     assert z - shown == pytest.approx(1e-7 * 60.0 / (0.1 * np.sqrt(0.2 * z)), rel=1e-12)
-    worked = predict(
-        Model(SAND) + example("elastic_rebound", "compliance_with_work", compliance=1e-8), one_row()
-    )
-    pressure = SAND.k * 0.2**SAND.m * z**SAND.n
-    gained = worked.compaction_resistance - worked.resistance
-    assert gained == pytest.approx(0.1 * 1e-8 * pressure**2 / 2, rel=1e-9)
 
 
 def test_grousers() -> None:
@@ -283,8 +297,25 @@ def test_grousers() -> None:
     assert larger.sinkage == pytest.approx(
         predict(Model(SAND), Conditions.of(60.0, 0.21, 0.1, slip=0.5)).sinkage
     )
-    pull = predict(Model(SAND) + example("grouser", "traction", a=2.0), at).thrust
-    assert pull == pytest.approx(1.2 * predict(Model(SAND), at).thrust)
+
+
+@pytest.mark.parametrize(
+    ("cohesion", "degrees", "growth"),
+    [
+        (2e3, 0.0, 2 * 0.1),
+        (0.0, 30.0, 0.64 * 0.1 * np.arctan(10.0)),
+        (0.0, 0.0, 0.0),
+    ],
+    ids=["cohesion", "friction", "none"],
+)
+def test_grousers_raise_cohesion_and_friction_by_bekkers_shares(
+    cohesion: float, degrees: float, growth: float
+) -> None:
+    """h/b is 0.1; the thrust of a soil without strength is and stays 0."""
+    model = Model(replace(SAND, cohesion=cohesion, friction_angle=np.radians(degrees)))
+    at = one_row(slip=0.5, grouser_height=0.01)
+    pull = predict(model + example("grouser", "traction", a=1.5), at).thrust
+    assert pull == pytest.approx(predict(model, at).thrust * (1.0 + 1.5 * growth), rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,8 @@ An effect is a small frozen dataclass: its fields are its numbers, its methods a
 which it changes what the model computes. A model runs the stages in this order, each effect in
 turn:
 
+    corrected_load      the load itself, from what the load cell shows        N      -> N
+      (from here on `conditions.load` is the load itself, for every effect)
     normal_load         the load that reaches the soil                        N      -> N
     wheel_diameter      the diameter that the soil meets                      m      -> m
     modulus_factor      multiplies k                                          1
@@ -15,6 +17,9 @@ turn:
     added_resistance    adds to the compaction resistance                     N
     thrust_factor       multiplies the thrust                                 1
     measured_sinkage    what the instrument shows of the sinkage              m      -> m
+    measured_resistance what the instrument shows of the resistance           N      -> N
+
+A drawbar pull is the thrust less the resistance itself, whatever the instrument shows of that.
 
 Override only what the effect changes. To write your own, copy a file of this folder, or see
 docs/your_own_effect.md.
@@ -25,7 +30,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +41,7 @@ from smallwheel_ros.physics.conditions import Conditions
 Array = NDArray[np.float64]
 
 STAGES = (
+    "corrected_load",
     "normal_load",
     "wheel_diameter",
     "modulus_factor",
@@ -46,6 +52,15 @@ STAGES = (
     "added_resistance",
     "thrust_factor",
     "measured_sinkage",
+    "measured_resistance",
+)
+# Stages that a body pressed straight down does not have: it neither digs nor pulls.
+ROLLING_STAGES = (
+    "sinkage",
+    "compaction_sinkage",
+    "added_resistance",
+    "thrust_factor",
+    "measured_resistance",
 )
 _ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull")
 # Stages that do not touch every channel.
@@ -54,6 +69,7 @@ _CHANNELS = {
     "added_resistance": ("resistance", "drawbar_pull"),
     "thrust_factor": ("drawbar_pull",),
     "measured_sinkage": ("sinkage",),
+    "measured_resistance": ("resistance",),
 }
 
 
@@ -125,14 +141,17 @@ class WheelState(NamedTuple):
     sinkage: Array  # m
     modulus: Array  # K = k D^m times the effects' factors, Pa/m^n
     exponent: Array  # n
+    cohesion: Array  # of the soil, Pa
+    friction_angle: Array  # of the soil, rad
 
 
 @dataclass(frozen=True)
 class Effect:
     """Base of every effect: class attributes describe it, fields are its numbers.
 
-    Fields are made by `parameter` (fitted) and `constant` (given). `form`, `stage` and `channels`
-    follow from the class where it does not state them: its name, and the stages it overrides.
+    Fields are made by `parameter` (fitted) and `constant` (given). `form`, `stage`, `channels` and
+    `drivers` follow from the class where it does not state them: its name, the stages it overrides,
+    its `needs`. Whatever a diagnosis has to know of an effect stands here; it knows none by its id.
     """
 
     id: ClassVar[str] = ""  # the physical idea; forms of one idea share it
@@ -143,13 +162,29 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()  # covariates that it reads
     channels: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[str] = ""  # the first of the stages that it acts at
+    # An instrument's fault is said to be one, and never taken for physics of the soil.
+    kind: ClassVar[Literal["soil", "instrument"]] = "soil"
+    # Settings that its strength follows: load, diameter, width, or covariates of `needs`.
+    drivers: ClassVar[tuple[str, ...]] = ()
+    # +1 where it acts only for values of its first driver over 0, -1 only for those under 0.
+    side: ClassVar[Literal[-1, 0, 1]] = 0
+    # One sentence for people: what to measure or to check in order to separate it from others.
+    next_step: ClassVar[str] = ""
+    # Id of the effect that this form equals exactly, whatever the data: it may be fitted by name,
+    # and does not compete in a diagnosis.
+    same_as: ClassVar[str] = ""
     # A rule of contact in place of numbers: a model takes it over when the effect is added.
     geometry: ClassVar[str] = ""
     # Known physics is applied wherever its columns are there, and so is never a discovery.
     known_physics: ClassVar[bool] = False
+    _drivers_stated: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         own = vars(cls)
+        if "drivers" in own:
+            cls._drivers_stated = True
+        elif not cls._drivers_stated:
+            cls.drivers = cls.needs
         acts = [stage for stage in STAGES if cls.overrides(stage)]
         if "form" not in own:
             cls.form = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
@@ -205,6 +240,42 @@ class Effect:
         """Say why this form cannot be used on these rows, "" where it can."""
         return ""
 
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        """Say why this form does nothing on any of these rows, "" where it acts on some.
+
+        The base judges by `needs`, by `side` and by the stages; a form that knows more (which slip
+        is one, say) overrides this and asks the base first.
+        """
+        if not cls._reached(conditions).any():
+            return "it acts on rolling wheels, and no row is of one"
+        for name in cls.needs:
+            if name not in conditions:
+                return f"the data has no column '{name}'"
+            if not cls.values_met(name, conditions).size:
+                return f"column '{name}' is blank in every row that it acts on"
+        if cls.side and cls.drivers:
+            driver = cls.drivers[0]
+            if not (cls.side * cls.values_met(driver, conditions) > 0.0).any():
+                return f"no row has {driver} {'over' if cls.side > 0 else 'under'} 0"
+        return ""
+
+    @classmethod
+    def values_met(cls, name: str, conditions: Conditions) -> Array:
+        """Give a column's values in the rows that the effect can act on, without blanks."""
+        values = conditions[name][cls._reached(conditions)]
+        return np.asarray(values[np.isfinite(values)])
+
+    @classmethod
+    def _reached(cls, conditions: Conditions) -> NDArray[np.bool_]:
+        """Rows that the effect can act on: rolling ones, unless it has a stage for all."""
+        acts = [stage for stage in STAGES if cls.overrides(stage)]
+        everywhere = not acts or any(stage not in ROLLING_STAGES for stage in acts)
+        return np.ones(len(conditions), dtype=bool) if everywhere else conditions.rolling
+
+    def corrected_load(self, load: Array, conditions: Conditions) -> Array:
+        return load
+
     def normal_load(self, load: Array, conditions: Conditions) -> Array:
         return load
 
@@ -234,3 +305,6 @@ class Effect:
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return resistance

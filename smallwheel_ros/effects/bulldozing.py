@@ -1,7 +1,8 @@
 """bulldozing: soil pushed ahead of the wheel resists; sinkage does not show it.
 
-Published forms differ 10 to 70 times at the scale of a small wheel, so each has a scale that is
-fitted; Bekker's form of 1969, the largest, is left out for that.
+Cohesion and friction angle are those of the model's soil. Published forms differ 10 to 70 times at
+the scale of a small wheel, so each has a scale that is fitted; Bekker's form of 1969, the largest,
+is left out for that.
 """
 
 from __future__ import annotations
@@ -16,22 +17,28 @@ from smallwheel_ros.physics.conditions import Conditions
 _REFERENCE = 0.02  # m
 
 
+def _passive_root(friction_angle: Array) -> Array:
+    """sqrt(Kp) = tan(45 deg + phi/2), Kp the coefficient of passive earth pressure (Rankine)."""
+    return np.asarray(np.tan(np.pi / 4.0 + friction_angle / 2.0))
+
+
 @dataclass(frozen=True)
 class _Bulldozing(Effect):
     id = "bulldozing"
     summary = "Soil pushed ahead of the wheel adds resistance; sinkage does not show it."
+    next_step = "Measure the towing force of the undriven wheel beside its sinkage, at two widths."
 
     scale: float = parameter(1.0, (0.0, 10.0), "factor on the published form")
-    friction_angle: float = constant(
-        np.radians(33.0), (0.01, 1.2), "angle of the soil's friction", unit="rad"
-    )
+    # Dry to moist sand: 14 to 17 kN/m^3. What is fitted is the scale, so its error goes there.
     unit_weight: float = constant(15.5e3, (1e3, 30e3), "weight of the soil", unit="N/m^3")
 
-    def resistance(self, depth: Array, width: Array) -> Array:
+    def resistance(self, depth: Array, state: WheelState) -> Array:
+        """Resistance (N) at scale 1 of soil pushed up over a depth (m, 0 or more)."""
         raise NotImplementedError
 
     def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        return self.scale * self.resistance(state.sinkage, state.width)
+        # An effect may lift the wheel out of the soil; then it pushes none.
+        return self.scale * self.resistance(np.maximum(state.sinkage, 0.0), state)
 
 
 @dataclass(frozen=True)
@@ -39,12 +46,10 @@ class Rankine(_Bulldozing):
     formula = "R = s b (g z^2 Kp / 2 + 2 c z sqrt(Kp)), Kp = tan^2(45 deg + phi/2)"
     source = "passive earth pressure of Rankine; for wheels Bekker 1956 (unverified)"
 
-    cohesion: float = constant(500.0, (0.0, 50e3), "cohesion of the soil", unit="Pa")
-
-    def resistance(self, depth: Array, width: Array) -> Array:
-        root = np.tan(np.pi / 4.0 + self.friction_angle / 2.0)
+    def resistance(self, depth: Array, state: WheelState) -> Array:
+        root = _passive_root(state.friction_angle)
         weight = 0.5 * self.unit_weight * depth**2 * root**2
-        return np.asarray(width * (weight + 2.0 * self.cohesion * depth * root))
+        return np.asarray(state.width * (weight + 2.0 * state.cohesion * depth * root))
 
 
 @dataclass(frozen=True)
@@ -55,15 +60,13 @@ class Hegedus(_Bulldozing):
     )
     source = "Hegedus 1960, bulldozing blade (unverified)"
 
-    cohesion: float = constant(500.0, (0.0, 50e3), "cohesion of the soil", unit="Pa")
-
-    def resistance(self, depth: Array, width: Array) -> Array:
-        phi = self.friction_angle
+    def resistance(self, depth: Array, state: WheelState) -> Array:
+        phi = state.friction_angle
         x = np.pi / 4.0 - phi / 2.0
         d1 = 1.0 / np.tan(x) + np.tan(x + phi)
         d2 = 1.0 / np.tan(x) + np.tan(phi) / np.tan(x) ** 2
         weight = 0.5 * d2 * self.unit_weight * depth**2
-        return np.asarray(width * d1 * (self.cohesion * depth + weight))
+        return np.asarray(state.width * d1 * (state.cohesion * depth + weight))
 
 
 @dataclass(frozen=True)
@@ -73,9 +76,9 @@ class Cohesionless(_Bulldozing):
 
     scale: float = parameter(1.0, (0.0, 100.0), "factor on the published form")
 
-    def resistance(self, depth: Array, width: Array) -> Array:
-        passive = np.tan(np.pi / 4.0 + self.friction_angle / 2.0) ** 2
-        return np.asarray(width * 0.5 * self.unit_weight * depth**2 * passive)
+    def resistance(self, depth: Array, state: WheelState) -> Array:
+        passive = _passive_root(state.friction_angle) ** 2
+        return np.asarray(state.width * 0.5 * self.unit_weight * depth**2 * passive)
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class Power(_Bulldozing):
     scale: float = parameter(1.0, (0.0, 100.0), "factor on the resistance at depth h0")
     p: float = parameter(1.5, (0.7, 3.0), "exponent of the depth", neutral=None)
 
-    def resistance(self, depth: Array, width: Array) -> Array:
-        passive = np.tan(np.pi / 4.0 + self.friction_angle / 2.0) ** 2
+    def resistance(self, depth: Array, state: WheelState) -> Array:
+        passive = _passive_root(state.friction_angle) ** 2
         at_reference = 0.5 * self.unit_weight * _REFERENCE**2 * passive
-        return np.asarray(width * at_reference * (depth / _REFERENCE) ** self.p)
+        return np.asarray(state.width * at_reference * (depth / _REFERENCE) ** self.p)

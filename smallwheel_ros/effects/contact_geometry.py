@@ -18,4 +18,5 @@ class ContactIntegral(Effect):
     source = "Bekker 1956; Wong 2008, ch. 2"
     channels = ("sinkage", "resistance", "drawbar_pull")
     stage = "geometry"
+    next_step = "Compare both rules on the same data: smallwheel compare."
     geometry = "contact_integral"

@@ -1,6 +1,7 @@
 """elastic_rebound: soil comes up again behind the wheel; the rut is shallower than the wheel was.
 
-Seen only where a rut and the wheel's own sinkage are both measured: in one channel k absorbs it.
+What the soil that rises gives back to the wheel is not modelled: no source was found for it. Seen
+only where a rut and the wheel's own sinkage are both measured: in one channel k absorbs it.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
+from smallwheel_ros.effects.base import Array, Effect, parameter
 from smallwheel_ros.physics.conditions import Conditions
 
 
@@ -26,6 +27,7 @@ def mean_pressure(sinkage: Array, conditions: Conditions) -> Array:
 class _ElasticRebound(Effect):
     id = "elastic_rebound"
     summary = "Soil comes up again behind the wheel: the rut is shallower than the wheel was."
+    next_step = "Measure both the depth of the rut behind the wheel and the wheel's own sinkage."
 
 
 @dataclass(frozen=True)
@@ -42,19 +44,10 @@ class Compliance(_ElasticRebound):
 
 
 @dataclass(frozen=True)
-class ComplianceWithWork(Compliance):
-    formula = "rut = z - W / (b sqrt(D z) ku), and R less by b p^2 / (2 ku), p = K z^n"
-    source = "as `compliance`; the soil that rises gives its work back to the wheel"
-
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        pressure = state.modulus * state.sinkage**state.exponent
-        return -0.5 * self.compliance * state.width * pressure**2
-
-
-@dataclass(frozen=True)
 class Share(_ElasticRebound):
     formula = "rut = (1 - f) z"
     source = "empirical: a share of the depth comes back"
+    same_as = "sinkage_gain"
 
     f: float = parameter(0.1, (0.0, 0.9), "share of the sinkage that comes back")
 

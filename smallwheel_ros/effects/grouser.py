@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
-from smallwheel_ros.effects.slip_sinkage import driven_slip
+from smallwheel_ros.effects.slip_sinkage import driven_slip, lacks_driven_slip
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.traction import contact_length
 
 _LARGEST_SLIP = 0.95
 
@@ -17,13 +19,28 @@ _LARGEST_SLIP = 0.95
 class _Grouser(Effect):
     id = "grouser"
     summary = "Grousers dig where they slip, reach deeper, and pull more."
+    drivers: ClassVar[tuple[str, ...]] = ("grouser_height",)
+    side = 1
+    next_step = (
+        "Run the same wheel with and without grousers at one load, over slips from 0 to 0.6."
+    )
 
 
 @dataclass(frozen=True)
-class Digging(_Grouser):
+class _Digging(_Grouser):
+    needs: ClassVar[tuple[str, ...]] = ("slip", "grouser_height")
+    drivers = ("grouser_height", "slip")
+
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        missing = super().never_acts(conditions)
+        return missing or lacks_driven_slip(cls.values_met("slip", conditions))
+
+
+@dataclass(frozen=True)
+class Digging(_Digging):
     formula = "z = z0 + a h i, i > 0"
     source = "empirical: soil carried away in proportion to height and slip"
-    needs = ("slip", "grouser_height")
 
     a: float = parameter(1.0, (0.0, 20.0), "sinkage over height at slip 1", published=(0.0, 5.0))
 
@@ -32,10 +49,9 @@ class Digging(_Grouser):
 
 
 @dataclass(frozen=True)
-class LugDigging(_Grouser):
+class LugDigging(_Digging):
     formula = "z = z0 + a h i / (1 - i), i > 0 (i up to 0.95)"
     source = "Reece 1965-66 with a = 1 (unverified)"
-    needs = ("slip", "grouser_height")
 
     a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.0, 3.0))
 
@@ -60,11 +76,21 @@ class EffectiveRadius(_Grouser):
 
 @dataclass(frozen=True)
 class Traction(_Grouser):
-    formula = "H = H0 (1 + a h / b)"
-    source = "Bekker 1956: 2 h/b on the cohesive part of a track's thrust (unverified)"
+    formula = "H0 = b l c (1 + a 2 h/b) + W tan(phi) [1 + a 0.64 (h/b) arctan(b/h)]"
+    source = "Bekker 1956 for a track, a = 1, as rover calculations quote it (original not seen)"
     needs = ("grouser_height",)
 
-    a: float = parameter(1.0, (0.0, 10.0), "growth of thrust with h/b", published=(0.0, 2.0))
+    a: float = parameter(1.0, (0.0, 10.0), "strength; Bekker's own law is 1")
 
     def thrust_factor(self, state: WheelState, conditions: Conditions) -> Array:
-        return 1.0 + self.a * conditions["grouser_height"] / state.width
+        """H0 with grousers over H0 = b l c + W tan(phi) without: cohesion gains most."""
+        height, width = conditions["grouser_height"], state.width
+        ratio = height / width
+        length = contact_length(state.sinkage, state.diameter)
+        cohesive = width * length * state.cohesion
+        frictional = state.load * np.tan(state.friction_angle)
+        more = 2.0 * ratio * cohesive + 0.64 * ratio * np.arctan2(width, height) * frictional
+        plain = cohesive + frictional
+        # Soil without any strength gives no thrust that could grow.
+        growth = np.divide(more, plain, out=np.zeros_like(more), where=plain > 0.0)
+        return np.asarray(1.0 + self.a * growth)

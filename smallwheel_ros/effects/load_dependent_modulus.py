@@ -18,6 +18,11 @@ from smallwheel_ros.physics.conditions import Conditions
 class _LoadDependentModulus(Effect):
     id = "load_dependent_modulus"
     summary = "The soil's modulus k depends on the load."
+    drivers = ("load",)
+    next_step = (
+        "Measure the towing force as well as the sinkage, over loads a factor of three apart; or press "
+        "plates of one diameter into the same soil."
+    )
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,14 @@ class _Multipass(Effect):
     id = "multipass"
     summary = "A rut deepens with each wheel that passes."
     needs = ("pass_number",)
+    next_step = "Send the wheel through its own rut five times at one load and one slip."
+
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        missing = super().never_acts(conditions)
+        if missing or (cls.values_met("pass_number", conditions) >= 2.0).any():
+            return missing
+        return "no row is of a second pass"
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ class _PenetrationRate(Effect):
     id = "penetration_rate"
     summary = "Soil that is loaded faster is stiffer: sinkage falls with speed."
     needs = ("speed",)
+    next_step = "Drive at speeds a factor of ten or more apart, at one load and one slip."
 
 
 @dataclass(frozen=True)

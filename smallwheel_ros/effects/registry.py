@@ -55,7 +55,9 @@ def covariate(column: str) -> Forms:
     own = {
         "id": f"{_COVARIATE}{column}",
         "needs": (column,),
+        "drivers": (column,),
         "summary": f"The soil's modulus k depends on column '{column}'.",
+        "next_step": f"Vary '{column}' alone, at one load and one slip, in eight runs or more.",
         "__module__": __name__,
     }
     laws: tuple[type[Effect], ...] = (ExponentialLaw, PowerLaw)
@@ -94,6 +96,22 @@ def _check(form: type[Effect], origin: str) -> None:
         raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
     if form.id.startswith(_COVARIATE):
         raise EffectError(f"{where}: ids that begin with '{_COVARIATE}' are made for columns")
+    for name in ("needs", "drivers"):
+        value = getattr(form, name)
+        if not isinstance(value, tuple):
+            raise EffectError(
+                f"{where}: {name} is {value!r}, expected a tuple of columns, like ('slip',)"
+            )
+    foreign = set(form.drivers) - {*form.needs, "load", "diameter", "width"}
+    if foreign:
+        raise EffectError(
+            f"{where}: drivers names '{min(foreign)}', expected load, diameter, width or a column "
+            "that is in needs, too"
+        )
+    if form.kind not in ("soil", "instrument"):
+        raise EffectError(f"{where}: kind is {form.kind!r}, expected 'soil' or 'instrument'")
+    if form.side not in (-1, 0, 1):
+        raise EffectError(f"{where}: side is {form.side!r}, expected -1, 0 or 1")
     strange = [f.name for f in fields(form) if not {"parameter", "constant"} & f.metadata.keys()]
     if strange:
         raise EffectError(

@@ -11,13 +11,17 @@ from smallwheel_ros.physics.conditions import Conditions
 @dataclass(frozen=True)
 class Constant(Effect):
     id = "sinkage_offset"
-    summary = "The instrument's zero is off: every sinkage is shown deeper or shallower by as much."
-    formula = "measured z = z + offset"
-    source = "instrument, not soil"
-
-    offset: float = parameter(
-        0.001, (-0.02, 0.02), "what is shown at zero sinkage", unit="m", published=(-0.005, 0.005)
+    kind = "instrument"
+    summary = (
+        "The sinkage instrument's zero is off: all sinkages are shown too deep or too shallow."
     )
+    formula = "shown z = z + offset"
+    source = "instrument, not soil: a zero that was set at another height than touch-down"
+    next_step = (
+        "Take the zero of sinkage at touch-down under the lightest load, and again after the run."
+    )
+
+    offset: float = parameter(0.001, (-0.05, 0.05), "what is shown at zero sinkage", unit="m")
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage + self.offset

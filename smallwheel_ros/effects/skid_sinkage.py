@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.effects.slip_sinkage import FREE_ROLLING
 from smallwheel_ros.physics.conditions import Conditions
 
 
@@ -25,6 +26,15 @@ class _SkidSinkage(Effect):
     summary = "A braked wheel that skids ploughs in: sinkage grows with |slip| below zero."
     source = "empirical, no standard law; on rig data steeper than linear"
     needs: ClassVar[tuple[str, ...]] = ("slip",)
+    side = -1
+    next_step = "Sweep skid from 0 to -0.6 at one load, on soil that is prepared anew for each run."
+
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        missing = super().never_acts(conditions)
+        if missing or (cls.values_met("slip", conditions) < -FREE_ROLLING).any():
+            return missing
+        return f"no row has a wheel that skids (slip under -{FREE_ROLLING})"
 
     def growth(self, slip: Array) -> Array:
         raise NotImplementedError

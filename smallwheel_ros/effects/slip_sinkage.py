@@ -15,6 +15,9 @@ from smallwheel_ros.effects.base import Array, Effect, parameter
 from smallwheel_ros.physics.conditions import Conditions
 
 _LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
+# A wheel that rolls freely shows about this much slip of either sign: its radius is known to a
+# few per cent at best, since lugs, sand on the rim and sinkage all change it.
+FREE_ROLLING = 0.02
 
 
 def driven_slip(conditions: Conditions) -> Array:
@@ -22,12 +25,29 @@ def driven_slip(conditions: Conditions) -> Array:
     return np.clip(conditions["slip"], 0.0, 1.0)
 
 
+def lacks_driven_slip(slip: Array) -> str:
+    """Say that no wheel is driven and slips, "" where one is. slip: values without blanks."""
+    if (slip > FREE_ROLLING).any():
+        return ""
+    return f"no row has a driven wheel that slips (slip over {FREE_ROLLING})"
+
+
 @dataclass(frozen=True)
-class _SlipSinkage(Effect):
+class _DrivenSlip(Effect):
     id = "slip_sinkage"
     summary = "A driven wheel that slips digs: sinkage grows with slip."
     needs: ClassVar[tuple[str, ...]] = ("slip",)
+    side = 1
+    next_step = "Sweep slip from 0 to 0.6 at one load, on soil that is prepared anew for each run."
 
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        missing = super().never_acts(conditions)
+        return missing or lacks_driven_slip(cls.values_met("slip", conditions))
+
+
+@dataclass(frozen=True)
+class _SlipSinkage(_DrivenSlip):
     def growth(self, slip: Array) -> Array:
         raise NotImplementedError
 
@@ -109,12 +129,9 @@ class AddedDepth(_SlipSinkage):
 
 
 @dataclass(frozen=True)
-class ExponentShift(Effect):
-    id = "slip_sinkage"
-    summary = _SlipSinkage.summary
+class ExponentShift(_DrivenSlip):
     formula = "n = n0 + n1 i, i > 0"
     source = "Ding et al. 2010; range for a law without slip stress (n1 unverified)"
-    needs = ("slip",)
 
     n1: float = parameter(0.6, (0.0, 3.0), "growth of n with slip", published=(0.2, 1.6))
 

@@ -21,6 +21,14 @@ class Gravity(Effect):
     source = "statics"
     needs = ("slope",)
     known_physics = True
+    next_step = "Measure the slope of the bed with an inclinometer and give it as a column 'slope'."
+
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        missing = super().never_acts(conditions)
+        if missing or cls.values_met("slope", conditions).any():
+            return missing
+        return "no row is on a slope"
 
     def objection(self, conditions: Conditions) -> str:
         slope = np.abs(conditions["slope"])

@@ -23,6 +23,8 @@ def _relative_width(conditions: Conditions, b0: float) -> Array:
 class _WidthDependentModulus(Effect):
     id = "width_dependent_modulus"
     summary = "The soil's modulus k depends on the wheel's width."
+    drivers = ("width",)
+    next_step = "Run wheels of one diameter and two widths or more, at the same loads."
 
 
 @dataclass(frozen=True)

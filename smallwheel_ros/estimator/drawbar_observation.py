@@ -153,14 +153,14 @@ class _WithEffects:
         over = np.diagonal(self._width)
         push, held, z = (
             ((value[1::2] - value[2::2]) / over).tolist()
-            for value in (predicted.thrust, predicted.resistance, predicted.sinkage)
+            for value in (predicted.thrust, predicted.true_resistance, predicted.true_sinkage)
         )
         through_sinkage = held[0] / z[0] * z[1]
         return Forces(
             float(predicted.thrust[0])
             + push[3] * (cohesion - least)
             + push[4] * (friction_angle - flat),
-            float(predicted.resistance[0]),
+            float(predicted.true_resistance[0]),
             (push[0], push[1], push[2]),
             (held[0], through_sinkage, held[2]),
             held[1] - through_sinkage,

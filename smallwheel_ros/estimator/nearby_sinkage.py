@@ -42,6 +42,7 @@ class NearbySinkage:
     def __init__(self, soil: Soil, effects: Sequence[Effect], conditions: Conditions) -> None:
         self._soil, self._effects, self._conditions = soil, tuple(effects), conditions
         self._stages = Stages(self._effects, conditions)
+        self._load = self._stages.conditions.load
         self._diameter = self._stages.change("wheel_diameter", conditions.diameter)
         self._at = self._statics(soil)
         self._solved: ContactSinkage | None = None
@@ -58,12 +59,15 @@ class NearbySinkage:
         soil: near to the one at the start. added: effects of little strength. NaN where there is no
         sinkage.
         """
-        turned = any(effect.overrides("wheel_diameter") for effect in added)
+        turned = any(
+            effect.overrides("wheel_diameter") or effect.overrides("corrected_load")
+            for effect in added
+        )
         if self._solved is None or turned:  # no slopes for that
             model = Model(soil, effects=(*self._effects, *added))
             return _log(predict(model, self._conditions).sinkage)
         here = self._at
-        more_stages = Stages(added, self._conditions)
+        more_stages = Stages(added, self._stages.conditions)
         there = here if soil is self._soil else self._statics(soil)
         there = _acted_on(there, more_stages)
         more = np.log(there.load / here.load) - np.log(there.modulus / here.modulus)
@@ -90,7 +94,7 @@ class NearbySinkage:
 
     def _statics(self, soil: Soil) -> _Statics:
         """Let the model's effects act as `model.predict` does, up to where the contact is solved."""
-        load = self._conditions.load
+        load = self._load
         modulus = effective_modulus(np.array(soil.k), np.array(soil.m), self._diameter)
         statics = _Statics(load, modulus, np.full(load.shape, soil.n))
         return _acted_on(statics, self._stages)

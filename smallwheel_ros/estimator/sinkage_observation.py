@@ -19,6 +19,7 @@ from smallwheel_ros.estimator.point_sinkage import point_sinkage
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.stages import Stages
 
 Array = NDArray[np.float64]
 
@@ -130,6 +131,7 @@ class _WithEffects:
     """A wheel with effects that leave pressure a power of depth; order of `model.predict`."""
 
     def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
+        conditions = Stages(effects, conditions).conditions  # with the load itself
         load, diameter = conditions.load, conditions.diameter
         for effect in effects:
             load = effect.normal_load(load, conditions)
@@ -202,7 +204,7 @@ class _Layered(Observation):
             diameter = effect.wheel_diameter(diameter, conditions)
         self.effects, self.channel = tuple(effects), channel
         plain = _Plain(
-            float(conditions.load[0]),
+            float(Stages(effects, conditions).conditions.load[0]),
             float(diameter[0]),
             float(conditions.width[0]),
             str(conditions.contact[0]),

@@ -211,9 +211,9 @@ def _numerical(
         held = _predicted(wheel, soils, rows[:, 3], held_slip, effects, speed)
         assert held.thrust is not None
         sunk = held.immobilised[0]
-        pull = -rows[:, 3] if sunk else held.thrust - held.resistance
+        pull = -rows[:, 3] if sunk else held.thrust - held.true_resistance
     compaction = now.compaction_resistance
-    table = np.stack([now.sinkage, compaction, now.resistance - compaction, push, pull])
+    table = np.stack([now.sinkage, compaction, now.true_resistance - compaction, push, pull])
     up, down = slice(1, _COUNT + 1), slice(_COUNT + 1, None)
     # Where the clip to the domain has shortened a step, the difference is over what is left.
     width = np.diagonal(rows[up] - rows[down])
