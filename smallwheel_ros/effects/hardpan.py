@@ -14,7 +14,7 @@ from smallwheel_ros.physics.conditions import Conditions
 class _Hardpan(Effect):
     id = "hardpan"
     summary = "A hard layer below: pressure rises faster with depth than a power law."
-    next_step = "Press a plate down to twice the wheel's sinkage, and repeat the runs on a deeper bed of soil."
+    next_step = "Press a plate to twice the wheel's sinkage, and repeat the runs on a deeper bed."
 
 
 @dataclass(frozen=True)

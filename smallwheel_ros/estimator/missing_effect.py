@@ -52,7 +52,7 @@ class EffectScore:
     """One family in one test.
 
     form, strength: its best form, and the first parameter of that by the linear fit. statistic:
-    twice the gain in log likelihood. follows: the covariate that it reads, 'load' where none.
+    twice the gain in log likelihood. follows: the first of its drivers, 'load' where none.
     reason: why it could not be tested, else "".
     """
 
@@ -247,7 +247,7 @@ def _trial(form: type[Effect]) -> _Trial:
     first = form.parameters()[0]
     neutral = 0.0 if first.neutral is None else first.neutral
     at = first.start if first.start != neutral else neutral + 0.1 * (first.bounds[1] - neutral)
-    follows = form.needs[0] if form.needs else "load"
+    follows = (*form.drivers, "load")[0]
     return _Trial(form(**{first.name: at}), at - neutral, neutral, first.bounds, follows)
 
 
