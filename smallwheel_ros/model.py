@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, WheelState
-from smallwheel_ros.effects.slope import Gravity
+from smallwheel_ros.effects.registry import known_physics
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
@@ -80,10 +80,14 @@ class Model:
         return self.geometry
 
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
-        """Effects that act on these rows: the model's, after gravity where there is a slope."""
-        if Gravity.needs[0] in conditions and not any(e.id == Gravity.id for e in self.effects):
-            return (Gravity(), *self.effects)
-        return self.effects
+        """Effects that act on these rows: the model's, after known physics that has its columns."""
+        present = {effect.id for effect in self.effects}
+        known = [
+            form()
+            for form in known_physics()
+            if form.id not in present and all(name in conditions for name in form.needs)
+        ]
+        return (*known, *self.effects)
 
     def missing_covariates(self, conditions: Conditions) -> dict[str, list[str]]:
         """By effect, the covariates that it needs and that the conditions do not have."""

@@ -175,7 +175,7 @@ class Effect:
     same_as: ClassVar[str] = ""
     # A rule of contact in place of numbers: a model takes it over when the effect is added.
     geometry: ClassVar[str] = ""
-    # Known physics is applied wherever its columns are there, and so is never a discovery.
+    # Known physics of this package is applied wherever its columns are there: never a discovery.
     known_physics: ClassVar[bool] = False
     _drivers_stated: ClassVar[bool] = False
 

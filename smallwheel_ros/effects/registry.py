@@ -230,7 +230,14 @@ def _line_in(error: Exception, path: Path) -> str:
     return f", line {numbers[-1]}" if numbers else ""
 
 
-def _built_in() -> dict[str, Forms]:
+@lru_cache(maxsize=1)
+def known_physics() -> Forms:
+    """Give this package's forms that a model applies by itself wherever their columns are there."""
+    return tuple(forms[0] for forms in _built_in().values() if forms[0].known_physics)
+
+
+@lru_cache(maxsize=1)
+def _built_in() -> Families:
     known: dict[str, Forms] = {}
     for info in pkgutil.iter_modules(package.__path__):
         if info.name != "registry":
@@ -245,7 +252,7 @@ def default_registry() -> Registry:
 
     Raises EffectError where an entry point cannot be loaded; it names the package.
     """
-    known = _built_in()
+    known = dict(_built_in())
     for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
         origin = f"entry point '{point.name}' ({point.value})"
         if point.dist is not None:
