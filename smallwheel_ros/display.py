@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.measurements.table import Measurements
 
 
@@ -36,8 +37,7 @@ def display(name: str, unit: str) -> Display:
 
 def column_display(measurements: Measurements, name: str) -> Display:
     """How values of that column of a table are shown."""
-    known = {"load": "N", "diameter": "m", "width": "m", "sinkage": "m"}
-    unit = measurements.units.get(name, known.get(name, ""))
+    unit = measurements.units.get(name, unit_of(name))
     if unit == "m/s" and np.nanmax(np.abs(measurements.conditions[name])) < _SLOW:
         return Display(1e3, f"{words(name)} [mm/s]", "mm/s")
     return display(name, unit)

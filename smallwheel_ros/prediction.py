@@ -13,6 +13,7 @@ from scipy.linalg import block_diag
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import usual_strength
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
@@ -21,18 +22,8 @@ from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_
 
 Array = NDArray[np.float64]
 
-# SI units of the columns that have one; any other column is in SI whatever its unit.
-UNITS = {
-    "load": "N",
-    "diameter": "m",
-    "width": "m",
-    "slip": "1",
-    "speed": "m/s",
-    "slip_angle": "rad",
-    "slope": "rad",
-    "pass_number": "1",
-    "grouser_height": "m",
-}
+# SI units of the settings; any other column is in SI whatever its unit.
+UNITS = {name: unit_of(name) for name in ("load", "diameter", "width", *SETTINGS)}
 _MOST = 200_000
 SUNK = "immobilised: sunk to the axle"
 
@@ -163,6 +154,14 @@ def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, t
     return CalibratedModel(calibrated.model, names, covariance, calibrated.provenance), tuple(notes)
 
 
+def _refuse_absurd(name: str, values: Array) -> None:
+    """Refuse what a table of measurements refuses too: numbers that no wheel can have."""
+    spec = COLUMNS.get(name, OTHER)
+    bad = np.flatnonzero(spec.bad(values) | np.isnan(values))
+    if bad.size:
+        raise PredictionError(f"{name} is {values[bad[0]]:g}, expected {spec.expected()}")
+
+
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:
     """Predict every combination of the settings.
 
@@ -172,15 +171,13 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
     count = int(np.prod([v.size for v in settings.values()]))
     if count > _MOST:
         raise PredictionError(f"{count} combinations, at most {_MOST}: widen the steps")
-    slip = settings.get("slip")
-    if slip is not None and (np.abs(slip) > 1).any():
-        worst = slip[np.argmax(np.abs(slip))]
-        raise PredictionError(f"slip is {worst:g}, expected -1 to 1")
+    for name, values in settings.items():
+        _refuse_absurd(name, values)
     grid = np.meshgrid(*settings.values(), indexing="ij")
     columns = {name: g.reshape(-1) for name, g in zip(settings, grid, strict=True)}
     conditions = Conditions.of(**columns)
     notes: tuple[str, ...] = ()
-    if slip is not None:
+    if "slip" in settings:
         calibrated, notes = with_usual_strength(calibrated)
     result = predict_with_uncertainty(calibrated, conditions)
     varied = tuple(name for name, v in settings.items() if v.size > 1)

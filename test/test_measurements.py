@@ -108,11 +108,14 @@ def test_sizes_may_be_given_once_for_all_rows(write: Write) -> None:
     assert data.conditions.width.tolist() == [0.1, 0.1]
 
 
-def test_without_a_run_column_each_row_is_a_run_and_that_is_said(write: Write) -> None:
-    data = read_measurements(write(HEADER, ROW, ROW))
-    assert data.runs.size == 2
+def test_without_a_run_column_rows_of_the_same_settings_are_one_run_and_that_is_said(
+    write: Write,
+) -> None:
+    rows = ("60,0.2,0.1,8,0.1", "70,0.2,0.1,8,0.1", "60,0.2,0.1,9,0.1")
+    data = read_measurements(write(HEADER, *rows))
+    assert data.run.tolist() == ["line 2", "line 3", "line 2"]
     assert not data.runs_given
-    assert any("each row counts as a run of its own" in note for note in data.notes)
+    assert any("exactly the same settings count as repeats of one run" in n for n in data.notes)
 
 
 def test_a_wheel_without_a_name_is_named_by_its_size(write: Write) -> None:
@@ -290,18 +293,18 @@ def test_damaged_parquet(tmp_path: Path) -> None:
         (HEADER, "60,0.2,0.1,8,-Infinity", "column 'slip': -Infinity found, expected a finite"),
         (HEADER, "1e400,0.2,0.1,8,0.1", "column 'load': 1e400 found, expected a finite number"),
         # outside of what it can be
-        (HEADER, "0,0.2,0.1,8,0.1", "column 'load': load is 0 N, expected over 0 N"),
-        (HEADER, "-5,0.2,0.1,8,0.1", "column 'load': load is -5 N, expected over 0 N"),
-        (HEADER, "60,0,0.1,8,0.1", "column 'diameter': diameter is 0 m, expected over 0 m"),
-        (HEADER, "60,0.2,-0.1,8,0.1", "column 'width': width is -0.1 m, expected over 0 m"),
-        (HEADER, "60,0.2,0.1,-8,0.1", "sinkage is -8 mm (-0.008 in SI), expected 0 m or more"),
+        (HEADER, "0,0.2,0.1,8,0.1", "column 'load': load is 0 N, expected 0.001 to 1000000 N"),
+        (HEADER, "-5,0.2,0.1,8,0.1", "column 'load': load is -5 N, expected 0.001 to 1000000 N"),
+        (HEADER, "60,0,0.1,8,0.1", "column 'diameter': diameter is 0 m, expected 0.001 to 20 m"),
+        (HEADER, "60,0.2,-0.1,8,0.1", "column 'width': width is -0.1 m, expected 0.001 to 20 m"),
+        (HEADER, "60,0.2,0.1,-8,0.1", "sinkage is -8 mm (-0.008 in SI), expected 0 to 20 m"),
         (HEADER, "60,0.2,0.1,101,0.1", "expected at most 0.1 m, half the diameter"),
         (HEADER, "60,0.2,0.1,8,1.1", "column 'slip': slip is 1.1, expected -1 to 1"),
         (HEADER, "60,0.2,0.1,8,-20", "then the header is 'slip [%]'"),
         (HEADER + ",slip_angle", ROW + ",30", "then the header is 'slip_angle [deg]'"),
-        (HEADER + ",speed", ROW + ",-1", "speed is -1, expected 0 m/s or more"),
-        (HEADER + ",pass_number", ROW + ",0", "pass_number is 0, expected 1 or more"),
-        (HEADER + ",sinkage_std", ROW + ",0", "sinkage_std is 0, expected over 0 m"),
+        (HEADER + ",speed", ROW + ",-1", "speed is -1, expected 0 to 1000 m/s"),
+        (HEADER + ",pass_number", ROW + ",0", "pass_number is 0, expected 1 to 1000000"),
+        (HEADER + ",sinkage_std", ROW + ",0", "sinkage_std is 0, expected 1e-09 to 20 m"),
         (HEADER + ",contact", ROW + ",flat", "'flat' found, expected one of rolling, pressed"),
         # blank where a value is needed
         (HEADER, ",0.2,0.1,8,0.1", "line 3, column 'load': the cell is blank"),
@@ -318,11 +321,11 @@ def test_damaged_parquet(tmp_path: Path) -> None:
         (HEADER + ",q [m", ROW + ",8", "header 'q [m': expected a name and one unit"),
         (HEADER.replace(",", ";"), ROW.replace(",", ";"), "separated by semicolons"),
         (HEADER.replace(",", "\t"), ROW.replace(",", "\t"), "separated by tabs"),
-        ("diameter,width,sinkage", "1,1,0.1", "no column 'load'. There is: diameter, width"),
+        ("diameter,width,sinkage", "1,1,0.1", "no column 'load' (normal load on the wheel). There is: diam"),
         ("Load,diameter,width,sinkage", "1,1,1,0.1", "is 'Load' it?"),
         ("load (N),diameter,width,sinkage", "1,1,1,0.1", "Write 'load [unit]'"),
-        ("load,width,sinkage", "1,1,0.1", "no column 'diameter' and no diameter given"),
-        ("load,diameter,sinkage", "1,1,0.1", "no column 'width' and no width given"),
+        ("load,width,sinkage", "1,1,0.1", "no column 'diameter' (wheel diameter) and no diameter given"),
+        ("load,diameter,sinkage", "1,1,0.1", "no column 'width' (wheel width) and no width given"),
         ("load,diameter,width", "1,1,1", "nothing was measured"),
         ("load,diameter,width,sinkage", "1,1,1,", "nothing was measured"),
         ("load,diameter,width,sinkage", ",1,1,0.1", "the whole column is blank"),
@@ -372,9 +375,9 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     assert "cannot be read" in fault("a\0b.csv")
 
 
-@pytest.mark.parametrize("size", [0.0, -0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("size", [0.0, -0.1, 1e-320, 1e300, float("nan"), float("inf")])
 def test_a_size_given_for_all_rows_is_checked(write: Write, size: float) -> None:
-    with pytest.raises(MeasurementsError, match=r"diameter given as .* expected a length over 0"):
+    with pytest.raises(MeasurementsError, match=r"diameter given as .*, expected 0\.001 to 20 m"):
         read_measurements(write("load,width,sinkage", "60,0.1,0.01"), diameter=size)
 
 
@@ -390,9 +393,9 @@ def test_a_size_given_twice_is_refused(write: Write) -> None:
     [
         (HEADER, "60,0.2,0.1,70,0.1", "sinkage is over a third of the diameter in line 2"),
         (HEADER, "60,0.2,0.1,8,0.97", "slip is beyond ±0.95"),
-        ("load,diameter,width,sinkage", "60,200,100,8", "diameter is 200 m in line 2, more than"),
-        ("load,diameter,width,sinkage", "60,0.2,100,0.01", "width is 100 m"),
-        ("load,diameter [mm],width,sinkage", "60,0.2,0.1,0", "diameter is 0.0002 m in line 2"),
+        ("load,diameter,width,sinkage", "60,17,10,8", "diameter is 17 m in line 2, more than"),
+        ("load,diameter,width,sinkage", "60,0.2,10,0.01", "width is 10 m"),
+        ("load,diameter [mm],width,sinkage", "60,2,0.1,0", "diameter is 0.002 m in line 2"),
         (HEADER + ",speed", ROW + ",100", "'speed [mm/s]'"),
         (HEADER + ",speed", ROW + ",0", "speed is 0"),
         (HEADER + ",resistance", ROW + ",-3", "resistance is negative"),

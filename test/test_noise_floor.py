@@ -68,6 +68,8 @@ def test_declared_deviations_stand_in_where_nothing_was_repeated() -> None:
 def test_the_rigs_repeat_trials_differ_by_two_thirds_of_a_millimetre() -> None:
     data = read_measurements(RIG / "rolling_smooth_wheel.csv")
     straight = noise_floor(data.take(data.conditions["slip_angle"] == 0))["sinkage"]
-    assert straight.value == pytest.approx(0.66e-3, abs=0.01e-3)
+    # Eight of nine runs: in one the load varies by 17 %, which is another setting.
+    assert straight.freedom == 16
+    assert straight.value == pytest.approx(0.685e-3, abs=0.005e-3)
     indentation = noise_floor(read_measurements(RIG / "indentation.csv"))["sinkage"]
     assert indentation.value is None

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.estimator.settings import usual_strength
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil, soil
+from smallwheel_ros.physics.soil import SOILS, Soil, soil
 from smallwheel_ros.prediction import PredictionError, on_one_soil, predict_table
 from smallwheel_ros.ranges import RangeError, parse_range
 
@@ -119,6 +122,35 @@ def test_refusals() -> None:
     many = np.linspace(1, 2, 700)
     with pytest.raises(PredictionError, match="490000 combinations, at most 200000"):
         predict_table(calibrated, {"load": many, "diameter": many, "width": one})
+
+
+def test_every_wheel_that_is_not_refused_has_finite_numbers_or_is_sunk() -> None:
+    """At the corners of what settings may be."""
+    corners = {
+        name: np.array([COLUMNS[name].low, COLUMNS[name].high])
+        for name in ("load", "diameter", "width", "slip")
+    }
+    for name in SOILS:
+        table = predict_table(CalibratedModel(Model(soil(name))), corners)
+        for row in table.document()["rows"]:
+            known = [row[q] for q in ("sinkage", "resistance", "thrust", "drawbar_pull")]
+            assert row["status"] != "ok" or np.isfinite(known).all(), row
+
+
+@given(
+    st.sampled_from(["load", "diameter", "width", "slip", "speed", "slope", "temperature"]),
+    st.floats(allow_nan=True),
+)
+def test_a_setting_is_predicted_just_where_a_table_may_have_it(name: str, value: float) -> None:
+    spec = COLUMNS.get(name, OTHER)
+    settings = {"load": 60.0, "diameter": 0.2, "width": 0.1} | {name: value}
+    columns = {one: np.array([number]) for one, number in settings.items()}
+    if spec.low <= value <= spec.high:
+        rows = predict_table(CalibratedModel(Model(soil("dry_sand"))), columns).document()["rows"]
+        assert rows[0]["status"] != "ok" or np.isfinite(rows[0]["sinkage"])
+    elif not spec.low * 0.9 <= value <= spec.high * 1.1:
+        with pytest.raises(PredictionError, match=f"{name} is "):
+            predict_table(CalibratedModel(Model(soil("dry_sand"))), columns)
 
 
 ROLLING = {

@@ -10,13 +10,14 @@ import numpy as np
 from smallwheel_ros.effect_curves import effect_curves
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families, forms, load_effects
+from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.model_file import CalibratedModel, read_model
 from smallwheel_ros.output import check_folder_target, check_targets
 from smallwheel_ros.paper import paper_lines
 from smallwheel_ros.physics.soil import SOILS, soil
 from smallwheel_ros.pictures.physics import plot_effect, plot_paper, plot_prediction
-from smallwheel_ros.prediction import SUNK, UNITS, on_one_soil, predict_table
+from smallwheel_ros.prediction import SUNK, on_one_soil, predict_table
 from smallwheel_ros.ranges import parse_range
 from smallwheel_ros.tables import sparkline, text_table, write_json
 
@@ -100,7 +101,7 @@ def predict(
         texts[name] = value
     settings = {
         name: parse_range(
-            f"--{name}" if name in _OPTIONS else f"--set {name}", text, UNITS.get(name)
+            f"--{name}" if name in _OPTIONS else f"--set {name}", text, unit_of(name) or None
         )
         for name, text in texts.items()
     }
@@ -131,7 +132,7 @@ def _digits(value: float) -> str:
 
 def _prediction_text(rows: list[dict[str, float | str | None]], settings: list[str]) -> str:
     shown = [q for q in _SHOWN if q in rows[0]]
-    units = {name: UNITS.get(name, "") for name in settings}
+    units = {name: unit_of(name) for name in settings}
     named = [f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in units.items()]
     header = [*named, *(_SHOWN[q][0] for q in shown), "status"]
     body = []

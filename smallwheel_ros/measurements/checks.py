@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.physics.conditions import PLATE, Array
 
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements
 
-# Nothing called a small wheel is outside these; a value out there is most likely in another unit.
-_LARGEST = {"diameter": 3.0, "width": 2.0, "load": 1e5, "speed": 15.0, "grouser_height": 0.2}
-_SMALLEST = {"diameter": 0.005, "width": 0.002}
-_UNITS = {"diameter": "m", "width": "m", "load": "N", "speed": "m/s", "grouser_height": "m"}
 _SLIP_LIMIT = 0.95
 _STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
 
@@ -35,18 +32,22 @@ def _where(data: Measurements, rows: NDArray[np.bool_], place: str) -> str:
     return f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
 
 
+_OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
+
+
 def _sizes(data: Measurements, place: str) -> Iterator[str]:
-    for limits, sign, word in ((_LARGEST, 1.0, "more"), (_SMALLEST, -1.0, "less")):
-        for name, limit in limits.items():
-            if name not in data.conditions:
-                continue
-            odd = sign * (data.conditions[name] - limit) > 0
+    """Values that no small wheel has: most likely in another unit."""
+    for name, spec in COLUMNS.items():
+        if name not in data.conditions:
+            continue
+        values = data.conditions[name]
+        for odd, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
             if odd.any():
-                value = data.conditions[name][np.flatnonzero(odd)[0]]
+                value = values[np.flatnonzero(odd)[0]]
                 yield (
-                    f"{name} is {value:.4g} {_UNITS[name]} {_where(data, odd, place)}, {word} than "
+                    f"{name} is {value:.4g} {spec.unit} {_where(data, odd, place)}, {word} than "
                     f"expected of a small wheel: is the unit right? A header names it, like "
-                    f"'{name} [{'mm/s' if name == 'speed' else 'kN' if name == 'load' else 'mm'}]'"
+                    f"'{name} [{_OTHER_UNIT[spec.unit]}]'"
                 )
 
 

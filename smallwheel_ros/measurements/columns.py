@@ -1,260 +1,161 @@
-"""What each column of a measurements table means, and its cells as checked numbers in SI units."""
+"""The table of the columns that a table of measurements may have: unit, range, meaning.
+
+Every other list of units in this package comes from here. Ranges are those of physics, wide enough
+for any wheel or plate between a toy and a mining truck: what is outside is a slip of the keyboard or
+another unit, and no number to compute with.
+"""
 
 from __future__ import annotations
 
-import difflib
+import re
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.files import Column, MeasurementsError, Table
-from smallwheel_ros.measurements.units import (
-    DIMENSIONLESS,
-    Header,
-    UnitsError,
-    base_unit,
-    parse_header,
-    to_base,
-)
-from smallwheel_ros.physics.conditions import PLATE
+from smallwheel_ros.measurements.units import DIMENSIONLESS, RADIAN, TORQUE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-CHANNELS = ("sinkage", "resistance", "drawbar_pull")  # m, N, N: what a model predicts
+CHANNELS = ("sinkage", "resistance", "drawbar_pull")  # what a model predicts
 TEXTS = ("contact", "soil", "run", "wheel")
 SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
 _ROUNDING = 1e-9  # a limit may be passed by the rounding of a converted unit
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A column of the contract: the unit it is held in and the values it may have."""
+class ColumnSpec:
+    """A column of numbers: what it is, the SI unit it is held in, the values it may have.
 
+    low, high: both allowed. usual: beyond these a value is suspicious in a small wheel.
+    same: two values that differ by no more are one setting, whatever the rest of the column
+    (`settings.settings_of_rows`). hint: said with a value that is refused.
+    """
+
+    description: str
     unit: str
-    low: float = -np.inf
-    high: float = np.inf
-    open_low: bool = False  # low itself is excluded
+    low: float
+    high: float
+    usual: tuple[float, float] = (-np.inf, np.inf)
+    same: float = 0.0
     hint: str = ""
 
     def bad(self, values: Array) -> Mask:
-        """Values outside the range; NaN is not outside."""
-        span = _ROUNDING * max(1.0, abs(self.high) if np.isfinite(self.high) else 1.0)
-        below = values <= self.low if self.open_low else values < self.low - span
-        return np.asarray(below | (values > self.high + span))
+        """Values outside the range, infinities too; NaN is not outside."""
+        low = self.low - _ROUNDING * abs(self.low)
+        high = self.high + _ROUNDING * abs(self.high)
+        return np.asarray((values < low) | (values > high))
 
     def expected(self) -> str:
         """Say the range in words."""
-        unit = "" if self.unit == DIMENSIONLESS else f" {self.unit}"
-        if np.isfinite(self.high):
-            return f"{self.low:.4g} to {self.high:.4g}{unit}"
-        return f"over {self.low:g}{unit}" if self.open_low else f"{self.low:g}{unit} or more"
+        unit = "" if self.unit in ("", DIMENSIONLESS) else f" {self.unit}"
+        return f"{_plain(self.low)} to {_plain(self.high)}{unit}"
 
 
-QUANTITIES: dict[str, Quantity] = {
-    "load": Quantity("N", low=0.0, open_low=True),
-    "diameter": Quantity("m", low=0.0, open_low=True),
-    "width": Quantity("m", low=0.0, open_low=True),
-    "sinkage": Quantity("m", low=0.0, hint="sinkage is positive downwards"),
-    "resistance": Quantity("N"),
-    "drawbar_pull": Quantity("N"),
-    "sinkage_std": Quantity("m", low=0.0, open_low=True, hint="leave the cell blank if unknown"),
-    "resistance_std": Quantity("N", low=0.0, open_low=True, hint="leave the cell blank if unknown"),
-    "drawbar_pull_std": Quantity(
-        "N", low=0.0, open_low=True, hint="leave the cell blank if unknown"
+def _plain(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.10g}"
+
+
+# Loads: 1e-3 N, the weight of a tenth of a gram, is below the resolution of a rig's load cell; a
+# wheel of the largest mining truck carries about 1e6 N.
+_LOAD = (1e-3, 1e6)
+# Sizes: a millimetre is a few grains; the largest wheels ever rolled have under 20 m.
+_SIZE = (1e-3, 20.0)
+# Forces that a wheel answers with: ten times its load is more than any soil gives back.
+_FORCE = (-1e7, 1e7)
+_BLANK = "leave the cell blank if unknown"
+# A deviation below these, a nanometre and a micronewton, is below every sensor's resolution.
+_LENGTH_STD = (1e-9, 20.0)
+_FORCE_STD = (1e-6, 1e7)
+
+COLUMNS: dict[str, ColumnSpec] = {
+    "load": ColumnSpec("normal load on the wheel", "N", *_LOAD, usual=(0.0, 1e5)),
+    "diameter": ColumnSpec("wheel diameter", "m", *_SIZE, usual=(0.005, 3.0)),
+    # Widths are cut to a millimetre or so.
+    "width": ColumnSpec("wheel width", "m", *_SIZE, usual=(0.002, 2.0), same=0.002),
+    # No deeper than the largest wheel is high.
+    "sinkage": ColumnSpec("sinkage", "m", 0.0, 20.0, hint="sinkage is positive downwards"),
+    "resistance": ColumnSpec("motion resistance", "N", *_FORCE),
+    "drawbar_pull": ColumnSpec("drawbar pull", "N", *_FORCE),
+    "sinkage_std": ColumnSpec("deviation of sinkage", "m", *_LENGTH_STD, hint=_BLANK),
+    "resistance_std": ColumnSpec("deviation of resistance", "N", *_FORCE_STD, hint=_BLANK),
+    "drawbar_pull_std": ColumnSpec("deviation of drawbar pull", "N", *_FORCE_STD, hint=_BLANK),
+    # A rig with separate drives holds slip to one or two hundredths.
+    "slip": ColumnSpec(
+        "slip", DIMENSIONLESS, -1.0, 1.0, same=0.02, hint="in per cent? then the header is 'slip [%]'"
     ),
-    "slip": Quantity("1", -1.0, 1.0, hint="in per cent? then the header is 'slip [%]'"),
-    "slip_angle": Quantity(
-        "rad", -np.pi, np.pi, hint="in degrees? then the header is 'slip_angle [deg]'"
+    # Angles are set to about a degree.
+    "slip_angle": ColumnSpec(
+        "slip angle", RADIAN, -np.pi, np.pi, same=np.radians(1.0),
+        hint="in degrees? then the header is 'slip_angle [deg]'",
     ),
-    "slope": Quantity(
-        "rad", -np.pi / 2, np.pi / 2, hint="in degrees? then the header is 'slope [deg]'"
+    "slope": ColumnSpec(
+        "slope", RADIAN, -np.pi / 2, np.pi / 2, same=np.radians(1.0),
+        hint="in degrees? then the header is 'slope [deg]'",
     ),
-    "speed": Quantity("m/s", low=0.0, hint="the speed of travel, without a sign"),
-    "pass_number": Quantity("1", low=1.0, hint="1 is fresh soil"),
-    "grouser_height": Quantity("m", low=0.0),
-}
-_MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
+    # Three times the speed of sound in air.
+    "speed": ColumnSpec(
+        "speed of travel", "m/s", 0.0, 1000.0, usual=(0.0, 15.0),
+        hint="the speed of travel, without a sign",
+    ),
+    # More passes than any track test has run; whole numbers, so half of one is no difference.
+    "pass_number": ColumnSpec(
+        "number of the pass", DIMENSIONLESS, 1.0, 1e6, same=0.5, hint="1 is fresh soil"
+    ),
+    # No lug is longer than a metre; half a millimetre is wear.
+    "grouser_height": ColumnSpec(
+        "height of the grousers", "m", 0.0, 1.0, usual=(0.0, 0.2), same=5e-4
+    ),
+}  # fmt: skip
+# Any other column of numbers, in SI. Seconds since 1970 and pressures of machines are below it, and
+# its square and fourth power are far from the largest double.
+OTHER = ColumnSpec("a column that is not of the contract", "", -1e12, 1e12)
+# Nothing measured in SI is so small without being zero; products of such numbers underflow.
+LEAST = 1e-30
+
+CHANNEL_UNITS: dict[str, str] = {name: COLUMNS[name].unit for name in CHANNELS}
 
 
-@dataclass(frozen=True)
-class Columns:
-    """A table's columns by name, and its numeric ones as numbers in `units`."""
-
-    table: Table
-    by_name: dict[str, Column]
-    numbers: dict[str, Array]
-    units: dict[str, str]
-    texts: dict[str, NDArray[np.str_]]  # of the contract and labels alike
-    notes: list[str]
+def unit_of(name: str) -> str:
+    """SI unit of a channel or setting: "1" for a pure number, "" where the name is not known."""
+    return COLUMNS[name].unit if name in COLUMNS else ""
 
 
-def _headers(table: Table) -> dict[str, tuple[Header, Column]]:
-    found: dict[str, tuple[Header, Column]] = {}
-    for position, column in enumerate(table.columns, start=1):
-        try:
-            header = parse_header(column.header)
-        except UnitsError as error:
-            raise table.error(f"header '{column.header}': {error}") from None
-        if not header.name:
-            hint = " (a pandas index? write with index=False)" if position == 1 else ""
-            raise table.error(f"column {position} has no name{hint}")
-        if header.name in found:
-            other = found[header.name][1].header
-            raise table.error(
-                f"two columns are named '{header.name}' ('{other}' and '{column.header}'), "
-                "expected one: remove or rename the other"
-            )
-        found[header.name] = (header, column)
-    return found
+# What the wheel answers is not set by anyone: its unit says so, or its name.
+_RESPONSE_UNITS = ("N", TORQUE, "Pa", "W", "J")
+_RESPONSE_WORDS = {
+    "torque", "moment", "force", "forces", "thrust", "traction", "stress", "pressure",
+    "power", "energy", "current", "rut", "sinkage", "resistance", "pull",
+}  # fmt: skip
+# Loads, forces and pressures that are set before the wheel rolls, or are of the soil.
+_SET_WORDS = {
+    "load", "weight", "ballast", "preload", "inflation", "ambient", "atmospheric", "confining",
+    "cone", "penetrometer", "cohesion", "modulus", "strength", "suction", "preconsolidation",
+}  # fmt: skip
+_TYRE_PRESSURES = ({"tyre", "pressure"}, {"tire", "pressure"})
 
 
-def _lacking(table: Table, name: str, there: list[str], why: str) -> Exception:
-    lower = {other.lower(): other for other in there}
-    guess = [lower[name]] if name in lower else difflib.get_close_matches(name, there, 1, 0.6)
-    guess = guess or [other for other in there if other.lower().startswith(name + " (")]
-    hint = f"; is '{guess[0]}' it? Write '{name} [unit]'" if guess else ""
-    return table.error(f"no column '{name}'{why}{hint}. There is: {', '.join(there)}")
+def is_response(name: str, unit: str = "") -> bool:
+    """Whether a column is what the wheel answers (torque, side force, motor current), not a setting.
+
+    unit: the SI unit that it is held in, "" where the table gives none.
+    """
+    if name in COLUMNS:
+        return name in CHANNELS
+    words = set(re.findall(r"[a-z]+", name.lower()))
+    if words & _SET_WORDS or any(pair <= words for pair in _TYRE_PRESSURES):
+        return False
+    return unit in _RESPONSE_UNITS or bool(words & _RESPONSE_WORDS)
 
 
-def read_columns(table: Table, sizes: dict[str, float | None]) -> Columns:
-    """Every column of the table, checked cell by cell; diameter and width from `sizes` if given."""
-    headers = _headers(table)
-    needed = _needed(headers)
-    _check_there(table, list(headers), sizes, needed)
-    columns = Columns(
-        table, {name: column for name, (_, column) in headers.items()}, {}, {}, {}, []
-    )
-    for name, (header, column) in headers.items():
-        if name in TEXTS:
-            if header.unit not in (None, DIMENSIONLESS):
-                raise table.error(f"unit '{header.unit}' on a text", column=name)
-            columns.texts[name] = column.as_text()
-        elif column.blank.all():
-            if name in needed:
-                raise table.error("the whole column is blank", column=name)
-            columns.notes.append(f"column '{name}' is blank throughout and is left out")
-        elif name in QUANTITIES:
-            columns.numbers[name] = _known(table, name, header, column)
-            columns.units[name] = QUANTITIES[name].unit
-        else:
-            _extra(columns, name, header, column)
-    for name, size in sizes.items():
-        if size is not None:
-            columns.numbers[name] = np.full(table.line.size, float(size))
-            columns.units[name] = QUANTITIES[name].unit
-    return columns
+_BOOKKEEPING_WORDS = {
+    "t", "time", "timestamp", "stamp", "date", "trial", "repeat", "repetition", "replicate",
+    "row", "line", "index", "id", "sample", "no",
+}  # fmt: skip
 
 
-def _needed(headers: dict[str, tuple[Header, Column]]) -> tuple[str, ...]:
-    """Columns that there must be; a table of nothing but plates needs no width."""
-    if "contact" in headers and np.all(headers["contact"][1].as_text() == PLATE):
-        return ("load", "diameter")
-    return ("load", "diameter", "width")
-
-
-def _check_there(
-    table: Table, there: list[str], sizes: dict[str, float | None], needed: tuple[str, ...]
-) -> None:
-    for name, size in sizes.items():
-        if size is None:
-            continue
-        if not (np.isfinite(size) and size > 0):
-            raise MeasurementsError(f"{name} given as {size!r} m, expected a length over 0 m")
-        if name in there:
-            raise table.error(f"{name} was given for all rows too, expected one of the two: "
-                              "leave the option or the column out", column=name)  # fmt: skip
-    for name in needed:
-        if name not in there and sizes.get(name) is None:
-            why = "" if name == "load" else f" and no {name} given for all rows (--{name})"
-            raise _lacking(table, name, there, why)
-    if not any(name in there for name in CHANNELS):
-        wanted = ", ".join(CHANNELS)
-        raise table.error(
-            f"nothing was measured: expected at least one column of {wanted}. "
-            f"There is: {', '.join(there)}"
-        )
-
-
-def _finite(table: Table, name: str, column: Column) -> Array:
-    """Numbers of the column, NaN where blank; MeasurementsError for anything else."""
-    values, bad = column.parsed()
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        cell = column.cell(row)
-        hint = ": write a decimal point, not a comma" if "," in cell else ""
-        if cell.lower() in ("na", "n/a", "-", "none", "null", "missing", "?"):
-            hint = ": leave the cell blank where nothing was measured"
-        raise table.error(f"'{cell}' found, expected a number{hint}{_more(bad)}", row, name)
-    bad = ~np.isfinite(values) & ~column.blank
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        raise table.error(
-            f"{column.cell(row)} found, expected a finite number, or a blank cell where nothing "
-            f"was measured{_more(bad)}",
-            row,
-            name,
-        )
-    return values
-
-
-def _more(bad: Mask) -> str:
-    others = int(bad.sum()) - 1
-    return f" (and {others} more like it)" if others else ""
-
-
-def _convert(table: Table, name: str, values: Array, header: Header, expected: str | None) -> Array:
-    if header.unit is None:
-        return values
-    try:
-        converted = to_base(values, header.unit, expected)
-    except UnitsError as error:
-        raise table.error(str(error), column=name) from None
-    if np.isinf(converted).any():
-        row = int(np.flatnonzero(np.isinf(converted))[0])
-        raise table.error(f"{values[row]:g} {header.unit} is too large a number", row, name)
-    return converted
-
-
-def _known(table: Table, name: str, header: Header, column: Column) -> Array:
-    quantity = QUANTITIES[name]
-    # The unit first: of a column in the wrong one, every value may look wrong.
-    _convert(table, name, np.zeros(1), header, quantity.unit)
-    values = _convert(table, name, _finite(table, name, column), header, quantity.unit)
-    bad = quantity.bad(values)
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        raise table.error(
-            f"{name} is {shown(column, header.unit, values, row)}, expected {quantity.expected()}"
-            f"{'; ' + quantity.hint if quantity.hint else ''}{_more(bad)}",
-            row,
-            name,
-        )
-    return np.clip(values, quantity.low, quantity.high)
-
-
-def shown(column: Column, unit: str | None, values: Array, row: int) -> str:
-    """Show a value as it stands in the file, and converted where the file has another unit."""
-    if unit is None:
-        return column.cell(row)
-    if unit == DIMENSIONLESS:
-        return column.cell(row)
-    same = float(values[row]) == float(column.parsed()[0][row])
-    return f"{column.cell(row)} {unit}" + ("" if same else f" ({values[row]:.6g} in SI)")
-
-
-def _extra(columns: Columns, name: str, header: Header, column: Column) -> None:
-    """Take a column that the contract does not know: a covariate if numeric, else a label."""
-    _, bad = column.parsed()
-    numeric = ~bad & ~column.blank
-    if header.unit is None and numeric.sum() < _MOSTLY * (~column.blank).sum():
-        columns.texts[name] = column.as_text()
-        columns.notes.append(f"column '{name}' is text: kept as a label, not used by any model")
-        return
-    table = columns.table
-    columns.numbers[name] = _convert(table, name, _finite(table, name, column), header, None)
-    try:
-        columns.units[name] = "" if header.unit is None else base_unit(header.unit)
-    except UnitsError as error:
-        raise table.error(str(error), column=name) from None
+def is_bookkeeping(name: str) -> bool:
+    """Whether a column says which row it is (its time, the number of the trial), not what was set."""
+    words = re.findall(r"[a-z]+", name.lower())
+    return name not in COLUMNS and bool(words) and words[-1] in _BOOKKEEPING_WORDS

@@ -5,99 +5,23 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+import os
+import stat
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from smallwheel_ros.errors import SmallwheelError
-
-Array = NDArray[np.float64]
-
-_LONGEST_CELL = 60  # characters of a cell that a message repeats
-
-
-class MeasurementsError(SmallwheelError):
-    """A table of measurements that cannot be used: names file, line, column, found and expected."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column as it stands in the file: cells as text, or numbers where the file has types."""
-
-    header: str
-    text: Sequence[str] | None  # stripped; "" where blank
-    numbers: Array | None  # NaN where blank, and where the file itself holds NaN
-    blank: NDArray[np.bool_]
-
-    def cell(self, row: int) -> str:
-        """Give the cell as a message shows it."""
-        shown = self.text[row] if self.text is not None else repr(float(self._numbers()[row]))
-        return shown if len(shown) <= _LONGEST_CELL else shown[:_LONGEST_CELL] + "..."
-
-    def _numbers(self) -> Array:
-        assert self.numbers is not None
-        return self.numbers
-
-    def parsed(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Numbers (NaN where blank) and which cells are neither blank nor a number."""
-        if self.numbers is not None:
-            return self.numbers, np.zeros(self.numbers.size, dtype=bool)
-        assert self.text is not None
-        filled = [cell or "nan" for cell in self.text]
-        try:
-            values = np.array(filled, dtype=np.str_).astype(float)
-            bad = np.zeros(values.size, dtype=bool)
-        except ValueError:
-            values = np.array([_number(cell) for cell in filled])
-            bad = np.isnan(values) & ~np.array([cell.lower() in _NANS for cell in filled])
-        # Python reads 1_000 as a number; in a table it is a slip of the keyboard.
-        bad |= np.array(["_" in cell for cell in filled])
-        return values, bad
-
-    def as_text(self) -> NDArray[np.str_]:
-        """Give the cells as text; whole numbers without a decimal point."""
-        if self.text is not None:
-            return np.array(self.text, dtype=np.str_)
-        numbers = self._numbers()
-        shown = [f"{v:.0f}" if v == round(v) else repr(v) for v in np.nan_to_num(numbers).tolist()]
-        return np.where(self.blank, "", np.array(shown, dtype=np.str_))
-
-
-@dataclass(frozen=True)
-class Table:
-    """The columns of a file, and where each row stands in it."""
-
-    source: str
-    sha256: str
-    columns: list[Column]
-    line: NDArray[np.intp]
-    place: str  # "line" of a text file, "row" of a Parquet file
-    header_line: int | None = None  # None where the file has no lines
-
-    def error(self, message: str, row: int | None = None, column: str | None = None) -> Exception:
-        """Make a MeasurementsError with the place before the message; no row means the header."""
-        where = [self.source]
-        if row is not None:
-            where.append(f"{self.place} {self.line[row]}")
-        elif self.header_line is not None:
-            where.append(f"line {self.header_line}")
-        if column is not None:
-            where.append(f"column '{column}'")
-        return MeasurementsError(f"{', '.join(where)}: {message}")
-
-
-_NANS = ("nan", "+nan", "-nan")
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
+from smallwheel_ros.measurements.cells import (
+    MOST_BYTES,
+    MOST_CELLS,
+    SMALLER,
+    Column,
+    MeasurementsError,
+    Table,
+    refuse_long_texts,
+    refuse_many_cells,
+)
+from smallwheel_ros.measurements.parquet import parquet_table
 
 
 def read_table(path: str | Path) -> Table:
@@ -105,10 +29,35 @@ def read_table(path: str | Path) -> Table:
 
     Raises MeasurementsError where the file cannot be read, is of another kind, or is no table.
     """
-    path = Path(path)
     source = str(path)
+    data = _bytes(source)
+    digest = hashlib.sha256(data).hexdigest()
+    if data.startswith(b"PAR1"):
+        table = parquet_table(data, source, digest)
+    else:
+        # Before any list is made of them. Twice the cells: texts in quotes have commas too.
+        if data.count(b",") + data.count(b"\n") + data.count(b"\r") > 2 * MOST_CELLS:
+            raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
+        table = _csv(_text(data, source), source, digest)
+    refuse_long_texts(table)
+    return table
+
+
+def _bytes(source: str) -> bytes:
+    """Give what is in a regular file, and no more of it than a table may have."""
     try:
-        data = path.read_bytes()
+        # Without waiting: a pipe that nobody writes to would never open.
+        descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        with open(descriptor, "rb") as file:
+            mode = os.fstat(descriptor).st_mode
+            if stat.S_ISDIR(mode):
+                raise IsADirectoryError
+            if not stat.S_ISREG(mode):
+                raise MeasurementsError(
+                    f"{source}: a pipe or device, expected a CSV or Parquet file: save the table "
+                    "to a file first"
+                )
+            data = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
         raise MeasurementsError(f"{source}: no such file") from None
     except IsADirectoryError:
@@ -116,10 +65,11 @@ def read_table(path: str | Path) -> Table:
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or str(error)
         raise MeasurementsError(f"{source}: cannot be read: {reason}") from None
-    digest = hashlib.sha256(data).hexdigest()
-    if data.startswith(b"PAR1"):
-        return _parquet(data, source, digest)
-    return _csv(_text(data, source), source, digest)
+    if len(data) > MOST_BYTES:
+        raise MeasurementsError(
+            f"{source}: more than {MOST_BYTES // 2**20} MiB, expected at most that: {SMALLER}"
+        )
+    return data
 
 
 _KINDS = (
@@ -183,6 +133,7 @@ def _csv(text: str, source: str, digest: str) -> Table:
                 )
             rows.append(stripped)
             lines.append(start)
+            refuse_many_cells(source, len(rows), len(stripped))
     except csv.Error as error:
         raise MeasurementsError(f"{source}, line {before + 1}: not CSV: {error}") from None
     if not rows:
@@ -211,39 +162,3 @@ def _refuse_other_separators(header: list[str], source: str, line: int) -> None:
                 f"{source}, line {line}: cells are separated by {name}, expected commas, and "
                 "decimal points rather than decimal commas: save it as such a CSV"
             )
-
-
-def _parquet(data: bytes, source: str, digest: str) -> Table:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise MeasurementsError(
-            f"{source}: reading Parquet needs pyarrow: pip install 'smallwheel_ros[parquet]'"
-        ) from None
-    try:
-        table = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
-        columns = [
-            _parquet_column(pyarrow, str(name), column)
-            for name, column in zip(table.column_names, table.columns, strict=True)
-            if not str(name).startswith("__index_level_")
-        ]
-    except MeasurementsError:
-        raise
-    except Exception as error:  # pyarrow raises many kinds for a damaged file
-        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        raise MeasurementsError(f"{source}: a damaged Parquet file: {reason}") from None
-    if not columns or not table.num_rows:
-        raise MeasurementsError(f"{source}: no rows")
-    return Table(source, digest, columns, np.arange(1, table.num_rows + 1, dtype=np.intp), "row")
-
-
-def _parquet_column(pyarrow: Any, name: str, column: Any) -> Column:
-    blank = np.asarray(column.is_null().to_numpy(), dtype=bool)
-    kind = column.type
-    number = pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)
-    if number or pyarrow.types.is_decimal(kind):
-        values = column.cast(pyarrow.float64()).to_numpy()
-        return Column(name, None, np.asarray(values, dtype=float), blank)
-    cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
-    return Column(name, cells, None, np.array([not cell for cell in cells]))

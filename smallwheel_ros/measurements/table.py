@@ -13,16 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.checks import one_row_a_wheel, suspicions
-from smallwheel_ros.measurements.columns import (
-    CHANNELS,
-    SETTINGS,
-    TEXTS,
-    Columns,
-    read_columns,
-    shown,
-)
-from smallwheel_ros.measurements.files import MeasurementsError, read_table
+from smallwheel_ros.measurements.columns import CHANNELS, SETTINGS, TEXTS, is_response
+from smallwheel_ros.measurements.files import read_table
+from smallwheel_ros.measurements.reading import Columns, read_columns, shown
+from smallwheel_ros.measurements.settings import runs_of_rows
 from smallwheel_ros.measurements.units import parse_header
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array, Conditions
 
@@ -39,6 +35,8 @@ _VEHICLE = (
     "place. If runs are numbered anew for each wheel, give each a name of its own"
 )
 
+_ANSWERS = "taken as what the wheel answers, not as settings: {}"
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -51,7 +49,7 @@ class Measurements:
     channels: those of `CHANNELS` that the table has; NaN where a row did not measure it.
     declared_std: by channel, the standard deviation that the table states; NaN where none.
     run: rows of one run are repeats of one setting and never split between fit and test.
-    `runs_given` is False where the table names no runs and each row is its own.
+    `runs_given` is False where the table names no runs: rows of exactly the same settings are one.
     wheel: the wheel's name, made from its size where the table has none (`wheels_given` False).
     line: each row's line in the file (row in a Parquet file), for messages.
     labels: text columns that are neither soil, run, wheel nor contact.
@@ -88,6 +86,15 @@ class Measurements:
         """The soil's name per row, "" where the table names none."""
         named = self.conditions.soil
         return np.full(len(self), "") if named is None else named
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """Covariates that the wheel answers with (torque, side force, motor current), not settings.
+
+        A column of forces, torques, pressures, powers or energies by its unit, or so by its name.
+        """
+        names = self.conditions.covariates
+        return tuple(name for name in names if is_response(name, self.units.get(name, "")))
 
     @property
     def sunk_to_axle(self) -> NDArray[np.bool_]:
@@ -162,7 +169,11 @@ def read_measurements(
         source=table.source,
         sha256=table.sha256,
     )
+    if not runs_given:
+        data = replace(data, run=_first_of_run(data))
     _refuse_too_deep(columns, data)
+    if data.responses:
+        data = replace(data, notes=(*data.notes, _ANSWERS.format(", ".join(data.responses))))
     if one_row_a_wheel(data):
         data = replace(data, notes=(*data.notes, _VEHICLE))
     return replace(data, warnings=tuple(suspicions(data, table.place)))
@@ -246,8 +257,8 @@ def _runs(columns: Columns) -> tuple[NDArray[np.str_], bool]:
     run = columns.texts.get("run")
     if run is None or (run == "").all():
         columns.notes.append(
-            "no column 'run': each row counts as a run of its own. Rows that repeat one setting "
-            "belong to one run; say which in that column"
+            "no column 'run': rows of exactly the same settings count as repeats of one run, each "
+            "other row counts as a run of its own. Say which belong together in that column"
         )
         return own, False
     if (run == "").any():
@@ -255,6 +266,12 @@ def _runs(columns: Columns) -> tuple[NDArray[np.str_], bool]:
             f"{(run == '').sum()} rows name no run: each counts as a run of its own"
         )
     return np.where(run == "", own, run), True
+
+
+def _first_of_run(data: Measurements) -> NDArray[np.str_]:
+    """Name each row's run by the first row of its settings: repeats are no independent runs."""
+    _, codes = runs_of_rows(data)
+    return data.run[np.unique(codes, return_index=True)[1]][codes]
 
 
 def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:

@@ -1,0 +1,158 @@
+"""Which rows of a table were measured at the same setting, and which are repeats of one run.
+
+A rig does not hit a setting exactly and a load cell does not read it exactly, so two rows are of one
+setting where everything that was set agrees within a tolerance:
+
+    load        10 % (in ln load): wheels lift and dive by that much at one dead weight
+    diameter     2 % (in ln diameter): a wheel's rubber and wear
+    width        2 mm: the same
+    covariates   4 % of the column's range, or 2 % of its largest value where that is more, or
+                 `ColumnSpec.same` where that is more: finer differences than a twenty-fifth of the
+                 range cannot show an effect. The pass is a count: half a pass.
+    contact, soil, and the wheel where the table names wheels: equal
+
+What the wheel answers (`Measurements.responses`) and what only says which row it is (time, trial)
+is no setting.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.measurements.checks import one_row_a_wheel
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER, Array, is_bookkeeping
+
+if TYPE_CHECKING:
+    from smallwheel_ros.measurements.table import Measurements
+
+Index = NDArray[np.intp]
+
+LOAD_TOLERANCE = 0.10  # of ln load
+DIAMETER_TOLERANCE = 0.02  # of ln diameter
+_OF_RANGE = 0.04
+_OF_SIZE = 0.02
+# Numbers that differ by less are equal but for the rounding of a unit's conversion.
+_EXACT = 1e-9
+
+
+def set_columns(measurements: Measurements) -> tuple[str, ...]:
+    """Covariates that were set: neither answers of the wheel nor the row's time or number."""
+    answers = measurements.responses
+    names = measurements.conditions.covariates
+    return tuple(name for name in names if name not in answers and not is_bookkeeping(name))
+
+
+def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
+    """Each column of numbers that was set, and how far two values of one setting may differ."""
+    c = measurements.conditions
+    found = [
+        (np.log(c.load), LOAD_TOLERANCE),
+        (np.log(c.diameter), DIAMETER_TOLERANCE),
+        (c.width, COLUMNS["width"].same),
+    ]
+    for name in set_columns(measurements):
+        same = COLUMNS.get(name, OTHER).same
+        known = c[name][np.isfinite(c[name])]
+        if name != "pass_number" and known.size:
+            # Of a temperature in kelvin the zero is far away: its size says nothing.
+            size = 0.0 if measurements.units.get(name) == "K" else np.max(np.abs(known))
+            same = max(same, _OF_RANGE * float(np.ptp(known)), _OF_SIZE * float(size))
+        found.append((c[name], same))
+    return found
+
+
+def _texts(measurements: Measurements, wheels: bool) -> list[Index]:
+    """Codes of the texts of a setting: contact, soil, and the wheel where it is a part of it."""
+    texts = [measurements.conditions.contact, measurements.soil]
+    if wheels:
+        texts.append(measurements.wheel)
+    return [np.unique(text, return_inverse=True)[1].reshape(-1).astype(np.intp) for text in texts]
+
+
+def cluster(values: Array, tolerance: float) -> Index:
+    """Codes of the values, rising with them: values of one code differ by `tolerance` at most.
+
+    Neighbours are joined over the narrowest gap first, while the span allows (complete linkage in
+    one dimension). So values that lie within the tolerance and further than it from all others get
+    one code, wherever they lie; bins of a fixed grid would split some of them. NaN has code -1.
+    """
+    codes = np.full(values.size, -1, dtype=np.intp)
+    known = np.isfinite(values)
+    levels, index = np.unique(values[known], return_inverse=True)
+    if levels.size == 0:
+        return codes
+    gaps = np.diff(levels)
+    # first[i], last[i]: the ends of the group that begins or ends at level i
+    first, last = np.arange(levels.size), np.arange(levels.size)
+    joined = np.zeros(gaps.size, dtype=bool)
+    narrow = np.flatnonzero(gaps <= tolerance)
+    for gap in narrow[np.argsort(gaps[narrow], kind="stable")].tolist():
+        low, high = first[gap], last[gap + 1]
+        if levels[high] - levels[low] <= tolerance:
+            joined[gap] = True
+            first[high], last[low] = low, high
+    of_level = np.concatenate([[0], np.cumsum(~joined)]).astype(np.intp)
+    codes[known] = of_level[index.reshape(-1)]
+    return codes
+
+
+def _combined(columns: list[Index]) -> Index:
+    """One code for each combination, numbered in the order in which they first appear."""
+    table = np.column_stack(columns)
+    _, first, codes = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    rank = np.empty(first.size, dtype=np.intp)
+    rank[np.argsort(first)] = np.arange(first.size)
+    return np.asarray(rank[codes.reshape(-1)], dtype=np.intp)
+
+
+def settings_of_rows(measurements: Measurements) -> Index:
+    """Code of each row's setting, shape (rows,): 0, 1, ... in the order of first appearance.
+
+    Rows with one code agree within the tolerances above in everything that was set. Of wheels of
+    one vehicle the name is no part of the setting. A blank covariate agrees with blank only.
+    """
+    wheels = measurements.wheels_given and not one_row_a_wheel(measurements)
+    numbers = [cluster(values, tolerance) for values, tolerance in _tolerances(measurements)]
+    return _combined(numbers + _texts(measurements, wheels))
+
+
+def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
+    """Names of the runs and each row's index into them, shape (rows,), in order of appearance.
+
+    Where the table names no runs, rows of exactly the same settings are repeats and make one run:
+    taking them as independent would count one piece of evidence several times. What the wheel
+    answered and the row's time or number may differ among repeats.
+    """
+    if measurements.runs_given:
+        names = measurements.runs
+        order = np.argsort(names)
+        codes = order[np.searchsorted(names[order], measurements.run)]
+        return tuple(str(name) for name in names), codes.astype(np.intp)
+    columns = []
+    for values, _ in _tolerances(measurements):
+        size = np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
+        columns.append(cluster(values, _EXACT * float(size)))
+    codes = _combined(columns + _texts(measurements, measurements.wheels_given))
+    return tuple(f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)), codes
+
+
+def repeats_of_rows(measurements: Measurements) -> Index:
+    """Index of each row's run where the run's rows are repeats of one setting, else -1.
+
+    A run of which any setting varies by more than its tolerance is a curve or a sweep: its rows
+    are not repeats, and neighbours among them say nothing of the repeatability.
+    """
+    names, run = runs_of_rows(measurements)
+    same = np.ones(len(names), dtype=bool)
+    wheels = measurements.wheels_given
+    columns = [*_tolerances(measurements)]
+    columns += [(codes.astype(float), 0.0) for codes in _texts(measurements, wheels)]
+    for values, tolerance in columns:
+        low, high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
+        np.fmin.at(low, run, values)
+        np.fmax.at(high, run, values)
+        same &= ~(high - low > tolerance)  # all blank: -inf
+    return np.where(same[run], run, -1)

@@ -1,0 +1,143 @@
+"""The one table of columns: units, ranges, and which columns the wheel answers with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smallwheel_ros.measurements.columns import (
+    CHANNEL_UNITS,
+    CHANNELS,
+    COLUMNS,
+    OTHER,
+    SETTINGS,
+    is_bookkeeping,
+    is_response,
+    unit_of,
+)
+from smallwheel_ros.measurements.table import MeasurementsError, read_measurements
+from smallwheel_ros.measurements.units import to_base
+
+GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "slip": "0.1"}
+
+
+def write(path: Path, **cells: str) -> Path:
+    plain = ",".join([*GOOD, *(name for name in cells if name not in GOOD)])
+    first = ",".join([*GOOD.values(), *("1" for name in cells if name not in GOOD)])
+    second = ",".join((GOOD | cells).values())
+    path.write_text(f"{plain}\n{first}\n{second}\n")
+    return path
+
+
+def test_units() -> None:
+    assert CHANNEL_UNITS == {"sinkage": "m", "resistance": "N", "drawbar_pull": "N"}
+    assert tuple(CHANNEL_UNITS) == CHANNELS
+    assert [unit_of(n) for n in ("load", "slip", "slope", "speed")] == ["N", "1", "rad", "m/s"]
+    assert unit_of("moisture") == ""
+    assert all(unit_of(name) for name in SETTINGS)
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_each_unit_of_the_table_is_one_that_values_are_held_in(name: str) -> None:
+    spec = COLUMNS[name]
+    assert to_base(np.ones(1), spec.unit, spec.unit).tolist() == [1.0]
+    assert not spec.bad(np.array([spec.low, spec.high, np.nan])).any()
+    assert spec.bad(np.array([-np.inf, np.inf])).all()
+
+
+@pytest.mark.parametrize("value", ["1e300", "-1e300", "1e13"])
+@pytest.mark.parametrize("name", [*COLUMNS, "temperature"])
+def test_an_absurd_number_is_refused_with_its_place(tmp_path: Path, name: str, value: str) -> None:
+    path = write(tmp_path / "a.csv", **{name: value})
+    with pytest.raises(MeasurementsError) as caught:
+        read_measurements(path)
+    expected = COLUMNS.get(name, OTHER).expected()
+    place = f"{path}, line 3, column '{name}': {name} is {value}, expected {expected}"
+    assert str(caught.value).startswith(place)
+
+
+@pytest.mark.parametrize("name", ["load", "diameter", "width", "sinkage_std", "resistance_std"])
+def test_a_number_too_small_to_be_real_is_refused(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / "a.csv", **{"resistance": "3", name: "1e-320"})
+    with pytest.raises(MeasurementsError, match=f"column '{name}': {name} is 1e-320, expected"):
+        read_measurements(path)
+
+
+@pytest.mark.parametrize("name", ["sinkage", "slip", "speed", "slope", "temperature"])
+def test_where_zero_is_allowed_a_number_near_it_is_zero(tmp_path: Path, name: str) -> None:
+    data = read_measurements(write(tmp_path / "a.csv", **{name: "1e-320"}))
+    values = data.channels[name] if name in CHANNELS else data.conditions[name]
+    assert values[1] == 0.0
+    assert any(f"column '{name}': 1 numbers under 1e-30" in note for note in data.notes)
+
+
+@pytest.mark.parametrize("header", ["load [MN]", "load [N]"])
+def test_a_unit_that_makes_a_number_absurd_or_infinite(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{header},diameter,width,sinkage\n1e308,0.2,0.1,0.01\n")
+    with pytest.raises(MeasurementsError, match=r"load is 1e308 .*expected 0\.001 to 1000000 N"):
+        read_measurements(path)
+
+
+def test_millimetres_without_a_unit_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", diameter="275")
+    with pytest.raises(MeasurementsError, match=r"for mm the header is 'diameter \[mm\]'"):
+        read_measurements(path)
+
+
+# What the wheel answers
+
+
+@pytest.mark.parametrize(
+    ("header", "response"),
+    [
+        ("torque [N m]", True),
+        ("torque [Nm]", True),
+        ("t1 [N m]", True),
+        ("torque", True),
+        ("side_force", True),
+        ("fy [N]", True),
+        ("motor_current [A]", True),
+        ("motor current", True),
+        ("contact_pressure [kPa]", True),
+        ("drive_power [W]", True),
+        ("energy [J]", True),
+        ("rut_depth [mm]", True),
+        ("tyre_pressure [kPa]", False),
+        ("inflation_pressure [bar]", False),
+        ("cone_index [kPa]", False),
+        ("axle_load [N]", False),
+        ("moisture", False),
+        ("temperature [degC]", False),
+        ("speed [m/s]", False),
+        ("slip", False),
+        ("density [kg/m^3]", False),
+    ],
+)
+def test_a_force_torque_or_power_is_an_answer_of_the_wheel(
+    tmp_path: Path, header: str, response: bool
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"load,diameter,width,sinkage,{header}\n60,0.2,0.1,0.01,0.5\n")
+    data = read_measurements(path)
+    name = header.split(" [")[0]
+    assert data.responses == ((name,) if response else ())
+    assert any("what the wheel answers" in note for note in data.notes) == response
+    if header.startswith("torque ["):
+        assert data.units["torque"] == "N m"
+
+
+@given(st.text(max_size=20), st.sampled_from(["", "1", "m", "s", "K"]))
+def test_the_columns_of_the_contract_are_what_they_are(name: str, unit: str) -> None:
+    assert not any(is_response(known, "N") for known in COLUMNS if known not in CHANNELS)
+    assert not any(is_bookkeeping(known) for known in COLUMNS)
+    assert is_response(name + "_torque", unit)
+
+
+def test_time_and_trial_say_which_row_it_is() -> None:
+    assert all(is_bookkeeping(name) for name in ("t", "trial", "stamp", "test_no"))
+    assert not any(is_bookkeeping(name) for name in ("moisture", "note", "speed", "grain_size"))
