@@ -112,6 +112,9 @@ _PAIRS = (
     ("load_dependent_modulus", "multipass"),
     ("skid_sinkage", "bulldozing"),
 )
+# Forms of the literature, which act after the balance of load and keep the resistance of the
+# undisturbed soil to the greater depth.
+_PUBLISHED = ("slip_sinkage", "skid_sinkage", "multipass", "hardpan", "penetration_rate")
 _FAULTS = (
     *(f"sinkage_gain={size}" for size in ("0.1", "-0.1")),
     *(f"sinkage_offset={size}" for size in ("0.001", "-0.001", "0.002", "-0.002")),
@@ -141,6 +144,12 @@ def _soils() -> Iterator[World]:
         if len(hidden) < 2:
             poor = partial(rig_table, hidden=hidden, runs=10, noise=0.09)
             yield _world(f"poor/{label}", poor, hidden, **more)
+
+
+def _published() -> Iterator[World]:
+    for name in _PUBLISHED:
+        table = partial(rig_table, hidden=(name,), form="published")
+        yield _world(f"published/{name}", table, (name,))
 
 
 def _faults() -> Iterator[World]:
@@ -202,7 +211,7 @@ def _odd() -> Iterator[World]:
 
 WORLDS: dict[str, World] = {
     world.name: world
-    for group in (_soils, _faults, _curves, _labs, _pulls, _odd)
+    for group in (_soils, _published, _faults, _curves, _labs, _pulls, _odd)
     for world in group()
 }
 

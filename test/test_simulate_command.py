@@ -29,6 +29,15 @@ def test_rig_writes_table_and_answer_apart(tmp_path):
     assert sorted(f.name for f in tmp_path.iterdir()) == ["rig.csv", "rig.csv.answer.json"]
 
 
+def test_a_hidden_effect_takes_its_size(tmp_path):
+    table = tmp_path / "rig.csv"
+    result = run("rig", "-o", table, "--hidden", "slip_sinkage,load_offset=-4", "--strength", 0.5)
+    assert result.exit_code == 0, result.output
+    answer = json.loads((tmp_path / "rig.csv.answer.json").read_text())
+    assert [e["effect"] for e in answer["hidden"]] == ["slip_sinkage", "load_offset"]
+    assert answer["hidden"][1]["amplitude"] == -4.0
+
+
 def test_rig_summary_as_json(tmp_path):
     table, answer = tmp_path / "rig.parquet", tmp_path / "truth.json"
     result = run("rig", "-o", table, "--answer", answer, "--runs", 5, "--json", "-")
@@ -58,6 +67,7 @@ def test_drive_writes_bag_and_answer_apart(tmp_path, storage):
     ("arguments", "match"),
     [
         (["rig", "-o", "x.csv", "--hidden", "bulldosing"], "did you mean 'bulldozing'"),
+        (["rig", "-o", "x.csv", "--hidden", "load_offset=much"], "its size is 'much'"),
         (["rig", "-o", "x.csv", "--runs", "-1"], "runs is -1"),
         (["rig", "-o", "x.csv", "--runs", "many"], "'many' is not a valid integer"),
         (["rig", "-o", "x.csv", "--noise", "2"], "noise is 2.0"),
@@ -73,6 +83,7 @@ def test_drive_writes_bag_and_answer_apart(tmp_path, storage):
         (["drive", "-o", "bag", "--wheels", "six"], "four or two_sizes"),
         (["drive", "-o", "bag", "--distance", "nan"], "distance is nan"),
         (["drive", "-o", "bag", "--hidden", "moisture"], "simulate rig"),
+        (["drive", "-o", "bag", "--hidden", "load_offset=-4"], "simulate rig"),
         (["drive", "-o", "bag", "--storage", "csv"], "'csv' is not one of"),
     ],
 )

@@ -152,7 +152,8 @@ def test_every_effect_makes_a_plausible_table(name, form):
         assert np.all(np.isfinite(values))
         assert (values["sinkage"] > 0).all()
         assert (values["sinkage"] < 0.4 * values["diameter"]).all()
-        assert (values["resistance"] > 0).all()
+        # The zero of the sensor is off by up to 2.3 N, to either side.
+        assert (values["resistance"] > (-2.5 if name == "resistance_offset" else 0.0)).all()
         assert np.median(values["resistance"] / values["load"]) < 0.8
         assert len(made.truth.runs) == 32
 
@@ -167,6 +168,30 @@ def test_hidden_effects_are_not_in_the_table():
     assert [e["effect"] for e in told["hidden"]] == ["bulldozing", "unrecorded"]
     assert told["soil"]["k"] > 0
     assert len(told["runs"]) == 32
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "change"),
+    [
+        ("sinkage_gain=-0.1", "sinkage", lambda v: 0.9 * v["sinkage"]),
+        ("sinkage_offset=0.002", "sinkage", lambda v: v["sinkage"] + 0.002),
+        ("load_offset=-4", "load", lambda v: v["load"] - 4.0),
+        ("load_gain=0.1", "load", lambda v: 1.1 * v["load"]),
+        ("resistance_gain=0.1", "resistance", lambda v: 1.1 * v["resistance"]),
+        ("resistance_offset=2", "resistance", lambda v: v["resistance"] + 2.0),
+        ("rig_friction=0.06", "resistance", lambda v: v["resistance"] + 0.06 * v["load"]),
+    ],
+)
+def test_a_fault_changes_one_column_only(text, column, change):
+    """Compared run by run where both tables have the same settings."""
+    quiet = {"seed": 5, "noise": 0.0, "soil_scatter": 0.0}
+    plain = simulate_rig(RigSettings(**quiet))
+    faulty = simulate_rig(RigSettings(**quiet, hidden=(text,)))
+    assert faulty.truth.runs == plain.truth.runs
+    before, after = si(plain.table), si(faulty.table)
+    assert after[column].to_numpy() == pytest.approx(change(before).to_numpy(), rel=1e-5)
+    rest = [name for name in before.columns if name != column]
+    assert_frame_equal(before[rest], after[rest])
 
 
 def test_columns_and_ranges_follow_the_effects():
@@ -251,7 +276,8 @@ def test_a_longer_table_begins_like_a_shorter_one():
         ({"tie": ("slip", "lod")}, "did you mean 'load'"),
         ({"tie": ("slip", "moisture")}, "cannot be tied"),
         ({"hidden": ("multipas",)}, "did you mean 'multipass'"),
-        ({"hidden": ("elastic_rebound",), "strength": 10.0}, "smaller strength"),
+        ({"hidden": ("sinkage_offset=-0.1",)}, "take a smaller strength"),
+        ({"hidden": ("load_offset=4N",)}, "its size is '4N'"),
     ],
 )
 def test_bad_settings_are_named(settings, match):

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from smallwheel_ros.simulate.contact import bracketed_root
 from smallwheel_ros.simulate.hidden import (
     EFFECTS,
     check_hidden,
@@ -14,13 +15,12 @@ from smallwheel_ros.simulate.hidden import (
     hidden_column,
     hidden_names,
 )
-from smallwheel_ros.simulate.response import wheel_response
+from smallwheel_ros.simulate.response import shown_by_instrument, wheel_response
 from smallwheel_ros.simulate.terrain import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     SimulationError,
     TruthSoil,
-    bracketed_root,
     motion_resistance,
     static_sinkage,
     supported_load,
@@ -149,20 +149,23 @@ def ratios(name, form, **settings):
 @pytest.mark.parametrize("form", ["own", "published"])
 def test_sizes_are_those_of_real_wheels(form):
     sinkage, resistance = ratios("slip_sinkage", form, slip=[0.0, 0.3, 0.6])
-    assert np.all(sinkage[0] == 1)
+    assert sinkage[0] == pytest.approx(1.0, abs=1e-8)
     assert np.all((sinkage[2] > 2) & (sinkage[2] < 3))
     assert np.all((sinkage[1] > 1.2) & (sinkage[1] < sinkage[2]))
-    assert np.all(resistance[2] > sinkage[2])  # the work of compaction to the greater depth
-    sinkage, _ = ratios("multipass", form, pass_number=[1.0, 5.0])
-    assert np.all(sinkage[0] == 1)
-    assert np.all((sinkage[1] > 1.35) & (sinkage[1] < 1.65))
+    # The stress moves forward: the front has the soil of the greater depth to push down.
+    assert np.all(resistance[2] > np.sqrt(sinkage[2]))
+    sinkage, _ = ratios("multipass", form, pass_number=[1.0, 2.0, 3.0, 4.0, 5.0])
+    assert sinkage[0] == pytest.approx(1.0, abs=1e-8)
+    assert np.all((sinkage[4] > 1.3) & (sinkage[4] < 1.7))
+    assert np.all(np.diff(sinkage, axis=0) > 0)
+    assert np.all(np.diff(sinkage, n=2, axis=0) < 0)  # ever less
     sinkage, _ = ratios("penetration_rate", form, speed=[0.01, 0.5])
     assert np.all((1 - sinkage[1] / sinkage[0] > 0.1) & (1 - sinkage[1] / sinkage[0] < 0.25))
     sinkage, resistance = ratios("bulldozing", form)
-    assert np.all(sinkage == 1)
+    assert sinkage == pytest.approx(1.0, abs=1e-8)
     assert np.all((resistance > 1.15) & (resistance < 1.7))
     sinkage, _ = ratios("skid_sinkage", form, slip=[-0.6, 0.0, 0.6])
-    assert np.all(sinkage[1:] == 1)
+    assert sinkage[1:] == pytest.approx(1.0, abs=1e-8)
     assert np.all((sinkage[0] > 2) & (sinkage[0] < 3.5))
 
 
@@ -171,13 +174,164 @@ def test_sizes_are_those_of_real_wheels(form):
 def test_modulus_effects_are_those_of_real_wheels(name, driver, form):
     settings = {"load": 60.0, "width": 0.1, "diameter": 0.3} | {name: driver}
     at = Circumstances.of(**settings)
-    for seed in range(20):
-        (effect,) = draw_effects(
+    plain = wheel_response(SOIL, (), at).depth
+    for seed in range(10):
+        effects = draw_effects(
             [f"{name}_dependent_modulus"], np.random.default_rng(seed), 1.0, form
         )
-        low, high = effect.modulus(at)
+        low, high = (wheel_response(SOIL, effects, at).depth / plain) ** -(SOIL.n + 0.5)
         exponent = np.log(high / low) / abs(np.log(driver[1] / driver[0]))
         assert 0.15 < exponent < 0.45
+
+
+# What each effect does to (sinkage shown, resistance shown) where its driver grows, own form.
+DIRECTIONS = {
+    "slip_sinkage": ({"slip": 0.5}, 1, 1),
+    "skid_sinkage": ({"slip": -0.5}, 1, 1),
+    "slip_angle_sinkage": ({"slip_angle": 0.6}, 1, 1),
+    "bulldozing": ({}, 0, 1),
+    "penetration_rate": ({"speed": 0.4}, -1, -1),
+    "load_dependent_modulus": ({}, -1, -1),
+    "width_dependent_modulus": ({}, -1, -1),
+    "multipass": ({"pass_number": 5.0}, 1, None),  # less of the front, more of the depth
+    "hardpan": ({"load": 140.0}, -1, -1),
+    "grouser": ({"slip": 0.5, "grouser_height": 0.01}, 1, 1),
+    "elastic_rebound": ({}, -1, -1),
+    "unrecorded": ({"hidden": 1.0}, -1, -1),
+    "sinkage_offset=0.002": ({}, 1, 0),
+    "sinkage_offset=-0.002": ({}, -1, 0),
+    "sinkage_gain=-0.1": ({}, -1, 0),
+    "load_offset=4": ({}, 0, 0),
+    "load_gain=0.1": ({}, 0, 0),
+    "resistance_offset=-2": ({}, 0, -1),
+    "resistance_gain=0.1": ({}, 0, 1),
+    "rig_friction": ({}, 0, 1),
+    "slip_resistance": ({"slip": 0.5}, 0, 1),
+}
+
+
+def test_directions_cover_all_effects():
+    assert {text.partition("=")[0] for text in DIRECTIONS} == set(EFFECTS)
+
+
+@pytest.mark.parametrize("text", list(DIRECTIONS))
+def test_each_effect_moves_its_channels_in_its_direction(text):
+    settings, deeper, harder = DIRECTIONS[text]
+    at = Circumstances.of(**({"load": 60.0, "diameter": 0.25, "width": 0.1} | settings))
+    effects = draw_effects([text], np.random.default_rng(5), 1.0, "own")
+    plain, there = wheel_response(SOIL, (), at), wheel_response(SOIL, effects, at)
+
+    def direction(after, before):
+        return int(np.sign(np.where(np.abs(after / before - 1) < 1e-3, 0.0, after - before))[0])
+
+    assert direction(there.shown_sinkage, plain.shown_sinkage) == deeper
+    if harder is not None:
+        assert direction(there.shown_resistance, plain.shown_resistance) == harder
+    if effects[0].kind == "instrument":  # the wheel does not notice
+        assert np.array_equal(there.depth, plain.depth)
+        assert np.array_equal(there.drawbar_pull, plain.drawbar_pull)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("slip_sinkage", {"slip": 0.0}),
+        ("slip_sinkage", {"slip": -0.5}),
+        ("skid_sinkage", {"slip": 0.5}),
+        ("slip_angle_sinkage", {"slip_angle": 0.0}),
+        ("multipass", {"pass_number": 1.0}),
+        ("grouser", {"slip": 0.5, "grouser_height": 0.0}),
+        ("slip_resistance", {"slip": 0.0}),
+        ("penetration_rate", {"speed": 1e-9}),
+        ("hardpan", {"load": 5.0}),
+    ],
+)
+def test_without_its_driver_an_effect_is_not_there(name, settings):
+    at = Circumstances.of(**({"load": 60.0, "diameter": 0.25, "width": 0.1} | settings))
+    effects = draw_effects([name], np.random.default_rng(5), 1.0, "own")
+    plain, there = wheel_response(SOIL, (), at), wheel_response(SOIL, effects, at)
+    assert there.shown_sinkage == pytest.approx(plain.shown_sinkage, rel=1e-3)
+    assert there.shown_resistance == pytest.approx(plain.shown_resistance, rel=1e-3)
+
+
+# Stress at an angle over that of the untouched soil, written down anew from the formulas.
+def _slipping(angle, entry, amplitude):
+    carried = 0.5 * (1 - np.sin(angle) / np.sin(entry))
+    return 1 / (1 + (amplitude * carried) ** 1.7)
+
+
+def _fast(angle, entry, amplitude):
+    x = 0.3 * np.sin(angle) / 0.02
+    return 1 + amplitude * x / (1 + x)
+
+
+def _loaded(angle, entry, amplitude):
+    return 1 + amplitude * 0.5 * (1 - (angle / entry) ** 2)
+
+
+def _edged(angle, entry, amplitude):
+    zone = 0.02 + 0.125 * (np.cos(angle) - np.cos(entry))
+    inner = quad(lambda y: np.exp(-y / zone), 0, 0.05, epsrel=1e-10)[0]
+    return 1 + amplitude * inner / 0.05  # mean over half the width
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [
+        ("slip_sinkage", _slipping),
+        ("penetration_rate", _fast),
+        ("load_dependent_modulus", _loaded),
+        ("width_dependent_modulus", _edged),
+    ],
+)
+def test_effects_inside_the_contact_against_adaptive_quadrature(name, share):
+    """Both channels are components of one stress over the arc."""
+    (effect,) = draw_effects([name], np.random.default_rng(3), 1.0, "own")
+    at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, slip=0.5, speed=0.3)
+    there = wheel_response(SOIL, (effect,), at)
+    entry = np.arccos(1 - there.depth[0] / 0.125)
+
+    def force(component):
+        def density(angle):
+            depth = max(0.125 * (np.cos(angle) - np.cos(entry)), 0.0)
+            pressure = SOIL.k * depth**SOIL.n * 0.25**SOIL.m
+            return pressure * share(angle, entry, effect.amplitude) * component(angle)
+
+        return 0.1 * 0.125 * quad(density, 0, entry, epsabs=0, epsrel=1e-9, limit=200)[0]
+
+    assert force(np.cos) == pytest.approx(60.0, rel=3e-5)
+    assert force(np.sin) == pytest.approx(there.resistance[0], rel=3e-5)
+
+
+def test_slip_moves_the_stress_forward():
+    """More resistance than the same sinkage gain by a softer soil: Wong and Reece's peak."""
+    (effect,) = draw_effects(["slip_sinkage"], np.random.default_rng(0), 1.0, "own")
+    slipping = NORMAL.with_slip(np.full(2, 0.5))
+    there = wheel_response(SOIL, (effect,), slipping)
+    plain = wheel_response(SOIL, (), slipping)
+    softer = (plain.depth / there.depth) ** (SOIL.n + 0.5)
+    soft = wheel_response(SOIL, (), slipping, scatter=softer)
+    assert soft.depth == pytest.approx(there.depth, rel=0.1)
+    assert np.all(there.resistance / there.depth**0.5 > 1.2 * soft.resistance / soft.depth**0.5)
+
+
+def test_later_passes_go_down_to_a_limit():
+    at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, pass_number=[1.0, 2.0, 30.0, 40.0])
+    effects = draw_effects(["multipass"], np.random.default_rng(0), 1.0, "own")
+    depth = wheel_response(SOIL, effects, at).depth
+    assert depth[1] > 1.1 * depth[0]
+    assert depth[3] == pytest.approx(depth[2], rel=1e-6)
+    # In the limit all of the contact is in loose soil, at most as deep as in one so soft throughout.
+    soft = wheel_response(SOIL, (), at, scatter=1.0 - effects[0].amplitude).depth
+    assert np.all(depth < soft)
+
+
+def test_stiff_layer_stops_the_wheel():
+    at = Circumstances.of(load=[20.0, 150.0, 400.0], diameter=0.25, width=0.05)
+    (effect,) = draw_effects(["hardpan"], np.random.default_rng(0), 10.0, "own")
+    plain, there = wheel_response(SOIL, (), at).depth, wheel_response(SOIL, (effect,), at).depth
+    assert there[0] == pytest.approx(plain[0], rel=0.02)
+    assert there[2] < 1.7 * effect.level < plain[2]
 
 
 def test_offset_is_two_to_three_millimetres_of_the_reading_only():
@@ -188,19 +342,63 @@ def test_offset_is_two_to_three_millimetres_of_the_reading_only():
         assert np.all((response.shown_sinkage - response.depth) <= 0.003)
 
 
+def test_faults_are_as_large_as_said():
+    names = ("sinkage", "resistance", "load")
+    true = {"sinkage": np.array([0.01]), "resistance": np.array([8.0]), "load": np.array([60.0])}
+    at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, slip=0.4)
+    expected = {
+        "sinkage_gain=-0.1": [0.009, 8.0, 60.0],
+        "sinkage_offset=-0.001": [0.009, 8.0, 60.0],
+        "load_gain=0.1": [0.01, 8.0, 66.0],
+        "load_offset=-4": [0.01, 8.0, 56.0],
+        "resistance_gain=0.1": [0.01, 8.8, 60.0],
+        "resistance_offset=-2": [0.01, 6.0, 60.0],
+        "rig_friction=0.06": [0.01, 11.6, 60.0],
+    }
+    for text, shown in expected.items():
+        effects = draw_effects([text], np.random.default_rng(0), 1.0, "own")
+        got = [shown_by_instrument(effects, name, true[name], at)[0] for name in names]
+        assert got == pytest.approx(shown, rel=1e-12), text
+    (slip,) = draw_effects(["slip_resistance=0.5"], np.random.default_rng(0), 1.0, "published")
+    assert slip.shown("resistance", true["resistance"], at)[0] == pytest.approx(8.0 * 1.2)
+    both = draw_effects(
+        ["resistance_gain=0.1", "rig_friction=0.06"], np.random.default_rng(0), 1, "own"
+    )
+    assert shown_by_instrument(both, "resistance", true["resistance"], at)[0] == pytest.approx(12.4)
+
+
+@pytest.mark.parametrize("name", ["sinkage_gain", "load_gain", "load_offset", "resistance_offset"])
+def test_faults_without_a_size_have_either_sign(name):
+    sizes = [
+        draw_effects([name], np.random.default_rng(seed), 1.0, "own")[0].amplitude
+        for seed in range(20)
+    ]
+    assert min(sizes) < 0 < max(sizes)
+    assert np.ptp(np.abs(sizes)) < 0.31 * np.mean(np.abs(sizes))
+
+
 def test_rut_is_shallower_than_the_wheel_was():
     effects = draw_effects(["elastic_rebound"], np.random.default_rng(0), 1.0, "own")
     there, plain = wheel_response(SOIL, effects, NORMAL), wheel_response(SOIL, (), NORMAL)
-    assert np.all(there.shown_sinkage < plain.shown_sinkage)
-    assert np.all(there.depth == plain.depth)
+    assert np.all(there.shown_sinkage < there.depth)
+    assert np.all(there.depth < plain.depth)  # the rising soil carries its share
     assert np.all((there.resistance > 0) & (there.resistance < plain.resistance))
+
+
+def test_linear_rebound_gives_back_half_of_pressure_times_rise():
+    effects = draw_effects(["elastic_rebound=3e-8"], np.random.default_rng(0), 1.0, "published")
+    there = wheel_response(SOIL, effects, NORMAL)
+    pressure = SOIL.k * NORMAL.diameter**SOIL.m * there.depth**SOIL.n
+    work = pressure * there.depth / (SOIL.n + 1) - pressure * (3e-8 * pressure) / 2
+    assert there.resistance == pytest.approx(NORMAL.width * work, rel=1e-5)
 
 
 def test_own_forms_differ_from_the_published_ones():
     same = {
         name for name, kind in EFFECTS.items() if kind.formula["own"] == kind.formula["published"]
     }
-    assert same == {"sinkage_offset", "unrecorded"}
+    faults = {name for name, kind in EFFECTS.items() if kind.kind == "instrument"}
+    assert same == {"unrecorded"} | faults - {"slip_resistance"}
 
 
 def test_names():
@@ -211,6 +409,8 @@ def test_names():
         "moisture",
     )
     assert hidden_column("column:density") == "density"
+    assert check_hidden(["load_offset=-4"]) == ("load_offset=-4",)
+    assert hidden_column("column:density=0.2") == "density"
     assert hidden_column("bulldozing") is None
     assert set(EFFECTS) < set(hidden_names())
     for wrong, match in [
@@ -221,6 +421,11 @@ def test_names():
         (["none", "bulldozing"], "give either"),
         (["bulldozing", "bulldozing"], "twice"),
         (["moisture", "column:moisture"], "twice"),
+        (["load_offset=4", "load_offset=-4"], "twice"),
+        (["load_offset=heavy"], "its size is 'heavy', expected a number"),
+        (["load_offset="], "its size is ''"),
+        (["load_offset=nan"], "its size is 'nan'"),
+        (["none=1"], "'none' has no size"),
     ]:
         with pytest.raises(SimulationError, match=match):
             check_hidden(wrong)

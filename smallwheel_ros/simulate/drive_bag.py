@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from smallwheel_ros.bag_files import Storage
 from smallwheel_ros.bags import BagWriter, message_type
+from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.drive import Drive
 from smallwheel_ros.simulate.sensors import (
     JointReadings,
@@ -25,7 +26,6 @@ from smallwheel_ros.simulate.sensors import (
     OdometryReadings,
     SinkageReadings,
 )
-from smallwheel_ros.simulate.truth import Array
 
 LOAD = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"

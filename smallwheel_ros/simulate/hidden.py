@@ -16,20 +16,14 @@ import numpy as np
 from smallwheel_ros.simulate.hidden_effects import (
     FORMS,
     Bulldozing,
-    ColumnEffect,
     ElasticRebound,
     Form,
     Grouser,
-    Hardpan,
     HiddenEffect,
-    LoadDependentModulus,
     Multipass,
-    PenetrationRate,
     SkidSinkage,
     SlipAngleSinkage,
     SlipSinkage,
-    Unrecorded,
-    WidthDependentModulus,
 )
 from smallwheel_ros.simulate.hidden_faults import (
     LoadGain,
@@ -40,6 +34,14 @@ from smallwheel_ros.simulate.hidden_faults import (
     SinkageGain,
     SinkageOffset,
     SlipResistance,
+)
+from smallwheel_ros.simulate.hidden_stiffness import (
+    ColumnEffect,
+    Hardpan,
+    LoadDependentModulus,
+    PenetrationRate,
+    Unrecorded,
+    WidthDependentModulus,
 )
 from smallwheel_ros.simulate.truth import SimulationError
 

@@ -1,10 +1,16 @@
 # ruff: noqa: D102 - HiddenEffect describes the methods once, for all effects
 """Effects that the truth can have in it and the user does not know of.
 
-Each has a form of its own, other than the published forms which the library fits: a tool that finds
-the effect only where it knows the exact formula has found nothing. `form="published"` takes a form
-from the literature instead, to see what a fit reaches where its form is right. Faults of
-instruments are in `hidden_faults`.
+Each acts on the stress at the points of the contact, and has a form of its own, other than the
+published forms which the library fits: a tool that finds the effect only where it knows the exact
+formula has found nothing. `form="published"` takes a form from the literature instead, to see what
+a fit reaches where its form is right.
+
+Here are the effects that dig, push or spring back; those on the stiffness of the soil are in
+`hidden_stiffness`, faults of instruments in `hidden_faults`. In the formulas s is the share of the
+contact's length that the soil at a point has passed (0 at the entry, 1 at the lowest point). With
+slip i it was carried i s of that length by the rim: Wong and Reece's (1967) shear displacement less
+its part at no slip, over the length of the contact.
 """
 
 from __future__ import annotations
@@ -14,7 +20,8 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array, Circumstances, TruthSoil
+from smallwheel_ros.simulate.contact import Array, Contact
+from smallwheel_ros.simulate.truth import Circumstances, TruthSoil
 
 Form = Literal["own", "published"]
 FORMS: tuple[Form, ...] = ("own", "published")
@@ -22,7 +29,10 @@ FORMS: tuple[Form, ...] = ("own", "published")
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect in the truth; what it does not change stays as it is."""
+    """One effect in the truth; what it does not change stays as it is.
+
+    Methods on a contact give values at its points, of shape (rows, nodes); others by row.
+    """
 
     form: Form
     amplitude: float
@@ -32,6 +42,8 @@ class HiddenEffect:
     typical: ClassVar[dict[Form, float]] = {}  # amplitude at strength 1
     needs: ClassVar[tuple[str, ...]] = ()  # columns that a table has only for this effect
     kind: ClassVar[Literal["soil", "instrument"]] = "soil"
+    on_stiffness: ClassVar[bool] = False  # changes how firm the soil is for any wheel
+    in_ruts: ClassVar[bool] = False  # depends on the rut that earlier passes left
     in_drives: ClassVar[bool] = True  # false where a drive's bag has no sensor for the driver
 
     @classmethod
@@ -40,24 +52,36 @@ class HiddenEffect:
         return cls(form, strength * cls.typical[form] * rng.uniform(0.85, 1.15))
 
     def modulus(self, at: Circumstances) -> Array | float:
-        """Factor on k."""
+        """Factor on k for the whole contact."""
         return 1.0
 
-    def stiffening(self, depth: Array) -> Array | float:
-        """Factor on the pressure at a depth (m), shapes (rows, nodes)."""
+    def local(self, contact: Contact, at: Circumstances) -> Array | float:
+        """Factor on the stress at each point."""
         return 1.0
+
+    def layering(self, depth: Array, soil: TruthSoil) -> Array | float:
+        """Factor on the pressure at a depth (m)."""
+        return 1.0
+
+    def carried_away(self, contact: Contact, at: Circumstances) -> Array | float:
+        """Thickness (m) of soil that is gone at each point and not compressed any more."""
+        return 0.0
 
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
-        """Depth of the wheel (m) where the load alone would give `sinkage`."""
+        """Depth of the wheel (m) where the balance of load gives `sinkage`; published forms."""
         return sinkage
 
     def added_resistance(self, depth: Array, soil: TruthSoil, at: Circumstances) -> Array | float:
-        """Resistance (N) besides that of the pressure."""
+        """Resistance (N) besides that of the stress on the front."""
         return 0.0
 
-    def rebound(self, pressure: Array) -> Array | float:
+    def rebound(self, pressure: Array) -> Array | None:
         """How far the soil comes up again (m) behind a wheel with that pressure (Pa) under it."""
-        return 0.0
+        return None
+
+    def unloading(self, left: Array) -> Array:
+        """Share of the pressure that is left where a share `left` of the rebound is to come."""
+        return left
 
     def shown(self, channel: str, value: Array, at: Circumstances) -> Array:
         """What an instrument without noise shows of `sinkage` (m), `resistance` or `load` (N)."""
@@ -69,58 +93,77 @@ class HiddenEffect:
 
 
 class SlipSinkage(HiddenEffect):
-    """Digging in when driven: 2 to 3 times the sinkage at slip 0.6."""
+    """Digging in when driven: 2 to 3 times the sinkage at slip 0.6.
+
+    The soil that the rim has carried along holds less; the front, where it has not moved yet, holds
+    as before. The stress moves forward with slip, as Wong and Reece (1967) measured, the wheel
+    sinks until it carries the load again, and the front has more soil to push down.
+    """
 
     name = "slip_sinkage"
     formula: ClassVar = {
-        "own": "z = z0 (1 + A i^2 / (i + 0.25)), i > 0",
+        "own": "stress / (1 + (A i s)^1.7), i > 0",
         "published": "z = z0 exp(A i), i > 0",
     }
-    typical: ClassVar = {"own": 3.57, "published": 1.5}
+    typical: ClassVar = {"own": 5.5, "published": 1.5}
+
+    def local(self, contact: Contact, at: Circumstances) -> Array | float:
+        if self.form == "published":
+            return 1.0
+        carried = np.maximum(at.slip, 0.0)[:, None] * contact.passed
+        return np.asarray(1.0 / (1.0 + (self.amplitude * carried) ** 1.7))
 
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
-        slip = np.maximum(at.slip, 0.0)
         if self.form == "own":
-            factor = 1.0 + self.amplitude * slip**2 / (slip + 0.25)
-        else:
-            factor = np.exp(self.amplitude * slip)
-        deeper: Array = sinkage * factor
+            return sinkage
+        deeper: Array = sinkage * np.exp(self.amplitude * np.maximum(at.slip, 0.0))
         return deeper
 
 
 class SkidSinkage(HiddenEffect):
-    """Ploughing in when braked."""
+    """Ploughing in when braked: soil dragged along with the rim holds less."""
 
     name = "skid_sinkage"
     formula: ClassVar = {
-        "own": "z = z0 (1 + A |i|^1.6), i < 0",
+        "own": "stress exp(-A (|i| s)^1.3), i < 0",
         "published": "z = z0 exp(A |i|), i < 0",
     }
-    typical: ClassVar = {"own": 3.4, "published": 1.5}
+    typical: ClassVar = {"own": 6.0, "published": 1.5}
+
+    def local(self, contact: Contact, at: Circumstances) -> Array | float:
+        if self.form == "published":
+            return 1.0
+        dragged = np.maximum(-at.slip, 0.0)[:, None] * contact.passed
+        return np.asarray(np.exp(-self.amplitude * dragged**1.3))
 
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
-        skid = np.maximum(-at.slip, 0.0)
         if self.form == "own":
-            return sinkage * (1.0 + self.amplitude * skid**1.6)
-        deeper: Array = sinkage * np.exp(self.amplitude * skid)
+            return sinkage
+        deeper: Array = sinkage * np.exp(self.amplitude * np.maximum(-at.slip, 0.0))
         return deeper
 
 
 class SlipAngleSinkage(HiddenEffect):
-    """Ploughing sideways."""
+    """Ploughing sideways: soil that the rim has pushed aside holds less."""
 
     name = "slip_angle_sinkage"
     formula: ClassVar = {
-        "own": "z = z0 (1 + A (1 - exp(-(beta / 0.4 rad)^2)))",
+        "own": "stress / (1 + A s tan(beta)^2)",
         "published": "z = z0 (1 + A (1 - cos beta))",
     }
-    typical: ClassVar = {"own": 1.2, "published": 4.0}
+    typical: ClassVar = {"own": 4.0, "published": 4.0}
     needs = ("slip_angle",)
     in_drives = False
 
+    def local(self, contact: Contact, at: Circumstances) -> Array | float:
+        if self.form == "published":
+            return 1.0
+        aside = np.tan(at.slip_angle)[:, None] ** 2 * contact.passed
+        return np.asarray(1.0 / (1.0 + self.amplitude * aside))
+
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
         if self.form == "own":
-            return sinkage * (1.0 - self.amplitude * np.expm1(-((at.slip_angle / 0.4) ** 2)))
+            return sinkage
         return sinkage * (1.0 + self.amplitude * (1.0 - np.cos(at.slip_angle)))
 
 
@@ -149,163 +192,80 @@ class Bulldozing(HiddenEffect):
         return self.amplitude * total
 
 
-class PenetrationRate(HiddenEffect):
-    """Soil is stiffer when loaded faster: 15 to 20 % of sinkage over 0.01 to 0.5 m/s."""
-
-    name = "penetration_rate"
-    formula: ClassVar = {
-        "own": "k (1 + A x / (1 + x)), x = v / 0.08 m/s",
-        "published": "k (v / 0.1 m/s)^A",
-    }
-    typical: ClassVar = {"own": 0.4, "published": 0.06}
-
-    def modulus(self, at: Circumstances) -> Array:
-        if self.form == "own":
-            x = at.speed / 0.08
-            return 1.0 + self.amplitude * x / (1.0 + x)
-        return np.power(np.maximum(at.speed, 1e-3) / 0.1, self.amplitude)
-
-
-class LoadDependentModulus(HiddenEffect):
-    """Soil is stiffer under a heavier wheel."""
-
-    name = "load_dependent_modulus"
-    formula: ClassVar = {"own": "k (1 + A W / (W + 60 N))", "published": "k (W / 60 N)^A"}
-    typical: ClassVar = {"own": 2.0, "published": 0.25}
-
-    def modulus(self, at: Circumstances) -> Array:
-        if self.form == "own":
-            return 1.0 + self.amplitude * at.load / (at.load + 60.0)
-        return np.power(at.load / 60.0, self.amplitude)
-
-
-class WidthDependentModulus(HiddenEffect):
-    """Soil is stiffer under a narrower wheel."""
-
-    name = "width_dependent_modulus"
-    formula: ClassVar = {
-        "own": "k (1 + A 0.1 m / (b + 0.02 m)): kc/b + kphi, levelling off for narrow wheels",
-        "published": "k (1 + A 0.1 m / b): Bekker's kc/b + kphi",
-    }
-    typical: ClassVar = {"own": 0.6, "published": 0.3}
-
-    def modulus(self, at: Circumstances) -> Array:
-        levelling = 0.02 if self.form == "own" else 0.0
-        return 1.0 + self.amplitude * 0.1 / (at.width + levelling)
-
-
 class Multipass(HiddenEffect):
-    """The rut deepens with each pass, from the untouched surface: 1.5 times at the fifth."""
+    """The rut deepens with each pass, from the untouched surface: 1.5 times at the fifth.
+
+    Loose soil that slid back into the rut holds less than it did; below the rut the soil is as it
+    was. Each pass therefore finds its depth a little below the one before, ever less so.
+    """
 
     name = "multipass"
     formula: ClassVar = {
-        "own": "z = z1 (1 + A (1 - exp(-(N - 1) / 2)))",
+        "own": "stress (1 - A exp(-(z / rut)^4)), rut the depth after the pass before",
         "published": "z = z1 N^A",
     }
-    typical: ClassVar = {"own": 0.58, "published": 0.25}
+    typical: ClassVar = {"own": 0.66, "published": 0.25}
+    in_ruts = True
+
+    def local(self, contact: Contact, at: Circumstances) -> Array | float:
+        if self.form == "published":
+            return 1.0
+        rut = contact.rut[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            loose = np.where(rut > 0, np.exp(-((contact.depth / rut) ** 4)), 0.0)
+        return np.asarray(1.0 - min(self.amplitude, 0.95) * loose)
 
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
         if self.form == "own":
-            factor = 1.0 - self.amplitude * np.expm1(-(at.pass_number - 1.0) / 2.0)
-        else:
-            factor = np.power(at.pass_number, self.amplitude)
-        return np.asarray(sinkage * factor)
-
-
-@dataclass(frozen=True)
-class Hardpan(HiddenEffect):
-    """A hard layer below; `level` (m) is where it makes itself felt."""
-
-    level: float = 0.02
-
-    name = "hardpan"
-    formula: ClassVar = {
-        "own": "p = k z^n D^m (1 + A (z / level)^4)",
-        "published": "p = k z^n D^m (-ln(1 - x) / x)^A, x = z / (2 level) (Preston and Thomas)",
-    }
-    typical: ClassVar = {"own": 1.0, "published": 1.0}
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, strength: float, form: Form) -> HiddenEffect:
-        return cls(form, strength, rng.uniform(0.014, 0.024))
-
-    def stiffening(self, depth: Array) -> Array:
-        if self.form == "own":
-            return 1.0 + self.amplitude * (depth / self.level) ** 4
-        x = np.clip(depth / (2.0 * self.level), 1e-9, 1.0 - 1e-9)
-        return np.power(-np.log1p(-x) / x, self.amplitude)
-
-
-@dataclass(frozen=True)
-class ColumnEffect(HiddenEffect):
-    """k follows something else that is recorded: its column is `column`, its middle `centre`."""
-
-    column: str = ""
-    centre: float = 0.0
-    half_range: float = 1.0
-
-    name = "column"
-    formula: ClassVar = {
-        "own": "k (1 + A tanh((w - centre) / half_range))",
-        "published": "k exp(A (w - centre) / half_range)",
-    }
-    typical: ClassVar = {"own": 0.4, "published": 0.4}
-    in_drives = False
-
-    @property
-    def extent(self) -> tuple[float, float]:
-        """Lowest and highest value in a table."""
-        return self.centre - self.half_range, self.centre + self.half_range
-
-    def modulus(self, at: Circumstances) -> Array:
-        x = (at.covariates[self.column] - self.centre) / self.half_range
-        return (
-            1.0 + self.amplitude * np.tanh(x) if self.form == "own" else np.exp(self.amplitude * x)
-        )
-
-
-class Unrecorded(HiddenEffect):
-    """k follows something that nobody recorded, one value u a run, even between -1 and 1."""
-
-    name = "unrecorded"
-    formula: ClassVar = {"own": "k exp(A u)", "published": "k exp(A u)"}
-    typical: ClassVar = {"own": 0.4, "published": 0.4}
-
-    def modulus(self, at: Circumstances) -> Array | float:
-        return 1.0 if at.hidden is None else np.exp(self.amplitude * at.hidden)
+            return sinkage
+        return np.asarray(sinkage * np.power(at.pass_number, self.amplitude))
 
 
 class Grouser(HiddenEffect):
-    """Grousers dig when they slip."""
+    """Grousers dig when they slip: they carry away soil that the rim would have pressed on."""
 
     name = "grouser"
     formula: ClassVar = {
-        "own": "z = z0 + A h (1 - exp(-i / 0.2)), i > 0",
+        "own": "stress at z - A h (1 - exp(-i s / 0.15)), i > 0",
         "published": "z = z0 + A h i, i > 0",
     }
     typical: ClassVar = {"own": 0.8, "published": 1.3}
     needs = ("grouser_height",)
     in_drives = False
 
+    def carried_away(self, contact: Contact, at: Circumstances) -> Array | float:
+        if self.form == "published":
+            return 0.0
+        carried = np.maximum(at.slip, 0.0)[:, None] * contact.passed
+        dug = -self.amplitude * at.grouser_height[:, None] * np.expm1(-carried / 0.15)
+        return np.asarray(dug)
+
     def sinkage(self, sinkage: Array, at: Circumstances) -> Array:
-        slip = np.maximum(at.slip, 0.0)
-        share = -np.expm1(-slip / 0.2) if self.form == "own" else slip
-        return np.asarray(sinkage + self.amplitude * at.grouser_height * share)
+        if self.form == "own":
+            return sinkage
+        return np.asarray(sinkage + self.amplitude * at.grouser_height * np.maximum(at.slip, 0.0))
 
 
 @dataclass(frozen=True)
 class ElasticRebound(HiddenEffect):
-    """The rut, which is measured, is shallower than the wheel was; some of the work comes back."""
+    """The rut, which is measured, is shallower than the wheel was.
+
+    The soil that rises behind the lowest point carries a share of the load and pushes the wheel on.
+    """
 
     softening: float = 60e3
 
     name = "elastic_rebound"
     formula: ClassVar = {
-        "own": "rut = z - A p / (1 + p / softening), p the pressure at z",
-        "published": "rut = z - A p",
+        "own": "rut = z - A p / (1 + p / softening), p the pressure at z; it unloads as x^1.5, x"
+        " the share of the rebound that is still to come",
+        "published": "rut = z - A p; it unloads as x",
     }
-    typical: ClassVar = {"own": 1.2e-7, "published": 1e-7}
+    typical: ClassVar = {"own": 8e-8, "published": 7e-8}
 
-    def rebound(self, pressure: Array) -> Array:
+    def rebound(self, pressure: Array) -> Array | None:
         rise = self.amplitude * pressure
         return rise / (1.0 + pressure / self.softening) if self.form == "own" else rise
+
+    def unloading(self, left: Array) -> Array:
+        return left**1.5 if self.form == "own" else left

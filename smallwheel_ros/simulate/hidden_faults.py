@@ -11,8 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.hidden_effects import Form, HiddenEffect
-from smallwheel_ros.simulate.truth import Array, Circumstances
+from smallwheel_ros.simulate.truth import Circumstances
 
 
 def _one_form(formula: str) -> dict[Form, str]:

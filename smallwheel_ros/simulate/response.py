@@ -7,16 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.truth import (
-    Array,
-    Circumstances,
-    PressureLaw,
-    TruthSoil,
-    motion_resistance,
-    shear_thrust,
-    static_sinkage,
-)
+from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, shear_thrust
 
 
 @dataclass(frozen=True)
@@ -39,21 +32,60 @@ class Response:
         return self.thrust - self.resistance
 
 
-def pressure_law(
-    soil: TruthSoil, effects: Sequence[HiddenEffect], at: Circumstances, scatter: Array | float
-) -> PressureLaw:
-    """Return p(z) for these rows; `scatter` multiplies k."""
-    modulus = soil.k * at.diameter**soil.m * scatter
-    for effect in effects:
-        modulus = modulus * effect.modulus(at)
+@dataclass(frozen=True)
+class Ground:
+    """Soil with effects, as certain wheels meet it; `scatter` multiplies k."""
 
-    def law(depth: Array) -> Array:
-        pressure = modulus[:, None] * depth**soil.n
-        for effect in effects:
-            pressure = pressure * effect.stiffening(depth)
+    soil: TruthSoil
+    effects: Sequence[HiddenEffect]
+    at: Circumstances
+    scatter: Array | float = 1.0
+
+    def stress(self, contact: Contact) -> Array:
+        """Normal stress (Pa) at the points of the contact, shape (rows, nodes)."""
+        soil, at = self.soil, self.at
+        modulus = soil.k * at.diameter**soil.m * self.scatter
+        pressed = contact.depth
+        for effect in self.effects:
+            modulus = modulus * effect.modulus(at)
+            pressed = pressed - effect.carried_away(contact, at)
+        pressure = modulus[:, None] * np.maximum(pressed, 0.0) ** soil.n
+        for effect in self.effects:
+            pressure = pressure * effect.layering(contact.depth, soil)
+            pressure = pressure * effect.local(contact, at)
         return pressure
 
-    return law
+    def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
+        """Load that is carried and horizontal force on the wheel, both N, at a sinkage (m)."""
+        diameter, width = self.at.diameter, self.at.width
+        contact = Contact.at(diameter, sinkage, rut)
+        stress = self.stress(contact)
+        load, resistance = contact.upward(stress, width), contact.backward(stress, width)
+        for effect in self.effects:
+            rise = effect.rebound(stress[:, -1])
+            if rise is None:
+                continue
+            # Behind the lowest point the wheel unloads the soil, which pushes it up and on.
+            rear = Contact.at(diameter, np.clip(rise, 1e-12, sinkage))
+            left = stress[:, -1:] * effect.unloading(rear.depth / rear.sinkage[:, None])
+            load = load + np.where(rise > 0, rear.upward(left, width), 0.0)
+            resistance = resistance - np.where(rise > 0, rear.backward(left, width), 0.0)
+        return load, resistance
+
+    def depth(self, rut: Array) -> Array:
+        """Sinkage (m) under the load; NaN where the wheel sinks to its axle."""
+        at = self.at
+        return sinkage_under(at.load, at.diameter, lambda z: self.forces(z, rut)[0])
+
+    def rut(self) -> Array:
+        """Depth (m) of the rut that earlier passes of the same wheel under the same load left."""
+        rut = np.zeros(self.at.load.shape)
+        if not any(effect.in_ruts for effect in self.effects):
+            return rut
+        passes = self.at.pass_number
+        for earlier in range(1, int(np.max(passes))):
+            rut = np.where(passes > earlier, self.depth(rut), rut)
+        return rut
 
 
 def thrust_at(
@@ -64,7 +96,8 @@ def thrust_at(
     depth: Array,
 ) -> Array:
     """Thrust (N) of wheels whose depth (m) is known."""
-    return shear_thrust(pressure_law(soil, effects, at, scatter), soil, at, depth)
+    contact = Contact.at(at.diameter, depth)
+    return shear_thrust(Ground(soil, effects, at, scatter).stress(contact), contact, soil, at)
 
 
 def wheel_response(
@@ -75,38 +108,50 @@ def wheel_response(
 ) -> Response:
     """Compute the truth for each row.
 
-    The load alone gives a static sinkage. Digging in and repeated passes deepen it, and the wheel
-    then compacts the soil down to that depth: motion resistance is the horizontal component of
-    the pressure from the untouched surface to the final depth, although the soil that was dug out
-    no longer carries. Bulldozing comes on top, at the final depth too.
+    Sinkage is where the stress over the contact carries the load, resistance the horizontal
+    component of the same stress. Bulldozing comes on top, at the final depth. Effects of the form
+    `published` that deepen the rut do so after that balance, as their authors have it; resistance
+    is then that of the undisturbed soil down to the greater depth.
 
     Parameters
     ----------
     scatter
         Factor on k, by row or for all.
     """
-    law = pressure_law(soil, effects, at, scatter)
-    depth = static_sinkage(law, at.load, at.diameter, at.width)
+    ground = Ground(soil, effects, at, scatter)
+    rut = ground.rut()
+    depth = ground.depth(rut)
     for effect in effects:
         depth = effect.sinkage(depth, at)
     depth = np.where(depth < at.diameter / 2, depth, np.nan)
-    resistance = motion_resistance(law, at.diameter, at.width, depth)
+    _, resistance = ground.forces(depth, rut)
+    contact = Contact.at(at.diameter, depth, rut)
+    stress = ground.stress(contact)
     shown = depth
-    pressure = law(depth[:, None])[:, 0]
     for effect in effects:
         resistance = resistance + effect.added_resistance(depth, soil, at)
-        rise = effect.rebound(pressure)
-        # The soil that rises pushes the wheel on: half of pressure times rise for each area.
-        resistance = resistance - at.width * pressure * rise / 2
-        shown = shown - rise
-    thrust = shear_thrust(law, soil, at, depth)
+        rise = effect.rebound(stress[:, -1])
+        if rise is not None:
+            shown = shown - rise
     return Response(
         depth=depth,
         shown_sinkage=shown_by_instrument(effects, "sinkage", shown, at),
         resistance=resistance,
         shown_resistance=shown_by_instrument(effects, "resistance", resistance, at),
-        thrust=thrust,
+        thrust=shear_thrust(stress, contact, soil, at),
     )
+
+
+def firmness(soil: TruthSoil, effects: Sequence[HiddenEffect], at: Circumstances) -> float:
+    """How much firmer the effects on stiffness make the soil: as a factor on the load it carries.
+
+    Taken at the sinkage without them, averaged over the rows.
+    """
+    plain = Ground(soil, (), at)
+    there = Ground(soil, [effect for effect in effects if effect.on_stiffness], at)
+    fresh = np.zeros(at.load.shape)
+    depth = plain.depth(fresh)
+    return float(np.mean(there.forces(depth, fresh)[0] / at.load))
 
 
 def shown_by_instrument(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from smallwheel_ros.simulate.contact import Array, bracketed_root
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.response import Response, thrust_at, wheel_response
 from smallwheel_ros.simulate.rover import GRAVITY, Rover, wheel_loads
@@ -18,11 +19,9 @@ from smallwheel_ros.simulate.terrain import (
     wave_value,
 )
 from smallwheel_ros.simulate.truth import (
-    Array,
     Circumstances,
     Places,
     SimulationError,
-    bracketed_root,
 )
 
 # The driver eases off before the wheels spin, and brakes before they lock.

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smallwheel_ros.simulate.hidden import hidden_column
-from smallwheel_ros.simulate.hidden_effects import ColumnEffect, HiddenEffect
-from smallwheel_ros.simulate.response import wheel_response
+from smallwheel_ros.simulate.hidden_effects import HiddenEffect
+from smallwheel_ros.simulate.hidden_stiffness import ColumnEffect
+from smallwheel_ros.simulate.response import firmness, wheel_response
 from smallwheel_ros.simulate.terrain import soil_of_pressure
 from smallwheel_ros.simulate.truth import Circumstances, SimulationError, TruthSoil
 
@@ -106,10 +107,9 @@ def draw_design(
         covariates=tuple(columns),
         tie=tuple(tie),
     )
-    # Effects on k keep their ratios, but on the whole the soil stays as firm as it was drawn.
+    # Effects on stiffness keep their ratios, but on the whole the soil stays as firm as it was drawn.
     middle = _circumstances(design, [typical_run(design)])
-    factor = np.prod([np.mean(effect.modulus(middle)) for effect in effects])
-    return replace(design, soil=replace(soil, k=float(soil.k / factor)))
+    return replace(design, soil=replace(soil, k=soil.k / firmness(soil, effects, middle)))
 
 
 def typical_run(design: RigDesign) -> RunSettings:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array
+from smallwheel_ros.simulate.contact import Array
 
 GRAVITY = 9.81
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.ride import WheelTruth
 from smallwheel_ros.simulate.rover import Rover
-from smallwheel_ros.simulate.truth import Array
 
 Nanoseconds = NDArray[np.int64]
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array, Places, SimulationError, TruthSoil
+from smallwheel_ros.simulate.contact import Array
+from smallwheel_ros.simulate.truth import Places, SimulationError, TruthSoil
 
 TERRAINS = ("mixed", "single")
 TICK = 0.1  # s, step of the truth

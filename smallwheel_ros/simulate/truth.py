@@ -1,11 +1,21 @@
-"""The truth: a rigid wheel in a truth soil, with numerics of its own.
+"""The truth: a rigid wheel in a truth soil, with numerics and a composition of its own.
 
-Nothing here is shared with the library's model, so that a fit of the model to simulated data is a
-test and not a mirror. The law of the soil is the one that the library claims to know, pressure
-p = k z^n D^m; what is computed from it is computed another way: Simpson's rule over the contact arc
-(the library uses a series and Gauss nodes), bracketing instead of Newton steps, resistance from
-the horizontal component of the pressure (the library uses its work in closed form), thrust from the
-shear stress along the arc (the library lets it act on the chord's length as a whole).
+No code is shared with the library's model, so that a fit of the model to simulated data is a test
+and not a mirror. What truth and model still share are assumptions:
+
+- the law of the untouched soil, pressure p = k z^n D^m, the one that the library claims to know,
+  and with it the load that a rigid wheel's front arc carries: without hidden effects both solve
+  the same equation, each in its way, and compaction resistance is then the work of that pressure;
+- shear does not carry load: vertical balance is that of the normal stress alone;
+- Janosi and Hanamoto's law of shear, here along the arc, there on the contact's length as a whole;
+- one wheel at a time, steady, with one slip and one load.
+
+What is not shared is how effects come in. The library lets them act in stages: a factor on k, a
+change of the sinkage after the solve, a term added to the compaction work. Here they change the
+stress at the points of the contact (module `hidden_effects`), by quantities that a point has of its
+own: how far soil was carried along under the wheel, how fast it is pressed, what an earlier pass
+left of it. Sinkage and resistance both come out of the one stress. A library's law of sinkage over
+slip is therefore never exactly right, nor is the resistance that it adds to it.
 """
 
 from __future__ import annotations
@@ -19,15 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
 
-Array = NDArray[np.float64]
 Places = NDArray[np.intp]  # indices
 # Pressure (Pa) at a depth (m); both of shape (rows, nodes).
 PressureLaw = Callable[[Array], Array]
-
-# 65 points on the stretched arc (see `_arc`): within 4e-6 of adaptive quadrature for n 0.2 to 2.2.
-_NODES = 65
-_ITERATIONS = 60
 
 
 class SimulationError(SmallwheelError):
@@ -108,104 +114,36 @@ class Circumstances:
         return replace(self, slip=slip)
 
 
-def _arc(radius: Array, sinkage: Array) -> tuple[Array, Array, Array]:
-    """Angles from the lowest point, depths there and weights, each of shape (rows, nodes).
-
-    z^n has an infinite slope or curvature where the wheel enters the soil. With
-    theta = theta_0 (1 - u^3) the integrand goes to zero like u^(3n+2) there, which suits Simpson's
-    rule for every n that soils have.
-    """
-    u = np.linspace(0.0, 1.0, _NODES)
-    simpson = np.full(_NODES, 2.0)
-    simpson[1::2] = 4.0
-    simpson[[0, -1]] = 1.0
-    simpson /= 3.0 * (_NODES - 1)
-    entry = np.arccos(np.clip(1.0 - sinkage / radius, -1.0, 1.0))[:, None]
-    angle = entry * (1.0 - u**3)
-    # cos(angle) - cos(entry) without the cancellation near the entry
-    depth = 2.0 * radius[:, None] * np.sin((entry + angle) / 2) * np.sin((entry - angle) / 2)
-    return angle, depth, entry * 3.0 * u**2 * simpson
-
-
 def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
-    """Load (N) that the soil carries at a sinkage (m): vertical component of the pressure."""
-    angle, depth, weight = _arc(diameter / 2, sinkage)
-    load: Array = width * diameter / 2 * np.sum(law(depth) * np.cos(angle) * weight, axis=1)
-    return load
+    """Load (N) that a soil carries at a sinkage (m) where depth alone decides about pressure."""
+    contact = Contact.at(diameter, sinkage)
+    return contact.upward(law(contact.depth), width)
 
 
 def motion_resistance(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
     """Horizontal component (N) of the pressure on the front of the wheel at a sinkage (m)."""
-    angle, depth, weight = _arc(diameter / 2, sinkage)
-    force: Array = width * diameter / 2 * np.sum(law(depth) * np.sin(angle) * weight, axis=1)
-    return force
+    contact = Contact.at(diameter, sinkage)
+    return contact.backward(law(contact.depth), width)
 
 
-def shear_thrust(law: PressureLaw, soil: TruthSoil, at: Circumstances, sinkage: Array) -> Array:
+def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
+    """Sinkage (m) at which the soil carries the load; NaN where the wheel sinks to its axle."""
+    return sinkage_under(load, diameter, lambda z: supported_load(law, diameter, width, z))
+
+
+def shear_thrust(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
     """Thrust (N), negative when skidding: Janosi and Hanamoto's shear stress along the arc.
 
-    A wheel that has dug itself in presses on the soil with its load still, no more: the pressure
-    over the longer arc is scaled to that.
+    A wheel that has dug itself in presses on the soil with its load still, no more: the stress
+    (Pa, shape (rows, nodes)) over the longer arc is scaled to that.
     """
-    radius = at.diameter / 2
-    angle, depth, weight = _arc(radius, sinkage)
-    entry = np.arccos(np.clip(1.0 - sinkage / radius, -1.0, 1.0))[:, None]
     # v / (r omega), from either definition of slip
     ratio = np.where(at.slip >= 0, 1.0 - at.slip, 1.0 / (1.0 + np.minimum(at.slip, 0.0)))
     # Zero at zero slip, so that a free wheel has no thrust: the rolling part of the displacement
     # (the wheel's lowest points move slower than its rim) is what motion resistance stands for.
-    displacement = (radius * (1.0 - ratio))[:, None] * (np.sin(entry) - np.sin(angle))
+    length = at.diameter / 2 * np.sin(contact.entry)
+    displacement = ((1.0 - ratio) * length)[:, None] * contact.passed
     mobilised = np.sign(displacement) * -np.expm1(-np.abs(displacement) / soil.shear_deformation)
-    area = (at.width * radius)[:, None] * np.cos(angle) * weight
-    pressure = law(depth)
-    pressure = pressure * (at.load / np.sum(pressure * area, axis=1))[:, None]
+    pressure = stress * (at.load / contact.upward(stress, at.width))[:, None]
     strength = soil.cohesion + pressure * np.tan(soil.friction_angle)
-    thrust: Array = np.sum(strength * mobilised * area, axis=1)
-    return thrust
-
-
-def bracketed_root(
-    function: Callable[[Array], Array], low: Array, high: Array, tolerance: float
-) -> Array:
-    """Where rising functions are zero, one for each element, by regula falsi (Illinois rule).
-
-    Never leaves the bracket; gives its nearer end where a function has no zero in it.
-    """
-    at_low, at_high = function(low), function(high)
-    below, above = at_high <= 0, at_low >= 0
-    first, last = low, high
-    side = np.zeros(low.shape)
-    middle = high
-    for _ in range(_ITERATIONS):
-        previous = middle
-        with np.errstate(invalid="ignore", divide="ignore"):
-            middle = high - at_high * (high - low) / (at_high - at_low)
-        middle = np.where(np.isfinite(middle), np.clip(middle, low, high), (low + high) / 2)
-        value = function(middle)
-        up = value > 0
-        # The end that stayed twice counts half, so that it moves at last.
-        at_low = np.where(up & (side == 1), at_low / 2, at_low)
-        at_high = np.where(~up & (side == -1), at_high / 2, at_high)
-        high, at_high = np.where(up, middle, high), np.where(up, value, at_high)
-        low, at_low = np.where(up, low, middle), np.where(up, at_low, value)
-        side = np.where(up, 1.0, -1.0)
-        if np.all((np.abs(middle - previous) < tolerance) | below | above):
-            break
-    return np.where(below, last, np.where(above, first, middle))
-
-
-def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
-    """Sinkage (m) at which the soil carries the load; NaN where the wheel sinks to its axle.
-
-    Solved for ln(load) over ln(sinkage), which is nearly a straight line.
-    """
-    target = np.log(load)
-
-    def excess(log_sinkage: Array) -> Array:
-        carried = supported_load(law, diameter, width, np.exp(log_sinkage))
-        return np.asarray(np.log(carried) - target)
-
-    axle = np.log(diameter / 2)
-    root = bracketed_root(excess, np.log(diameter / 2 * 1e-7), axle, 1e-10)
-    sinkage: Array = np.where(root < axle, np.exp(root), np.nan)
-    return sinkage
+    return contact.upward(strength * mobilised, at.width)
