@@ -30,7 +30,10 @@ def generate_launch_description() -> LaunchDescription:
         [FindPackagePrefix("smallwheel_ros"), "lib", "smallwheel_ros", "smallwheel"]
     )
     player = ExecuteProcess(
-        cmd=[program, "play", LaunchConfiguration("bag"), "--rate", LaunchConfiguration("rate")],
+        cmd=[
+            *(program, "play", LaunchConfiguration("bag")),
+            *("--rate", LaunchConfiguration("rate"), "--wait", "60"),
+        ],
         output="screen",
     )
     return LaunchDescription(
@@ -53,7 +56,7 @@ def generate_launch_description() -> LaunchDescription:
                     "use_sim_time": "true",
                 }.items(),
             ),
-            # The node takes a moment to listen; what comes before that is lost.
+            # The player waits for a listener; others than the node may be there before it (rviz).
             TimerAction(period=3.0, actions=[player]),
             RegisterEventHandler(
                 OnProcessExit(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -36,6 +37,7 @@ class Peer:
         self.node = Node("peer")
         self.mobility: list[Any] = []
         self.diagnostics: dict[str, Any] = {}
+        self.diagnosed = 0  # times that the node has published its diagnostics
         self.listen(MobilityEstimate, "mobility", self.mobility.append)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
         self.load = self.node.create_publisher(WrenchStamped, "/front/load", 100)
@@ -49,6 +51,7 @@ class Peer:
     def _diagnose(self, message: Any) -> None:
         for status in message.status:
             self.diagnostics[status.name] = status
+        self.diagnosed += any(status.name.startswith(NODE) for status in message.status)
 
     # --- Listening
 
@@ -64,32 +67,60 @@ class Peer:
         self.node.create_subscription(kind, f"/{NODE}/{output}", found.append, profile)
         return found
 
-    def spin_until(self, done: Callable[[], bool], what: str, seconds: float = 25.0) -> None:
+    def spin_until(self, done: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+        """Wait for an event; the limit is far beyond what it takes on a busy machine."""
         deadline = time.monotonic() + seconds
         while not done():
             assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
             self.rclpy.spin_once(self.node, timeout_sec=0.02)
 
     def spin(self, seconds: float) -> None:
+        """Let time pass: the pace of what is published, not a wait for something to happen."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             self.rclpy.spin_once(self.node, timeout_sec=0.02)
 
     def wait_for_node(self) -> None:
-        """Wait until the node listens to this side, and this side hears it."""
+        """Wait until the node listens to this side, and knows that this side listens to it.
+
+        DDS announces the subscriptions of one side in the order in which they were made: once the
+        diagnostics come, the node knows the subscription to mobility as well.
+        """
+        self.diagnostics.clear()
         self.spin_until(lambda: self.sinkage.get_subscription_count() > 0, "the node listens")
-        self.spin_until(
-            lambda: self.node.count_publishers(f"/{NODE}/mobility") > 0, "the node publishes"
-        )
-        self.spin(0.5)
+        self.wait_until_known(self.load.topic_name, self.sinkage.topic_name)
+
+    def wait_until_known(self, *topics: str) -> None:
+        """Wait until the node says nothing of lacking the publishers of these topics."""
+
+        def known() -> bool:
+            inputs = self.entry("inputs")
+            lacking = r"waiting for {} \([^)]*\): no publisher"
+            return inputs is not None and not any(
+                re.search(lacking.format(re.escape(topic)), inputs.message) for topic in topics
+            )
+
+        self.spin_until(known, f"the node knows the publishers of {', '.join(topics)}")
+
+    def wait_for_turn(self) -> None:
+        """Wait until the node's timers have run once more: what was to be published has come."""
+        until = self.diagnosed + 2  # the next one may be under way already
+        self.spin_until(lambda: self.diagnosed >= until, "further diagnostics")
 
     # --- Publishing
 
+    def announce(self, **kinds: Any) -> None:
+        """Make the publishers of these topics that are not there, and wait until they are known."""
+        made = {f"/{topic}": kind for topic, kind in kinds.items()}
+        new = [topic for topic in made if topic not in self._publishers]
+        for topic in new:
+            self._publishers[topic] = self.node.create_publisher(made[topic], topic, 100)
+        if new:
+            self.wait_until_known(*new)
+
     def publish(self, topic: str, message: Any) -> None:
         """Publish, by a publisher that is made the first time."""
-        if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(type(message), topic, 100)
-            self.spin(0.5)  # until the other side has found it
+        self.announce(**{topic.lstrip("/"): type(message)})
         self._publishers[topic].publish(message)
 
     def now(self) -> int:
@@ -156,6 +187,10 @@ class Peer:
 
         begin: first stamp; later ones follow at the period, however fast this runs.
         """
+        from nav_msgs.msg import Odometry
+        from sensor_msgs.msg import JointState
+
+        self.announce(odom=Odometry, joint_states=JointState)
         count = math.ceil((end - start) / step)
         speed = step / period
         stamp = 0
@@ -192,6 +227,13 @@ class Peer:
         message = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[message])
         return self.call(SetParameters, "set_parameters", request).results[0]
+
+    def answered(self, stamp: int) -> bool:
+        """Whether the newest estimate is of that stamp."""
+        if not self.mobility:
+            return False
+        newest = self.mobility[-1].header.stamp
+        return bool(newest.sec * SECOND + newest.nanosec == stamp)
 
     def entry(self, name: str) -> Any:
         return self.diagnostics.get(f"{NODE}: {name}")

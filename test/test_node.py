@@ -38,8 +38,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
     )
     # One parameter that nobody knows.
     with NodeProcess([one_wheel], log, {"front.widht": "0.1"}) as node:
-        peer.spin_until(lambda: peer.sinkage.get_subscription_count() > 0, "the node listens")
-        peer.spin(0.5)
+        peer.wait_for_node()
         for _ in range(20):
             peer.send_load(math.nan)
         for force in (math.inf, -60.0, 0.0):
@@ -67,7 +66,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         assert peer.mobility == []
 
         # No load near this one: it is answered, and said.
-        peer.spin(0.5)
+        peer.spin_until(lambda: peer.now() - twice > second, "a stamp far from all loads")
         lonely = peer.send_sinkage(0.01)
         # and then all is well
         good = []

@@ -205,8 +205,17 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
     received: Counter[str] = Counter()
     clocks: list[int] = []
     rclpy.init(args=[])
+    command = [sys.executable, "-m", "smallwheel_ros.cli", "play", str(bag)]
+    process = subprocess.Popen(
+        [*command, "--rate", "4", "--wait", "120"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
         node = Node("listener")
+        assert process.stderr is not None
+        assert "waiting for listeners, at most 120 s" in process.stderr.readline()
 
         def count(name: str) -> Callable[[Any], None]:
             return lambda _: received.update([name])
@@ -220,18 +229,19 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
             lambda m: clocks.append(m.clock.sec * 10**9 + m.clock.nanosec),
             QoSProfile(depth=5000),
         )
-        command = [sys.executable, "-m", "smallwheel_ros.cli", "play", str(bag), "--rate", "4"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        start = time.monotonic()
-        while process.poll() is None and time.monotonic() - start < 60:
+        total = sum(expected.values())
+        deadline = time.monotonic() + 120.0
+        while received.total() < total and process.poll() in (None, 0):
+            assert time.monotonic() < deadline, f"{dict(received)} of {expected}"
             rclpy.spin_once(node, timeout_sec=0.05)
-        for _ in range(2000):
-            rclpy.spin_once(node, timeout_sec=0.0)
-        out, err = process.communicate()
+        out, err = process.communicate(timeout=60)
     finally:
+        process.kill()
         rclpy.try_shutdown()
     assert process.returncode == 0, err
-    assert f"{sum(expected.values())} messages published" in out.decode()
+    assert "nobody listens" not in err
+    assert "not confirmed" not in err
+    assert f"{total} messages published" in out
     assert dict(received) == expected
     assert clocks == sorted(clocks)
     assert first is not None
@@ -240,6 +250,43 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
     assert clocks[-1] <= last
     # at most 100 Hz of the bag's time, and no long holes
     assert 50 < len(clocks) / ((last - first) / 1e9) <= 101
+
+
+def test_player_waits_for_some_listener_and_names_what_nobody_hears(
+    bag: Path, ros_domain: int
+) -> None:
+    import rclpy
+    from nav_msgs.msg import Odometry
+    from rclpy.node import Node
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+
+    from smallwheel_ros.ros.play import Player, PlaySettings
+
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    rclpy.init(args=[])
+    try:
+        with Player(Node("player"), bag, PlaySettings()) as player:
+            player.wait_for_listeners(0.0)
+            assert player.unheard() == list(player.topics)
+            assert player.nobody_listens() == "nobody listens to any topic: played all the same"
+            # One topic is heard, one is asked for with more than is offered.
+            listener = Node("listener")
+            listener.create_subscription(JointState, "/joint_states", lambda _: None, latched)
+            odometry = listener.create_subscription(Odometry, "/odom", lambda _: None, 10)
+            player.wait_for_listeners(600.0)
+            assert set(player.topics) - set(player.unheard()) == {"/odom"}
+            said = player.nobody_listens()
+            assert "quality of service, and not heard: /joint_states; nobody listens to /" in said
+            assert "/odom" not in said
+            # A listener that leaves hears no more.
+            listener.destroy_subscription(odometry)
+            deadline = time.monotonic() + 60.0
+            while "/odom" not in player.unheard():
+                assert time.monotonic() < deadline
+                player.spin(0.05)
+    finally:
+        rclpy.try_shutdown()
 
 
 def test_demo_makes_table_and_picture(tmp_path: Path) -> None:

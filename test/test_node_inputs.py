@@ -58,9 +58,7 @@ def test_range_efforts_and_a_velocity_of_its_own(peer: Peer, tmp_path: Path) -> 
             peer.stamp(message, stamp)
             peer.sinkage.publish(message)
             peer.spin(0.02)
-        # The first ones came before the node had found all publishers.
-        peer.spin_until(lambda: len(peer.mobility) > 10, "estimates")
-        peer.spin(1.5)
+        peer.spin_until(lambda: peer.answered(stamps[-1]), "the last estimate")
         last = peer.mobility[-1]
         assert last.load == pytest.approx(60.0)
         assert last.sinkage_measured == pytest.approx(0.01, abs=1e-6)  # ranges are float32

@@ -63,6 +63,10 @@ class Rover:
         self.wrench, self.depth = WrenchStamped(), WheelSinkage(variance=1e-6)
 
     @property
+    def topics(self) -> list[str]:
+        return [publisher.topic_name for publisher in (*self.loads, *self.sinkages)]
+
+    @property
     def heard(self) -> bool:
         publishers = (*self.loads, *self.sinkages, self.odometry, self.joints)
         return all(p.get_subscription_count() > 0 for p in publishers)
@@ -107,7 +111,7 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
     memory: list[float] = []
     with NodeProcess([parameters], log) as node:
         peer.spin_until(lambda: rover.heard, "the node listens")
-        peer.spin(1.0)
+        peer.wait_until_known("/odom", "/joint_states", *rover.topics)
         begin, start = peer.now(), time.monotonic()
         busy = processor_seconds(node.process_id)
         held = 0.0
@@ -126,7 +130,7 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
         took = time.monotonic() - start
         share = (processor_seconds(node.process_id) - busy) / took
         peer.spin_until(lambda: rover.answered == rover.sent, "the last answers", 60.0)
-        peer.spin(2.0)
+        peer.wait_for_turn()  # its counts are then those of all messages
         print(
             f"{MINUTES:g} minutes of stamps took {took / 60:.2f}; the node had {share:.0%} of a"
             f" processor; {rover.answered} of {rover.sent} sinkages answered; memory after each"

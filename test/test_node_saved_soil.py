@@ -29,7 +29,7 @@ def test_a_node_that_was_killed_goes_on_with_its_saved_soil(
         answer = peer.trigger("save_soil")
         assert answer.success, answer.message
         assert str(file) in answer.message
-        peer.spin(0.7)  # for the newest soil
+        peer.wait_for_turn()
         saved = soils[-1]
         assert saved.status == SoilEstimate.STATUS_OK
         os.kill(node.process_id, signal.SIGKILL)

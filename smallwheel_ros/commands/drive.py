@@ -87,10 +87,21 @@ def demo(
     show_default=True,
     help="Publish /clock, for nodes with use_sim_time.",
 )
-def play(bag: Path, rate: float, start: float, loop: bool, clock: bool) -> None:
+@click.option(
+    "--wait",
+    type=click.FloatRange(0, 86400),
+    default=10.0,
+    show_default=True,
+    help="For listeners, at most so many s; 0: begin at once.",
+)
+def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: float) -> None:
     """Publish the messages of BAG over DDS; bags of ROS 1 are converted on the way.
 
     Nodes that listen must have use_sim_time set: stamps are those of the recording.
+
+    It begins when every topic of BAG has a listener. Where some have one and others none, it begins 2 s
+    after the last listener has come; where nobody listens at all, after --wait. Topics that nobody
+    listens to are named. It ends when all reliable listeners have everything.
     """
     check_ros()
     from smallwheel_ros.ros.play import PlaySettings
@@ -109,9 +120,12 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool) -> None:
 
         return step
 
-    settings = PlaySettings(rate=rate, start=start, loop=loop, clock=clock)
+    def say(line: str) -> None:
+        click.echo(f"{bag}: {line}", err=True)
+
+    settings = PlaySettings(rate=rate, start=start, loop=loop, clock=clock, wait=wait)
     try:
-        count = play_bag(bag, settings, progress)
+        count = play_bag(bag, settings, progress, say)
     finally:
         for bar in bars:
             bar.close()

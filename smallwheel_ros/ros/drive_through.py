@@ -139,7 +139,7 @@ class _Session:
         with self.player:
             self._wait(lambda: not self._unheard(), self._nobody)
             # Topics that the node does not need may stay unheard.
-            self._wait(lambda: not self.player.unheard(), None)
+            self.player.wait_for_listeners(_PATIENCE)
             # The node has found us as well when its first soil has come.
             self._wait(lambda: bool(self.recording.soil), lambda: "it published no soil")
             start = time.monotonic()

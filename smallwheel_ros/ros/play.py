@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -23,7 +27,12 @@ from smallwheel_ros.ros.conversions import time_message
 from smallwheel_ros.stop import Stop
 
 _CLOCK_PERIOD = SECOND // 100
+# A listener that is known here may need a moment more to know of us. DDS says nothing of that: a
+# reliable listener gets again what it missed meanwhile, one of best effort does not.
 _MUTUAL = 0.5  # s
+# The subscriptions of one node become known together, well within this; so do nodes that run already.
+_QUIET = 2.0  # s
+_CONFIRM = 5.0  # s: a listener on this machine confirms within milliseconds
 _RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 _KEPT = QoSProfile(
     depth=100,
@@ -41,13 +50,15 @@ class PlaySettings:
     """How to play a bag.
 
     rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again.
-    clock: publish /clock from the times of recording, for nodes with use_sim_time.
+    clock: publish /clock from the times of recording, for nodes with use_sim_time. wait: for
+    listeners before the first message, at most so many s (`Player.wait_for_listeners`).
     """
 
     rate: float = 1.0
     start: float = 0.0
     loop: bool = False
     clock: bool = True
+    wait: float = 10.0
 
 
 def message_class(kind: str) -> Any | None:
@@ -113,8 +124,15 @@ class Player:
         self.skipped = {name: types[name] for name, found in classes.items() if found is None}
         if not self.topics:
             raise PlayError(f"bag {self.bag} has no message of a type that is installed here")
+        self._newest_match = 0.0  # time.monotonic()
+        self._listeners = dict.fromkeys(self.topics, 0)
         self.publishers = {
-            name: node.create_publisher(classes[name], name, _KEPT if kept[name] else _RELIABLE)
+            name: node.create_publisher(
+                classes[name],
+                name,
+                _KEPT if kept[name] else _RELIABLE,
+                event_callbacks=PublisherEventCallbacks(matched=partial(self._on_match, name)),
+            )
             for name in self.topics
         }
         self._clock = None
@@ -140,19 +158,59 @@ class Player:
             raise KeyboardInterrupt
 
     def unheard(self) -> list[str]:
-        """Topics that nobody listens to (yet)."""
-        return [name for name, p in self.publishers.items() if p.get_subscription_count() == 0]
+        """Topics that nobody listens to, as far as events have been taken by `spin`."""
+        return [name for name, count in self._listeners.items() if count == 0]
 
-    def wait_for_listeners(self, seconds: float) -> None:
-        """Wait until every topic is heard, or so long."""
-        deadline = time.monotonic() + seconds
-        while self.unheard() and time.monotonic() < deadline:
-            self.spin(0.05)
-        # A listener that is known here may need a moment more to know of us; what is published
-        # before that, it misses.
-        deadline = time.monotonic() + _MUTUAL
-        while time.monotonic() < deadline:
-            self.spin(0.05)
+    def _on_match(self, topic: str, event: QoSPublisherMatchedInfo) -> None:
+        self._listeners[topic] = event.current_count
+        self._newest_match = time.monotonic()
+
+    def _begin_at(self) -> float:
+        unheard = self.unheard()
+        if len(unheard) == len(self.topics):
+            return math.inf
+        return self._newest_match + (_QUIET if unheard else _MUTUAL)
+
+    def wait_for_listeners(self, limit: float) -> None:
+        """Wait for listeners, at most `limit` s.
+
+        Until every topic is heard, or some are and 2 s have passed since the last listener came:
+        nobody here needs the others, as far as can be known.
+        """
+        deadline = time.monotonic() + limit
+        while (left := min(self._begin_at(), deadline) - time.monotonic()) > 0:
+            self.spin(min(left, 0.05))
+
+    def nobody_listens(self) -> str:
+        """Say which topics have no listener, and to which of them somebody subscribes in vain."""
+        unheard = self.unheard()
+        vain = [name for name in unheard if self.node.count_subscribers(name) > 0]
+        lonely = [name for name in unheard if name not in vain]
+        said = []
+        if vain:
+            said.append(
+                f"subscribed to with another type or quality of service, and not heard:"
+                f" {', '.join(vain)}"
+            )
+        if len(lonely) == len(self.topics):
+            said.append("nobody listens to any topic: played all the same")
+        elif lonely:
+            said.append(f"nobody listens to {', '.join(lonely)}")
+        return "; ".join(said)
+
+    def wait_for_confirmation(self) -> list[str]:
+        """Wait until the listeners have what was published; name the topics that they lack.
+
+        Those of best effort confirm nothing, and are not waited for.
+        """
+        deadline = time.monotonic() + _CONFIRM
+        return [
+            name
+            for name, publisher in self.publishers.items()
+            if not publisher.wait_for_all_acked(
+                Duration(seconds=max(deadline - time.monotonic(), 0.0))
+            )
+        ]
 
     def messages(self) -> Iterator[RawMessage]:
         """Give the bag's messages that can be published, over and over when it loops."""
@@ -201,18 +259,32 @@ class Player:
 
 
 def play(
-    bag: Path | str, settings: PlaySettings, progress: Callable[[Player], Callable[[], None]]
+    bag: Path | str,
+    settings: PlaySettings,
+    progress: Callable[[Player], Callable[[], None]],
+    say: Callable[[str], None] = lambda _: None,
 ) -> int:
     """Publish a bag from a node of its own; return the number of messages.
 
-    progress: gets the player, and gives back what to call at each message.
+    progress: gets the player before the first message, and gives back what to call at each. say:
+    gets lines of text on the listeners.
     """
     # Ctrl-C is ours, not ROS's: it then ends this like any other program.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with Player(Node("smallwheel_play"), bag, settings) as player, player.stop.listening():
-            player.wait_for_listeners(2.0)
+            if settings.wait > 0:
+                say(f"waiting for listeners, at most {settings.wait:g} s (--wait)")
+                player.wait_for_listeners(settings.wait)
+                if lonely := player.nobody_listens():
+                    say(lonely)
             step = progress(player)
-            return player.play(lambda _: step())
+            count = player.play(lambda _: step())
+            if lacking := player.wait_for_confirmation():
+                say(
+                    f"listeners have not confirmed the last messages within {_CONFIRM:g} s:"
+                    f" {', '.join(lacking)}"
+                )
+            return count
     finally:
         rclpy.try_shutdown()
