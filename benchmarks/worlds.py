@@ -25,12 +25,11 @@ from benchmarks import _world_labs as labs
 from benchmarks._bench import rig_table
 
 Table = Callable[..., pd.DataFrame]
-NOTHING, NAMED, OPEN = (
-    frozenset({"adequate"}),
-    frozenset({"missing_effect"}),
-    # Something is wrong that no name covers: to say so and not to notice are both no lie.
-    frozenset({"adequate", "unknown_effect"}),
-)
+# Verdicts that are right, by what there is to find.
+NOTHING, NAMED = frozenset({"adequate"}), frozenset({"missing_effect"})
+TIED, TOO_FEW = frozenset({"indistinguishable"}), frozenset({"insufficient_data"})
+# Something is wrong that no name covers: to say so and not to notice are both no lie.
+OPEN = frozenset({"adequate", "unknown_effect"})
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class World:
         return self.table(seed, 0), expected
 
 
-_INSTRUMENTS = frozenset(
+INSTRUMENTS = frozenset(
     f"{channel}_{fault}"
     for channel in ("sinkage", "load", "resistance")
     for fault in ("gain", "offset")
@@ -86,8 +85,8 @@ def _world(name: str, table: Table, hidden: tuple[str, ...] = (), **more: object
     return World(
         name,
         table,
-        soil=frozenset(ids - _INSTRUMENTS),
-        instruments=frozenset(ids & _INSTRUMENTS),
+        soil=frozenset(ids - INSTRUMENTS),
+        instruments=frozenset(ids & INSTRUMENTS),
         **settings,  # type: ignore[arg-type]
     )
 
@@ -103,6 +102,7 @@ _SINGLE = (
     "hardpan",
     "sinkage_offset",
     "column:density",
+    "moisture",
 )
 _PAIRS = (
     ("slip_sinkage", "multipass"),
@@ -144,6 +144,15 @@ def _soils() -> Iterator[World]:
         if len(hidden) < 2:
             poor = partial(rig_table, hidden=hidden, runs=10, noise=0.09)
             yield _world(f"poor/{label}", poor, hidden, **more)
+
+
+def _designs() -> Iterator[World]:
+    """Data that cannot decide, however much the effect shows."""
+    for name in ("slip_sinkage", "load_dependent_modulus"):
+        table = partial(rig_table, hidden=(name,), tie=("slip", "load"))
+        yield _world(f"tie/slip-load-{name}", table, (name,), verdicts=TIED)
+    table = partial(rig_table, hidden=("slip_sinkage",), runs=5)
+    yield _world("few/5-runs-slip_sinkage", table, ("slip_sinkage",), verdicts=TOO_FEW)
 
 
 def _published() -> Iterator[World]:
@@ -211,7 +220,7 @@ def _odd() -> Iterator[World]:
 
 WORLDS: dict[str, World] = {
     world.name: world
-    for group in (_soils, _published, _faults, _curves, _labs, _pulls, _odd)
+    for group in (_soils, _designs, _published, _faults, _curves, _labs, _pulls, _odd)
     for world in group()
 }
 

@@ -1,8 +1,8 @@
 """The truth simulator: data whose answer is known, made without the library's model.
 
 `simulate_drive` makes a rover's drive and `write_drive_bag` its bag; `simulate_rig` makes a table
-of single-wheel measurements and `measure` adds runs to it. Only the base of errors and
-the bags are shared with the rest of the package.
+of single-wheel measurements and `measure` adds runs to it. No code of the physics is shared with the
+rest of the package; which assumptions are, is said in `truth`.
 """
 
 from __future__ import annotations
