@@ -18,7 +18,7 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
 	@echo 'make test        the fast tests'
-	@echo 'make test-slow   the slow tests: Monte Carlo, soak, long drives'
+	@echo 'make test-slow   the slow tests: Monte Carlo, soak, long drives, random examples'
 	@echo 'make lint        ruff and mypy'
 	@echo 'make benchmark   the benchmarks, each against a peer or a limit in the same run'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
@@ -34,8 +34,9 @@ env:
 test: env
 	@$(RUN) -m pytest -m "not slow" -n 2 --dist loadgroup
 
+# All of them, one after the other: some measure speed and memory. The last line says how long it took.
 test-slow: env
-	@$(RUN) -m pytest -m slow
+	@$(RUN) -m pytest -m "slow or hypothesis" --hypothesis-profile=free --durations=20
 
 lint: env
 	@$(VENV)/bin/ruff check .

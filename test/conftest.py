@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from node_peer import Peer
@@ -30,6 +31,13 @@ sys.path.insert(0, str(ROOT / "test"))
 
 # Never a window, whatever the machine has.
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# Examples of hypothesis. Fast tests: the same in each run, so that what passes once passes again.
+# Slow tests (--hypothesis-profile=free): others in each run and ten times as many where a test names
+# its number by `examples`; those that failed are kept in .hypothesis/ and tried first.
+settings.register_profile("fast", derandomize=True, database=None, deadline=None)
+settings.register_profile("free", max_examples=1000, deadline=None, print_blob=True)
+settings.load_profile("fast")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -215,16 +215,6 @@ def write_odd(path):
         writer.write_raw("/x", "vendor_msgs/msg/Odd", EPOCH, b"")
 
 
-def test_rosbags_is_imported_in_one_module(repository):
-    package = repository / "smallwheel_ros"
-    users = {
-        str(file.relative_to(package))
-        for file in package.rglob("*.py")
-        if re.search(r"^\s*(from|import) rosbags\b", file.read_text(), re.MULTILINE)
-    }
-    assert users == {"bags/library.py"}
-
-
 def test_ros1_bag_with_a_vendor_message(shared_data):
     bag = shared_data / "cmu_wheel_rig" / "raw" / "force-displacement_6.bag"
     with BagReader(bag) as reader:

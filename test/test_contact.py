@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -67,7 +68,7 @@ def test_against_the_usual_way(load: float, n: float) -> None:
     modulus=st.floats(1e2, 1e9),
     n=st.floats(0.05, 2.9),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 def test_load_and_sinkage_invert_each_other(
     load: float, d: float, aspect: float, modulus: float, n: float
 ) -> None:
@@ -83,7 +84,7 @@ def test_load_and_sinkage_invert_each_other(
 
 
 @given(n=st.floats(0.05, 2.9), d=st.floats(0.05, 0.6), load=st.floats(0.1, 1e4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 def test_slopes_are_derivatives(n: float, d: float, load: float) -> None:
     modulus = load / (0.5 * d * np.sqrt(d) * (0.1 * d) ** (n + 0.5))
     h = 1e-6

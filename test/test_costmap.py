@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
@@ -101,7 +102,7 @@ steps = st.integers(-60, 60).map(lambda i: 0.0133 * i)
 
 
 class TestCrossedGround:
-    @settings(max_examples=50, deadline=None)
+    @settings(max_examples=examples(50))
     @given(
         x=places,
         y=places,
@@ -129,7 +130,7 @@ class TestCrossedGround:
         middle = line_cells((x, y), (x + dx, y + dy), 0.1)
         assert len(middle - marked) <= 0.2 * len(middle) + 1
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=examples(60))
     @given(st.lists(st.tuples(places, places), min_size=1, max_size=12))
     def test_the_window_follows_and_keeps_what_is_in_it(
         self, way: list[tuple[float, float]]
@@ -200,7 +201,7 @@ class TestTerrainClasses:
         assert not classes.learn("a", 5.0, 0.0, -1, Quantity(0.1, 0.01))
         assert classes.places() == {0: 2}
 
-    @settings(max_examples=50, deadline=None)
+    @settings(max_examples=examples(50))
     @given(
         cells=st.lists(st.integers(-128, 127), min_size=1, max_size=60),
         known=st.dictionaries(st.integers(0, 127), st.floats(-0.5, 0.5), max_size=6),

@@ -17,6 +17,7 @@ from drawbar_drives import SAND, PullPlan, drive_on, pull_drive, true_pulls
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from random_examples import examples
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.bulldozing import Rankine
@@ -405,7 +406,7 @@ def test_gross_pull_is_an_outlier_of_its_own() -> None:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(
     st.lists(
         st.tuples(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect, EffectError, WheelState, parameter
 from smallwheel_ros.effects.registry import covariate, effect_class, families, load_effects
@@ -91,7 +92,7 @@ class TestEveryForm:
         assert with_it.drawbar_pull == pytest.approx(without.drawbar_pull, rel=1e-14)
 
     @given(data=st.data())
-    @settings(max_examples=12, deadline=None)
+    @settings(max_examples=examples(12))
     def test_is_finite_at_any_strength(self, form: type[Effect], data: st.DataObject) -> None:
         strengths = {
             p.name: data.draw(st.floats(*p.bounds, allow_subnormal=False), label=p.name)

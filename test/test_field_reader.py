@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -159,7 +160,7 @@ def case(name: str, how: str) -> Case:
 
 @pytest.mark.parametrize("how", FORMATS)
 @pytest.mark.parametrize("name", TOPICS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25))
 @given(data=st.data())
 def test_any_message_gives_what_rosbags_gives(name: str, how: str, data: st.DataObject) -> None:
     reader, slow, encode, store, kind, asked = case(name, how)
@@ -172,7 +173,7 @@ def test_any_message_gives_what_rosbags_gives(name: str, how: str, data: st.Data
 
 @pytest.mark.parametrize("how", FORMATS)
 @pytest.mark.parametrize("name", TOPICS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40))
 @given(data=st.data())
 def test_damaged_bytes_are_refused_where_rosbags_refuses_them(
     name: str, how: str, data: st.DataObject
@@ -288,7 +289,7 @@ def other(text: str, ros1: bool = False) -> Typestore:
 
 
 @pytest.mark.parametrize("ros2", [True, False], ids=["ros2", "ros1"])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(data=st.data())
 def test_fields_are_found_among_others(ros2: bool, data: st.DataObject) -> None:
     store = other(AROUND, not ros2)

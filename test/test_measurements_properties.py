@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.measurements.table import MeasurementsError, read_measurements
 
@@ -36,7 +37,7 @@ def read(content: bytes) -> object:
         return read_measurements(path)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(
     ROWS,
     st.tuples(*(st.sampled_from(list(LENGTHS)) for _ in range(3))),
@@ -59,7 +60,7 @@ def test_a_table_in_any_units_reads_as_written_in_si(
     np.testing.assert_allclose(np.stack(got, axis=1), table, rtol=1e-9, atol=1e-30)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(st.binary(max_size=300))
 def test_any_bytes_are_a_table_or_a_measurements_error(content: bytes) -> None:
     try:
@@ -100,7 +101,7 @@ HEADERS = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=examples(400))
 @given(st.lists(HEADERS, max_size=7), st.lists(st.lists(CELLS, max_size=7), max_size=5))
 def test_any_table_is_read_or_refused_and_never_holds_an_infinity(
     header: list[str], rows: list[list[str]]
@@ -109,7 +110,7 @@ def test_any_table_is_read_or_refused_and_never_holds_an_infinity(
     check(text)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=examples(400))
 @given(
     st.lists(HEADERS, max_size=4, unique=True),
     st.lists(st.lists(CELLS, min_size=8, max_size=8), min_size=1, max_size=4),

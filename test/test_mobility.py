@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
@@ -192,7 +193,7 @@ class TestForces:
         with pytest.raises(MobilityError, match="'plate', expected rolling or pressed"):
             wheel_forces(replace(WHEEL, contact="plate"), SAND, STRENGTH, self.load, None)
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=examples(60))
     @given(
         n=st.floats(0.1, 2.0),
         m=st.floats(-1.0, 1.0),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.effects.base import Array, Effect, EffectError
 from smallwheel_ros.effects.registry import effect
@@ -33,7 +34,7 @@ WHEEL = {"load": st.floats(1.0, 1e3), "d": st.floats(0.05, 0.6), "b": st.floats(
 
 
 @given(any_soil=SOIL, **WHEEL)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_sinkage_grows_with_load_and_falls_with_modulus_and_width(
     any_soil: Soil, load: float, d: float, b: float
 ) -> None:
@@ -50,7 +51,7 @@ def test_sinkage_grows_with_load_and_falls_with_modulus_and_width(
 
 
 @given(any_soil=SOIL, scale=st.floats(0.1, 10), **WHEEL)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_another_unit_of_force_changes_nothing(
     any_soil: Soil, scale: float, load: float, d: float, b: float
 ) -> None:
@@ -65,7 +66,7 @@ def test_another_unit_of_force_changes_nothing(
 
 
 @given(any_soil=SOIL, scale=st.floats(0.1, 10), **WHEEL)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_another_unit_of_length_changes_nothing(
     any_soil: Soil, scale: float, load: float, d: float, b: float
 ) -> None:

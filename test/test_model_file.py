@@ -10,6 +10,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.effects.registry import covariate, effect, families, load_effects
 from smallwheel_ros.model import Model
@@ -77,7 +78,7 @@ def test_round_trip_is_exact(tmp_path: Path, calibrated: CalibratedModel) -> Non
     name=st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), min_size=1),
     variances=st.lists(st.floats(0, 1e6), min_size=3, max_size=3),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50))
 def test_any_soil_comes_back(
     tmp_path_factory: pytest.TempPathFactory,
     k: float,

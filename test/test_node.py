@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from node_peer import ONE_WHEEL, Peer
+from node_peer import ONE_WHEEL, Peer, documented_reasons
 
 from smallwheel_ros.node_process import NodeProcess
 
@@ -23,7 +23,7 @@ def all_finite(message: Any) -> bool:
 
 
 def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
-    peer: Peer, one_wheel: Path, tmp_path: Path
+    peer: Peer, one_wheel: Path, tmp_path: Path, repository: Path
 ) -> None:
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from smallwheel_ros.msg import MobilityEstimate
@@ -63,6 +63,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
             "/mobility_estimator/mobility: incompatible_qos": "1",
         }
         peer.spin_until(lambda: wanted.items() <= peer.counts().items(), f"counts {wanted}")
+        assert {key.split(": ")[1] for key in wanted} <= documented_reasons(repository)
         assert peer.mobility == []
 
         # No load near this one: it is answered, and said.

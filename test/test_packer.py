@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from smallwheel_ros.bags import message_type, packer, typestore
@@ -53,7 +53,6 @@ def some_message(draw: Any, kind: str) -> tuple[Any, list[Any]]:
 
 
 @pytest.mark.parametrize("kind", _KINDS)
-@settings(deadline=None)
 @given(data=st.data())
 def test_bytes_are_those_of_rosbags(kind: str, data: st.DataObject) -> None:
     message, values = some_message(data.draw, kind)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 from scipy.integrate import quad
 
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
@@ -84,7 +85,7 @@ def test_layered_solve_without_layers_is_the_contact_integral() -> None:
 
 
 @given(n=st.floats(0.05, 2.9), z=st.floats(1e-5, 0.2), stiffening=st.floats(0.0, 80.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 def test_layered_work_is_the_work_of_the_pressure(n: float, z: float, stiffening: float) -> None:
     work = layered_work(
         np.array([z]), np.array([1e6]), np.array([n]), lambda x: 1.0 + stiffening * x
@@ -94,7 +95,7 @@ def test_layered_work_is_the_work_of_the_pressure(n: float, z: float, stiffening
 
 
 @given(n=st.floats(0.05, 2.9), z=st.floats(1e-5, 0.3), modulus=st.floats(1e3, 1e8))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 def test_resistance_is_the_work_of_the_pressure(n: float, z: float, modulus: float) -> None:
     # z u^2 in place of the depth, against the singular slope of a small power
     work = quad(lambda u: modulus * (z * u * u) ** n * 2 * z * u, 0, 1, epsabs=0, epsrel=1e-12)[0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.measurements.units import Header, UnitsError, base_unit, parse_header, to_base
 
@@ -146,7 +147,7 @@ def test_no_text_of_digits_and_powers_is_computed(text: str) -> None:
         assert np.isfinite(to_base(np.ones(1), text.strip() or "1")).all()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(st.text(max_size=30))
 def test_any_text_in_brackets_is_a_unit_or_a_units_error(text: str) -> None:
     try:
@@ -157,7 +158,7 @@ def test_any_text_in_brackets_is_a_unit_or_a_units_error(text: str) -> None:
         pass
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(st.text("mNskg0123456789*^/().- %°²", max_size=30))
 def test_any_text_that_looks_like_a_unit_is_one_or_a_units_error(text: str) -> None:
     with contextlib.suppress(UnitsError):
