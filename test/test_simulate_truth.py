@@ -266,7 +266,7 @@ def _fast(angle, entry, amplitude):
 
 
 def _loaded(angle, entry, amplitude):
-    return 1 + amplitude * 0.5 * (1 - (angle / entry) ** 2)
+    return 1 + amplitude * 0.5 * (1 - 0.1 * (angle / entry) ** 2)
 
 
 def _edged(angle, entry, amplitude):

@@ -40,14 +40,18 @@ class PenetrationRate(HiddenEffect):
 
 
 class LoadDependentModulus(HiddenEffect):
-    """Soil is stiffer under a heavier wheel, most so right under its axle."""
+    """Soil is stiffer under a heavier wheel, a little more so right under its axle.
+
+    Only a little: confinement of the axle alone would change the shape of the stress more than its
+    size, and be another effect than one of the load.
+    """
 
     name = "load_dependent_modulus"
     formula: ClassVar = {
-        "own": "stress (1 + A W / (W + 60 N) (1 - (theta / theta0)^2))",
+        "own": "stress (1 + A W / (W + 60 N) (1 - 0.1 (theta / theta0)^2))",
         "published": "k (W / 60 N)^A",
     }
-    typical: ClassVar = {"own": 3.0, "published": 0.25}
+    typical: ClassVar = {"own": 2.0, "published": 0.25}
     on_stiffness = True
 
     def modulus(self, at: Circumstances) -> Array | float:
@@ -56,7 +60,7 @@ class LoadDependentModulus(HiddenEffect):
     def local(self, contact: Contact, at: Circumstances) -> Array | float:
         if self.form == "published":
             return 1.0
-        confined = 1.0 - (contact.angle / np.maximum(contact.entry, 1e-12)[:, None]) ** 2
+        confined = 1.0 - 0.1 * (contact.angle / np.maximum(contact.entry, 1e-12)[:, None]) ** 2
         return np.asarray(1.0 + self.amplitude * (at.load / (at.load + 60.0))[:, None] * confined)
 
 
