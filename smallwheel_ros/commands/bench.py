@@ -9,18 +9,19 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from smallwheel_ros.commands.inputs import check_column, read_inputs, warn
-from smallwheel_ros.compare.scores import UNITS
-from smallwheel_ros.diagnosis.apply import Added, add_effect, base_physics, held_out_rmse
+from smallwheel_ros.commands.inputs import check_column, limits, read_inputs, warn, without_ids
+from smallwheel_ros.diagnosis.apply import Added, add_effect, held_out_rmse
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
+from smallwheel_ros.diagnosis.problem import Base, Problem
 from smallwheel_ros.diagnosis.text import diagnosis_text
-from smallwheel_ros.diagnosis.workbench import Base
 from smallwheel_ros.display import display, number, words
 from smallwheel_ros.effects.registry import default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, fit_model
 from smallwheel_ros.fitting.files import calibrated
+from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Geometry
 from smallwheel_ros.model_file import write_model
@@ -35,6 +36,9 @@ _JSON = click.option("--json", "json_file", metavar="FILE",
 _OWN = click.option("--effects", "own", type=click.Path(path_type=Path), metavar="FILE",
                     help="A Python file with effects of your own. It is run: name only files "
                     "that you trust.")  # fmt: skip
+_WITHOUT = click.option("--without", default="", metavar="ID,ID",
+                        help="Effects that do not compete, by id; `unknown` for curves without a "
+                        "name.")  # fmt: skip
 
 
 class BenchError(SmallwheelError):
@@ -42,7 +46,7 @@ class BenchError(SmallwheelError):
 
 
 def _value(channel: str, value: float) -> str:
-    how = display(channel, UNITS[channel])
+    how = display(channel, CHANNEL_UNITS[channel])
     return f"{number(value * how.scale)} {how.unit}"
 
 
@@ -82,7 +86,9 @@ def fit(
         effects.append(registry.form(id, form or None).suited_to(measurements.conditions))
     rule: Geometry = "closed_form" if geometry == "closed_form" else "contact_integral"
     result = fit_model(measurements, effects, rule)
-    held_out = held_out_rmse(Base(tuple(effects), rule), measurements)
+    parts = tuple(part_of(effect) for effect in effects)
+    base = Base(tuple(effects), rule, parts=parts)
+    held_out = held_out_rmse(Problem.of(measurements, base))
     write_model(output, calibrated(result, measurements, held_out))
     if json_file is not None:
         write_json(json_file, fit_document(result) | {"held_out_rmse": held_out})
@@ -118,7 +124,7 @@ def fit_document(result: FitResult) -> dict[str, Any]:
             for name, n in result.noise.items()
         },
         "run_scatter": dict(result.run_scatter),
-        "outliers": {name: rows.tolist() for name, rows in result.outliers.items()},
+        "outliers": result.outliers.tolist(),
         "notes": list(result.notes),
     }
 
@@ -156,6 +162,10 @@ def fit_text(result: FitResult) -> str:
               help="With --apply: model file to write.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Of the simulations behind the p-values.")  # fmt: skip
+@_WITHOUT
+@click.option("--can", "levels", multiple=True, metavar="NAME=A..B|A,B,C",
+              help="What you can set, for the measurements to make next: slip=0..0.6, "
+              "load=20,40,60 (SI units, angles in rad). May be given several times.")  # fmt: skip
 @_OWN
 @_DIAMETER
 @_WIDTH
@@ -168,6 +178,8 @@ def diagnose(
     apply: bool,
     output: Path | None,
     seed: int,
+    without: str,
+    levels: tuple[str, ...],
     own: Path | None,
     diameter: float | None,
     width: float | None,
@@ -183,14 +195,22 @@ def diagnose(
     check_targets([json_file, html], [model_file])  # -o may replace it
     check_folder_target(plots)
     measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
-    base = base_physics(base, measurements, registry)
+    can, out = limits(levels, measurements), without_ids(without, registry)
     with tqdm(total=5, desc="diagnosing", disable=None, leave=False) as bar:
 
         def progress(step: str) -> None:
             bar.set_description(step)
             bar.update()
 
-        result = diagnose_data(measurements, base, registry=registry, seed=seed, progress=progress)
+        result = diagnose_data(
+            measurements,
+            base,
+            registry=registry,
+            seed=seed,
+            without=out,
+            limits=can,
+            progress=progress,
+        )
     written = _write(result, json_file, html, plots, output)
     if json_file != "-":
         click.echo(diagnosis_text(result.document))
@@ -216,7 +236,7 @@ def _write(
             write_model(output, calibrated(result.fitted(last), result.measurements, held_out))
             written.append(output)
     if html is not None or plots is not None:
-        from smallwheel_ros.diagnosis.pictures import report_page, write_pictures
+        from smallwheel_ros.report.diagnosis_pictures import report_page, write_pictures
 
         if html is not None:
             from smallwheel_ros.report import write_page
@@ -238,6 +258,7 @@ def _write(
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path),
               help="Model file to write.")  # fmt: skip
 @_JSON
+@_WITHOUT
 @_OWN
 @_DIAMETER
 @_WIDTH
@@ -247,6 +268,7 @@ def add(
     data: Path,
     output: Path,
     json_file: str | None,
+    without: str,
     own: Path | None,
     diameter: float | None,
     width: float | None,
@@ -256,8 +278,8 @@ def add(
     check_targets([json_file], [model_file])  # -o may replace it
     measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
     check_column(effect, measurements, registry)
-    base = base_physics(base, measurements, registry)
-    result = add_effect(effect, base, measurements, registry=registry)
+    out = without_ids(without, registry)
+    result = add_effect(effect, base, measurements, registry=registry, without=out)
     after = result.after.rmse()
     write_model(output, calibrated(result.fit, measurements, after))
     if json_file is not None:
@@ -276,7 +298,8 @@ def added_document(result: Added) -> dict[str, Any]:
         "reason": result.reason,
         "before": {"held_out_rmse": result.before.rmse(), "std": result.before.rmse_std()},
         "after": {"held_out_rmse": result.after.rmse(), "std": result.after.rmse_std()},
-        "fall": result.fall,
+        "reduction": dict(result.change.reduction),
+        "z_score": dict(result.change.z_score),
         "fit": fit_document(result.fit),
     }
 
@@ -289,7 +312,7 @@ def added_text(result: Added) -> str:
         first = _with_error(name, before, result.before.rmse_std())
         second = _with_error(name, after, result.after.rmse_std())
         lines.append(f"  {words(name)}: {first} -> {second}")
-    lines.append(result.reason or "recommended: the error fell")
+    lines.append(result.reason or "recommended: the diagnosis of this data names it")
     lines += [f"  {p.full_name} = {number(p.value)}" + ("" if p.std is None else f" +- {number(p.std)}")
               for p in result.fit.parameters if p.owner == result.effect]  # fmt: skip
     return "\n".join(lines)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from smallwheel_ros.diagnosis.apply import base_of
-from smallwheel_ros.diagnosis.candidates import STANDARD, list_families
-from smallwheel_ros.diagnosis.workbench import Base
+from smallwheel_ros.diagnosis.competitors import SETTINGS, drivers_of
+from smallwheel_ros.diagnosis.problem import Base, base_of
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.observations import observe
 from smallwheel_ros.measurements.columns import TEXTS
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model_file import read_model
@@ -75,12 +74,15 @@ def check_column(effect: str, measurements: Measurements, registry: Registry) ->
     """
     kind, _, name = effect.partition(":")
     conditions = measurements.conditions
-    free = [column for column in conditions.covariates if column not in STANDARD]
+    free = [column for column in conditions.covariates if column not in SETTINGS]
     if kind != "covariate" or not name or name in free:
         return
     if name in ("load", "diameter", "width", *conditions.covariates):
-        families = list_families(observe(measurements), registry=registry)
-        follow = [family.name for family in families if name in family.drivers]
+        follow = [
+            family
+            for family, forms in registry.families.items()
+            if any(name in drivers_of(form) for form in forms)
+        ]
         known = f" ({', '.join(follow)})" if follow else ""
         why = (
             f"'{name}' is a known setting, and those have effects of their own{known}: add one of "
@@ -95,3 +97,40 @@ def check_column(effect: str, measurements: Measurements, registry: Registry) ->
     else:
         why = f"the table has no column '{name}' of numbers, nor any but the known settings"
     raise ColumnError(f"effect '{effect}' cannot be added: {why}")
+
+
+def without_ids(text: str, registry: Registry) -> tuple[str, ...]:
+    """The ids of --without. Raises EffectError for one that does not exist."""
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    for name in names:
+        if name != "unknown":
+            registry.family(name)
+    return names
+
+
+def limits(given: tuple[str, ...], measurements: Measurements) -> dict[str, list[float]]:
+    """Levels by setting of --can NAME=A..B or NAME=A,B,C. Raises ColumnError where one is neither."""
+    found = {}
+    known = ("load", "diameter", "width", *measurements.conditions.covariates)
+    for text in given:
+        name, _, levels = text.partition("=")
+        name = name.strip()
+        if name not in known:
+            raise ColumnError(f"--can {text}: the table has no setting '{name}': "
+                              f"{nearest(name, list(known))}")  # fmt: skip
+        low, dots, high = levels.partition("..")
+        try:
+            if dots:
+                first, last = float(low), float(high)
+                values = [first, 0.5 * (first + last), last]
+            else:
+                values = [float(v) for v in levels.split(",")]
+        except ValueError:
+            values = [float("nan")]
+        if not all(math.isfinite(v) for v in values) or (dots and values[0] > values[-1]):
+            raise ColumnError(
+                f"--can {text}: found '{levels}', expected numbers as in {name}=0..0.6 or "
+                f"{name}=20,40,60 (SI units)"
+            )
+        found[name] = values
+    return found

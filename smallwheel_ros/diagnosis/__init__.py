@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from smallwheel_ros.diagnosis.apply import Added, add_effect, base_of
+from smallwheel_ros.diagnosis.apply import Added, add_effect
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, Step, diagnose
-from smallwheel_ros.diagnosis.workbench import Base
+from smallwheel_ros.diagnosis.problem import Base, base_of
 
 __all__ = ["Added", "Base", "Diagnosis", "Step", "add_effect", "base_of", "diagnose"]

@@ -1,102 +1,42 @@
-"""Add effects to a model, and say what that does to the held-out error."""
+"""Add one effect to a model, and say what that does to the held-out error."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_forces
-from smallwheel_ros.diagnosis.geometry import NAME as GEOMETRY
-from smallwheel_ros.diagnosis.geometry import on_the_integral
-from smallwheel_ros.diagnosis.held_out import Errors, better, refitted
-from smallwheel_ros.diagnosis.search import LEAST_FALL, best_form, plausible
-from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
+from smallwheel_ros.diagnosis.competitors import Competitor, field_of
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.diagnosis.problem import Base, Problem
+from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.fitting.calibrate import Calibration, calibrate
-from smallwheel_ros.fitting.files import soil_priors, starting_soils
-from smallwheel_ros.fitting.observations import Observations, observe
-from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.fitting import FitResult
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv, cross_validate
+from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model import Model
 
 
 @dataclass(frozen=True)
 class Added:
-    """An effect that was added to a model. before, after: held-out errors.
+    """An effect that was added to a model. before, after: held-out errors; change: between them.
 
-    fall: relative fall of the error (of the channel that gains most). sigmas: the gain over its
-    standard error. recommended: it falls by more than 5 % and by more than its standard error,
-    plausibly.
+    recommended: the diagnosis of the same data names the effect, and no channel is predicted worse.
+    reason: why not, or what else it could be.
     """
 
     effect: str
     form: str
     fit: FitResult
-    before: Errors
-    after: Errors
-    fall: float
-    sigmas: float
+    before: CvErrors
+    after: CvErrors
+    change: Comparison
     recommended: bool
     reason: str
-
-
-def base_of(known: CalibratedModel, measurements: Measurements) -> Base:
-    """What a diagnosis starts from, given a model file: its geometry, thrust, effects and soils.
-
-    The soils are refitted within their covariance, where the file has one and was not made from
-    this data.
-    """
-    model = known.model
-    return Base(
-        model.effects,
-        model.geometry,
-        model.thrust_form,
-        starting_soils(known, measurements),
-        soil_priors(known, measurements) or None,
-    )
-
-
-def base_physics(base: Base, measurements: Measurements, registry: Registry | None = None) -> Base:
-    """The base with the known physics whose columns the table has (slope), where it is not in yet."""
-    present = {effect.id for effect in base.effects}
-    added = []
-    for name, forms in (registry or default_registry()).families.items():
-        cls = forms[0]
-        there = all(need in measurements.conditions for need in cls.needs)
-        acts = cls.known_physics and cls.needs and there and name not in present
-        if acts and any(np.any(measurements.conditions[need] != 0) for need in cls.needs):
-            added.append(cls.suited_to(measurements.conditions))
-    return Base((*added, *base.effects), base.geometry, base.thrust_form, base.soils, base.priors)
-
-
-def held_out_rmse(base: Base, measurements: Measurements) -> dict[str, float]:
-    """Held-out RMSE of the base fitted to these rows, by channel, m or N; empty with one run only."""
-    observations = observe(measurements)
-    if np.unique(observations.run).size < 2:
-        return {}
-    workbench = Workbench(calibrate(observations, base.layout(observations)), base)
-    return refitted(workbench, workbench.fit(())).rmse()
-
-
-def without_corrections(observations: Observations, explanation: Explanation) -> Calibration:
-    """The explanation's model fitted for a model file, which has no place for corrections of thrust."""
-    free = [s.owner >= 0 for s in explanation.layout.slots]
-    layout = explanation.layout.only(np.array(free))
-    return calibrate(observations, layout, start=explanation.theta[free])
-
-
-def _family(families: list[Family], effect: str, registry: Registry | None) -> Family:
-    for family in families:
-        if family.name == effect:
-            if family.blocked:
-                raise EffectError(
-                    f"effect '{effect}' cannot be fitted to this data: {family.blocked}"
-                )
-            return family
-    (registry or default_registry()).family(effect)  # says what exists where there is none
-    raise EffectError(f"effect '{effect}' cannot be fitted to this data: its column is not there")
 
 
 def add_effect(
@@ -105,52 +45,108 @@ def add_effect(
     measurements: Measurements,
     *,
     registry: Registry | None = None,
+    without: Collection[str] = (),
+    seed: int = 0,
 ) -> Added:
     """Add one effect, in the form that fits best, and fit everything anew.
 
     Raises EffectError where there is no such effect or the data does not have what it needs.
     """
-    observations = observe(measurements)
-    present = [e.id for e in base.effects]
-    families = list_families(
-        observations,
-        present,
-        base.geometry,
-        registry,
-        measured_forces(measurements.units),
-    )
-    workbench = Workbench(calibrate(observations, base.layout(observations)), base)
-    before = workbench.fit(())
-    changed = workbench
-    if effect == GEOMETRY and base.geometry == "closed_form":
-        changed = Workbench(workbench.calibration, on_the_integral(base))
-        after, form = changed.fit(()), "contact_integral"
-    else:
-        family = _family(families, effect, registry)
-        after = workbench.fit((family.forms[0],), near=before)
-        after = best_form(workbench, after, family)
-        form = after.forms[0].effect.form
-    errors = refitted(workbench, before), refitted(changed, after)
-    fall, sigmas = better(*errors)
-    sensible = plausible(after, effect)
-    final = without_corrections(observations, after)
-    reason = ""
-    if fall < 0.0005:  # 0.0 %, as it would be printed
-        reason = "the error did not fall; not recommended"
-    elif fall < LEAST_FALL:
-        reason = f"the error fell by {100 * fall:.1f} % only; not recommended"
-    elif sigmas < 1.0:
-        reason = "the error fell by less than its own uncertainty; not recommended"
-    elif not sensible:
-        reason = "what was fitted is at a bound or outside the published range; not recommended"
+    known = registry or default_registry()
+    judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
+    problem = judged.problem
+    forms = forms_of(effect, problem, known)
+    best = fitted_with(problem, forms)
+    before, after = held_out_with(problem, forms)
+    change = compare_cv(before, after)
+    recommended, reason = _recommended(effect, judged, change)
+    form = best.competitors[0]
     return Added(
         effect,
-        form,
-        result_of(final),
-        errors[0],
-        errors[1],
-        fall,
-        sigmas,
-        not reason,
+        form.geometry or form.form,
+        problem.result(best.fit.vector, best.fit.theta),
+        before,
+        after,
+        change,
+        recommended,
         reason,
+    )
+
+
+def forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competitor]:
+    """The forms of an effect that can be fitted to this data. Raises EffectError where none can."""
+    registry.family(effect)  # says what exists where there is none
+    field = field_of(problem.points, problem.vector.model(problem.vector.start), registry)
+    found = [c for c in field.competitors if c.family == effect]
+    if not found:
+        reason = field.blocked.get(effect, "its column is not there")
+        raise EffectError(f"effect '{effect}' cannot be fitted to this data: {reason}")
+    return found
+
+
+def fitted_with(problem: Problem, forms: list[Competitor]) -> CandidateFit:
+    """The base with one effect, in the form of the most evidence. Raises EffectError where none fits."""
+    return _best_form(problem.fitter, problem.fit, forms)
+
+
+def _best_form(fitter: Fitter, fit: Fit, forms: list[Competitor]) -> CandidateFit:
+    none = CandidateFit((), fit, fit.evidence)
+    starts = [np.array([value for _, value, *_ in c.part.parameters]) for c in forms]
+    made = [refit(fitter, none, c, start) for c, start in zip(forms, starts, strict=True)]
+    good = [m for m in made if m is not None]
+    if not good:
+        raise EffectError(f"effect '{forms[0].family}' cannot be fitted to this data")
+    return max(good, key=lambda m: m.weight)
+
+
+def held_out_with(problem: Problem, forms: list[Competitor]) -> list[CvErrors]:
+    """Held-out errors of the base and of it with the effect, its form chosen anew in each fold."""
+
+    def choose(training: Points) -> list[Model]:
+        fitter = problem.training(np.isin(problem.points.run, np.unique(training.run)))
+        vector = problem.base.vector(fitter.points)
+        start = problem.fit.theta if vector.names == problem.fit.vector.names else None
+        fit = fitter.fit(vector, start, problem.fit.scatter, turns=2)
+        models = [fit.vector.model(fit.theta)]
+        best = _best_form(fitter, fit, forms).fit
+        return [*models, best.vector.model(best.theta)]
+
+    return cross_validate(problem.points, choose, 2)
+
+
+def held_out_rmse(problem: Problem) -> dict[str, float]:
+    """Held-out RMSE of the base fitted to these rows, by channel, m or N; empty with one run only."""
+    if problem.points.run_count < 2:
+        return {}
+
+    def choose(training: Points) -> list[Model]:
+        fitter = problem.training(np.isin(problem.points.run, np.unique(training.run)))
+        fit = fitter.fit(problem.base.vector(fitter.points), None, problem.fit.scatter, turns=2)
+        return [fit.vector.model(fit.theta)]
+
+    return cross_validate(problem.points, choose, 1)[0].rmse()
+
+
+def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bool, str]:
+    """One verdict for `add` and `diagnose`: what is recommended is what is named."""
+    document = judged.document
+    found: Search | None = judged.search
+    if document["verdict"] == "insufficient_data" or found is None:
+        return False, f"{document['reason']}; not recommended"
+    row = next((r for r in document["ranking"] if r["effect"] == effect), None)
+    if effect in document["missing_effects"]:
+        if change.worse:
+            rises = " and ".join(change.worse)
+            return False, f"named, but the held-out error of {rises} rises; not recommended alone"
+        return True, ""
+    if effect in document["candidates"]:
+        others = ", ".join(c for c in document["candidates"] if c != effect)
+        return False, f"this data cannot tell it from {others}; not recommended before it can"
+    chance = 0.0 if row is None else row.get("probability") or 0.0
+    if document["missing_effects"]:
+        named = ", ".join(document["missing_effects"])
+        return False, f"the data speaks for {named} (this one {chance:.2f}); not recommended"
+    return (
+        False,
+        f"probability {chance:.2f}, p {document['lack_of_fit']['p_value']:.2g}; not recommended",
     )

@@ -1,173 +1,118 @@
-"""Held-out error: each run is predicted by a fit that never saw it.
-
-`one_step` takes one Gauss-Newton step away from the fit of everything (exact for a linear model):
-for the ranking. `refitted` fits anew: for the figures that are reported of each step.
-"""
+"""Held-out errors of a diagnosis: what is named is chosen again in each fold."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.compare.scores import score
-from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
-from smallwheel_ros.fitting.jacobian import Predictor
-from smallwheel_ros.fitting.mixed import Padding, RunEffects
-from smallwheel_ros.fitting.observations import Observations
-from smallwheel_ros.fitting.solve import Weights, solve
+from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.diagnosis.problem import Problem
+from smallwheel_ros.diagnosis.screen import Column
+from smallwheel_ros.diagnosis.search import FOLD, CandidateFit, Search, refit, refitted, search
+from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.model import Model
 
-Array = NDArray[np.float64]
-
-_FOLDS = 10
-_WEIGHINGS = 3
-_MUCH = 1.5  # growth of a variance that makes weighing again worth while
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Held-out measured less predicted, shape (observations,), and noise variance of each."""
-
-    error: Array
-    variance: Array
-    run: NDArray[np.intp]
-    channel: NDArray[np.intp]
-    channels: tuple[str, ...]
-
-    def rmse(self) -> dict[str, float]:
-        """By channel, m or N."""
-        return {
-            name: float(np.sqrt(np.mean(self.error[self.channel == c] ** 2)))
-            for c, name in enumerate(self.channels)
-        }
-
-    def rmse_std(self) -> dict[str, float | None]:
-        """Standard error of the rmse by channel, by bootstrap over runs; None with under 3 runs."""
-        found: dict[str, float | None] = {}
-        for c, name in enumerate(self.channels):
-            mask = self.channel == c
-            scored = score(self.error[mask], self.run[mask])
-            found[name] = None if scored is None else scored.rmse_std
-        return found
-
-    def bias(self) -> dict[str, float]:
-        """By channel, mean of measured less predicted, m or N."""
-        return {
-            name: float(np.mean(self.error[self.channel == c]))
-            for c, name in enumerate(self.channels)
-        }
-
-    def standardised(self) -> float:
-        """Root mean square of error over noise, all channels."""
-        return float(np.sqrt(np.mean(self.error**2 / self.variance)))
-
-    def by_run(self) -> Array:
-        """Sum of squared errors over noise variance, of each run."""
-        codes = np.unique(self.run, return_inverse=True)[1].reshape(-1)
-        return np.asarray(np.bincount(codes, self.error**2 / self.variance), dtype=float)
+_SHORTLIST = 4  # models of the whole search that a fold judges beside those it finds itself
 
 
-def _folds(run: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    codes = np.unique(run, return_inverse=True)[1].reshape(-1)
-    runs = int(codes.max()) + 1
-    dealt = np.random.default_rng(5).permutation(np.arange(runs) % min(count, runs))
-    return np.asarray(dealt[codes])
+def in_order(found: Search, verdict: Verdict) -> list[CandidateFit]:
+    """The base and the models with one, two, ... of what is named, the one that says most first."""
+    named = [c for c in verdict.best.competitors if c.family in verdict.named]
+    return chain(found, verdict.best, named)
 
 
-def one_step(workbench: Workbench, explanation: Explanation) -> Errors:
-    """Leave one run out, by one Gauss-Newton step from the fit of all runs."""
-    design, residual = explanation.design, explanation.residual
-    weights = Weights(workbench.effects, explanation.fit.scatter.tau)
-    a, b = weights.by_run(design, residual[:, None])
-    total = a.sum(axis=0) + explanation.precision
-    left = np.array(residual)
-    pad = workbench.effects.padding
-    for g in range(pad.index.shape[0]):
-        rows = pad.index[g][pad.real[g]]
-        away = np.linalg.solve(total - a[g] + 1e-12 * np.diag(np.diag(total)), b[g][:, 0])
-        left[rows] += design[rows] @ away
-    return _errors(workbench, left)
-
-
-def _errors(workbench: Workbench, error: Array) -> Errors:
-    observations, effects = workbench.observations, workbench.effects
-    crude = effects.scatter(effects.least)  # of a law, whatever repeats say
-    return Errors(
-        error,
-        effects.variance + crude,
-        observations.run,
-        observations.channel,
-        observations.channels,
-    )
-
-
-def refitted(workbench: Workbench, explanation: Explanation) -> Errors:
-    """Held-out errors of fits that were made without each tenth of the runs.
-
-    Where the model misses something, its error is no noise, and a row that is measured well must not
-    count for more than the others: what the error has beyond noise is added to every row alike.
-    """
-    observations, effects = workbench.observations, workbench.effects
-    fold = _folds(observations.run, _FOLDS)
-    error = np.full(len(observations), np.nan)
-    variance = effects.variance
-    start, residual = explanation.theta, explanation.residual
-    predictor, tau = Predictor(observations, explanation.layout), explanation.fit.scatter.tau
-    for _ in range(_WEIGHINGS):
-        variance = effects.variance + _beyond_noise(effects, tau, observations, residual)
-        if np.all(variance <= _MUCH * effects.variance):
+def chain(found: Search, best: CandidateFit, remaining: list[Competitor]) -> list[CandidateFit]:
+    """The base, and models with one more of these competitors each, by their evidence."""
+    models = [found.none]
+    while remaining:
+        parent = models[-1]
+        made = [_with(found, parent, c, best) for c in remaining]
+        known = [m for m in made if m is not None]
+        if not known:
             break
-        whole = RunEffects(variance, effects.loadings, effects.names, effects.padding)
-        found = solve(predictor, observations.value, Weights(whole, tau), start)
-        start, residual = found.theta, observations.value - found.predicted
-    for number in range(int(fold.max()) + 1):
-        out = fold == number
-        part = observations.take(~out)
-        kept = RunEffects(
-            variance[~out], effects.loadings[~out], effects.names, Padding.of(part.run)
-        )
-        found = solve(
-            Predictor(part, explanation.layout), part.value, Weights(kept, tau), start, steps=8
-        )
-        held = observations.take(out)
-        error[out] = held.value - Predictor(held, explanation.layout)(found.theta)
-    return _errors(workbench, error)
+        models.append(max(known, key=lambda m: m.weight))
+        keys = {c.key for c in models[-1].competitors}
+        remaining = [c for c in remaining if c.key not in keys]
+    return models
 
 
-def _beyond_noise(
-    effects: RunEffects, tau: Array, observations: Observations, residual: Array
-) -> Array:
-    """Mean square of each channel's residual beyond noise and the runs' scatter, for each row."""
-    known = effects.variance + effects.scatter(tau)
-    count = np.maximum(np.bincount(observations.channel), 1)
-    more = np.bincount(observations.channel, residual**2 - known) / count
-    return np.asarray(np.maximum(more, 0.0)[observations.channel])
+def _with(
+    found: Search, parent: CandidateFit, competitor: Competitor, best: CandidateFit
+) -> CandidateFit | None:
+    key = tuple(sorted([*(c.key for c in parent.competitors), competitor.key]))
+    if key in found.models:
+        return found.models[key]
+    start = np.array(
+        [
+            best.fit.theta[j]
+            for j, p in enumerate(best.fit.vector.free)
+            if p.of_effect and p.owner == competitor.part.id
+        ]
+    )
+    made = refit(found.fitter, parent, competitor, start)
+    found.add(made)
+    return made
 
 
-def noise_floor(workbench: Workbench, explanation: Explanation) -> dict[str, float]:
-    """Error of the true model for a row of a new run: noise and the runs' scatter, by channel, m or N.
+def nested(problem: Problem, found: Search, steps: int) -> list[CvErrors]:
+    """Held-out errors of the base, and of it with one, two, ... effects, chosen anew in each fold.
 
-    What repeats of one run differ by is less: a new run meets the soil a little firmer or softer.
+    Of each size a fold takes its most probable model, by its own runs alone: of those that its own
+    search finds and of a shortlist of the search of all runs.
     """
-    effects, fit = workbench.effects, explanation.fit
-    variance = fit.scatter.scale**2 * (effects.variance + effects.scatter(fit.scatter.tau))
-    observations = workbench.observations
-    return {
-        name: float(np.sqrt(np.mean(variance[observations.channel == c])))
-        for c, name in enumerate(observations.channels)
-    }
+    columns = [] if found.screen is None else found.screen.columns
+    columns = [c for c in columns if c.competitor.kind != "unknown"]
+
+    def choose(training: Points) -> list[Model]:
+        fitter, base, keep = _training(problem, training)
+        models = [base.vector.model(base.theta)]
+        if steps > 1:
+            shorter = [Column(c.competitor, c.shift[keep], c.start) for c in columns]
+            here = search(fitter, base, found.field, budget=FOLD, replicates=0, columns=shorter)
+            for size in range(1, steps):
+                listed = [m for m in _laws(found) if len(m.competitors) == size][:_SHORTLIST]
+                for model in listed:
+                    here.add(refitted(fitter, model))
+                fits = [m.fit for m in here.ordered if len(m.competitors) == size]
+                models += [f.vector.model(f.theta) for f in fits[:1]]
+        return models
+
+    return cross_validate(problem.points, choose, steps)
 
 
-def better(before: Errors, after: Errors) -> tuple[float, float]:
-    """How much better the second predicts: relative fall of the error, and gain over its own error.
+def _laws(found: Search) -> list[CandidateFit]:
+    """Models of laws of the library alone: what is named is added as one of them."""
+    return [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
 
-    The fall is that of the channel that gains most, or of the standardised error of all. The gain is the
-    fall of the squared standardised error over its standard error, where runs are the units.
-    """
-    first, second = before.rmse(), after.rmse()
-    falls = [1.0 - second[c] / first[c] for c in first if first[c] > 0]
-    falls.append(1.0 - after.standardised() / max(before.standardised(), 1e-300))
-    gain = before.by_run() - after.by_run()
-    spread = float(np.std(gain, ddof=1) * np.sqrt(gain.size)) if gain.size > 1 else np.inf
-    return max(falls), float(gain.sum()) / max(spread, 1e-300)
+
+def _training(problem: Problem, training: Points) -> tuple[Fitter, Fit, NDArray[np.bool_]]:
+    runs = np.unique(training.run)
+    keep = np.isin(problem.points.run, runs)
+    fitter = problem.training(keep)
+    vector = problem.base.vector(fitter.points)
+    start = problem.fit.theta if vector.names == problem.fit.vector.names else None
+    return fitter, fitter.fit(vector, start, problem.fit.scatter, turns=2), keep
+
+
+def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]:
+    """Held-out errors of models as they are, refitted in each fold from where they were."""
+
+    def choose(training: Points) -> list[Model]:
+        keep = np.isin(problem.points.run, np.unique(training.run))
+        fitter = problem.training(keep)
+        made = []
+        for m in models:
+            try:
+                fit = fitter.fit(m.fit.vector, m.fit.theta, m.fit.scatter, turns=0)
+            except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+                fit = m.fit
+            made.append(fit.vector.model(fit.theta))
+        return made
+
+    return cross_validate(problem.points, choose, len(models))

@@ -1,44 +1,46 @@
-"""What to measure next: the runs at which two rivals, each fitted to all that there is, differ most.
+"""What to measure next: the runs at which two rival models, each fitted to all that there is, differ most.
 
 For a setting x the rivals predict f_A(x) and f_B(x). With r runs there, the difference is seen against
 
     V = V_runs(x) / r + J_B C_B J_B'      T = (f_A - f_B)' V^-1 (f_A - f_B)
 
 where the second term is what B could still give way: it is refitted with the new data (T-optimality,
-Atkinson and Fedorov 1975). The rivals are told apart where -2 log likelihood differs by 10 or more.
+Atkinson and Fedorov 1975). T is twice the gain in nats; a name needs ln 20 = 3 of them.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from smallwheel_ros.diagnosis.search import RIVAL_GAP
-from smallwheel_ros.diagnosis.ties import Tie, drivers
-from smallwheel_ros.diagnosis.workbench import Explanation, Workbench
-from smallwheel_ros.fitting.jacobian import Predictor
-from smallwheel_ros.fitting.observations import Observations
+from smallwheel_ros.diagnosis.competitors import independent
+from smallwheel_ros.diagnosis.search import CandidateFit
+from smallwheel_ros.fitting.constants import TIE
+from smallwheel_ros.fitting.fit import Fitter, stiffness
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.model import predict
-from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
 
 Array = NDArray[np.float64]
+Limits = Mapping[str, Sequence[float]]
 
-RUNS = 6
+RUNS = 6  # as many as a verdict needs at least
 _LEVELS = 3
 _MOST_SETTINGS = 6
 _DEEPEST = 0.3  # of the diameter: deeper, rigs and models fail
 _ROWS_PER_RUN = 3
-_BREAK = 0.5  # of the range: how far off their rule a run must set two tied settings
+_SAME = 0.1  # of a setting's range: nearer is the same setting
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Runs to make. settings: SI. separates: two effects. power: chance that they then are apart."""
+    """Runs to make. settings: SI. separates: two names. power: chance that they then are apart."""
 
     settings: dict[str, float]
     separates: tuple[str, str]
@@ -47,7 +49,10 @@ class Proposal:
     text: str
 
 
-def _levels(column: Array, name: str) -> list[float]:
+def _levels(column: Array, name: str, limits: Limits) -> list[float]:
+    if name in limits:
+        given = limits[name]
+        return [float(v) for v in given]
     values = np.unique(column)
     if values.size <= _LEVELS or name in ("diameter", "width", "pass_number"):
         picks = values[np.unique(np.linspace(0, values.size - 1, _LEVELS).round().astype(int))]
@@ -62,137 +67,124 @@ def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def candidate_runs(observations: Observations) -> tuple[Conditions, list[dict[str, float]]]:
-    """A grid of what can be set: low, middle and high of each setting that varies."""
-    rows = np.unique(observations.row)
-    varied = drivers(observations)
-    order = sorted(varied, key=lambda n: (n not in ("load", "slip", "speed", "width"), n))
+def candidate_runs(points: Points, limits: Limits) -> tuple[Conditions, list[dict[str, float]]]:
+    """A grid of what can be set: the given levels, else low, middle and high of what was varied.
+
+    limits: by setting (SI), the levels that the user can set.
+    """
+    columns = independent(points)
+    order = [
+        *(n for n in limits if n in points.conditions),
+        *(n for n in columns if n not in limits),
+    ]
+    order = sorted(
+        order, key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width"))
+    )
     used = order[:_MOST_SETTINGS]
-    choices = {name: [_rounded(v) for v in _levels(varied[name], name)] for name in used}
+    choices = {
+        n: [_rounded(v) for v in _levels(columns.get(n, points.column(n)), n, limits)] for n in used
+    }
     combined = [
         dict(zip(choices, picks, strict=True)) for picks in itertools.product(*choices.values())
     ]
-    c = observations.conditions
-    fixed = {"load": c.load, "diameter": c.diameter, "width": c.width} | dict(c.covariates)
-    columns = {}
-    for name, column in fixed.items():
+    conditions = points.conditions
+    made: dict[str, Array] = {}
+    for name in ("load", "diameter", "width", *conditions.covariates):
+        column = points.column(name)
         if name in used:
-            columns[name] = np.array([run[name] for run in combined])
-        else:
-            middle = float(np.median(column[rows]))
-            if name in ("diameter", "width", "pass_number"):  # one that exists
-                values = column[rows]
-                middle = float(values[np.argmin(np.abs(values - middle))])
-            columns[name] = np.full(len(combined), middle)
-    rolling = np.full(len(combined), "rolling")
+            made[name] = np.array([run[name] for run in combined])
+        else:  # one that exists
+            middle = column[np.argmin(np.abs(column - np.median(column)))]
+            made[name] = np.full(len(combined), float(middle))
     soil = None
-    if c.soil is not None:
-        names, counts = np.unique(c.soil[rows], return_counts=True)
+    if conditions.soil is not None:
+        names, counts = np.unique(conditions.soil[points.row], return_counts=True)
         soil = np.full(len(combined), names[np.argmax(counts)])
-    conditions = Conditions(
-        columns.pop("load"), columns.pop("diameter"), columns.pop("width"), rolling, soil, columns
+    rolling = conditions.rolling[points.row].any()
+    contact = np.full(len(combined), ROLLING if rolling else conditions.contact[points.row[0]])
+    there = Conditions(
+        made.pop("load"), made.pop("diameter"), made.pop("width"), contact, soil, made
     )
-    shown = ("load", "diameter", "width", *(n for n in varied if n in columns))
+    shown = ("load", "diameter", "width", *used)
     settings = [
-        {name: _rounded(float(conditions[name][i])) for name in dict.fromkeys(shown)}
+        {name: _rounded(float(there[name][i])) for name in dict.fromkeys(shown)}
         for i in range(len(combined))
     ]
-    return conditions, settings
+    return there, settings
 
 
-def _as_observations(observations: Observations, conditions: Conditions) -> Observations:
-    """One row of each channel at each condition, every row a run."""
-    count, channels = len(conditions), len(observations.channels)
-    row = np.tile(np.arange(count), channels)
-    return Observations(
-        conditions,
-        observations.channels,
-        tuple(str(i) for i in range(count)),
-        np.zeros(row.size),
-        row,
-        np.repeat(np.arange(channels), count),
-        row,
-        np.full(row.size, np.nan),
-    )
-
-
-def _breaks(observations: Observations, conditions: Conditions, tie: Tie) -> NDArray[np.bool_]:
-    """Candidates in which the one setting is where the other, by their tie, would not have it."""
-    varied = drivers(observations)
-
-    def share(name: str) -> Array:
-        low, high = varied[name].min(), varied[name].max()
-        return np.asarray((conditions[name] - low) / (high - low))
-
-    first, second = share(tie.first), share(tie.second)
-    expected = second if tie.correlation > 0 else 1.0 - second
-    return np.asarray(np.abs(first - expected) > _BREAK)
+def _enough(points: Points, there: Conditions, used: Sequence[str]) -> NDArray[np.bool_]:
+    """Candidate settings of which the table has as many runs as would be proposed."""
+    near = np.ones((len(there), len(points)), dtype=bool)
+    for name in used:
+        column = points.column(name)
+        span = max(float(np.ptp(column)), 1e-12)
+        near &= np.abs(there[name][:, None] - column[None, :]) <= _SAME * span
+    runs = [np.unique(points.run[row]).size for row in near]
+    return np.asarray(np.array(runs) >= RUNS)
 
 
 def propose(
-    workbench: Workbench,
-    first: Explanation,
-    second: Explanation,
+    fitter: Fitter,
+    first: CandidateFit,
+    second: CandidateFit,
     names: tuple[str, str],
-    ties: Sequence[Tie] = (),
+    hint: str = "",
+    limits: Limits | None = None,
 ) -> Proposal | None:
-    """Find the best single setting to tell two explanations apart, made in six runs.
+    """The setting that tells two models apart best, made in six runs; None where none does.
 
-    ties: of what the two follow; the setting must break each of them.
+    hint: a sentence on how to check one of the two. limits: what the user can set.
     """
-    conditions, settings = candidate_runs(workbench.observations)
-    there = _as_observations(workbench.observations, conditions)
-    count, channels = len(conditions), len(there.channels)
-    a = Predictor(there, first.layout)(first.theta).reshape(channels, count)
-    predicted, slopes = Predictor(there, second.layout).with_slopes(second.theta)
+    points = fitter.points
+    there, settings = candidate_runs(points, limits or {})
+    count, channels = len(there), len(points.channels)
+    synthetic = _as_points(points, there)
+    predictor = Predictor(synthetic)
+    a = predictor(first.fit.vector, first.fit.theta).reshape(channels, count)
+    predicted, slopes = predictor.with_slopes(second.fit.vector, second.fit.theta)
     b = predicted.reshape(channels, count)
+    stiff = stiffness(second.fit.vector, slopes).reshape(channels, count)
     slopes = slopes.reshape(channels, count, -1)
-    spread = np.einsum("cip,pq,diq->icd", slopes, second.covariance(), slopes)
-    scatter = _scatter(workbench, second, b)
-    # Runs share nothing but the soil's law: their scatter averages out.
-    variance = spread + scatter / RUNS
+    spread = np.einsum("cip,pq,diq->icd", slopes, second.fit.covariance, slopes)
+    variance = spread + _scatter(fitter, second, b, stiff) / RUNS
     apart = (a - b).T
     gain = np.einsum("ic,icd,id->i", apart, np.linalg.inv(variance), apart)
-    deep = np.zeros(count, dtype=bool)
-    seen = workbench.observations
-    sinkages = seen.value[seen.of_channel("sinkage")] if "sinkage" in seen.channels else np.zeros(1)
-    least = 0.7 * float(sinkages.min())  # shallower than anything measured, an instrument is blind
-    for explanation in (first, second):
-        said = predict(explanation.model(), conditions)
-        deep |= said.immobilised | (said.sinkage > _DEEPEST * conditions.diameter)
-        deep |= ~np.isfinite(said.sinkage) | (said.sinkage <= least)
-    for tie in ties:
-        deep |= ~_breaks(workbench.observations, conditions, tie)
-    gain = np.where(deep | ~np.isfinite(gain), -1.0, gain)
+    bad = _enough(points, there, [n for n in settings[0] if n in independent(points)])
+    for model in (first, second):
+        said = predict(model.fit.vector.model(model.fit.theta), there)
+        bad |= said.immobilised | ~(said.sinkage > 0) | (said.sinkage > _DEEPEST * there.diameter)
+    gain = np.where(bad | ~np.isfinite(gain), -1.0, gain)
     best = int(np.argmax(gain))
     if gain[best] <= 0:
         return None
-    power = float(norm.cdf(np.sqrt(gain[best]) - np.sqrt(RIVAL_GAP)))
-    return Proposal(settings[best], names, RUNS, power, _words(names, settings[best]))
+    power = float(norm.cdf(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
+    shown = ", ".join(f"{name} {value:g}" for name, value in settings[best].items())
+    text = f"{RUNS} runs at {shown} tell {names[0]} from {names[1]}" + (f"; {hint}" if hint else "")
+    return Proposal(settings[best], names, RUNS, power, text)
 
 
-def _scatter(workbench: Workbench, explanation: Explanation, level: Array) -> Array:
-    """Covariance of one run's mean, by channel, at each candidate: shape (count, channels, channels)."""
+def _as_points(points: Points, there: Conditions) -> Points:
+    """One value of each channel at each condition, every one a run of its own."""
+    count, channels = len(there), len(points.channels)
+    row = np.tile(np.arange(count), channels)
+    blank = np.zeros(row.size)
+    return Points(
+        points.measurements, there, points.channels, tuple(str(i) for i in range(count)), blank, row,
+        np.repeat(np.arange(channels), count), row, row, np.zeros(row.size, dtype=bool), blank,
+        np.full(row.size, np.nan), tuple(np.array([0]) for _ in range(row.size)),
+    )  # fmt: skip
+
+
+def _scatter(fitter: Fitter, model: CandidateFit, level: Array, stiff: Array) -> Array:
+    """Covariance of one run's mean, by channel, at each candidate: (count, channels, channels)."""
     channels, count = level.shape
-    noise = workbench.calibration.noise.channels
-    names = workbench.observations.channels
+    deviations = model.fit.scatter.as_dict(fitter.variance)
     found = np.zeros((count, channels, channels))
-    tau = dict(zip(workbench.effects.names, explanation.fit.scatter.tau, strict=True))
-    n = float(np.mean([s.n for s in explanation.model().soils]))
-    pull = np.zeros((channels, count))
-    for c, name in enumerate(names):
-        found[:, c, c] += noise[name].variance(level[c]) / _ROWS_PER_RUN
-        found[:, c, c] += (tau.get(name, 0.0) * level[c]) ** 2
-        slope = -1.0 if name == "sinkage" else -0.5  # d ln z, d ln R over d ln k, times (n + 1/2)
-        pull[c] = tau.get("ln k", 0.0) * slope / (n + 0.5) * level[c]
-    return np.asarray(found + np.einsum("ci,di->icd", pull, pull))
-
-
-def _words(names: Sequence[str], settings: dict[str, float]) -> str:
-    shown = ", ".join(f"{name} {value:g}" for name, value in settings.items())
-    text = f"{RUNS} runs at {shown} tell {names[0]} from {names[1]}"
-    if "sinkage_offset" in names:
-        text += "; or take the touch-down zero at the lightest load"
-    if "bulldozing" in names:
-        text += "; measure the towing force"
-    return text
+    for c, name in enumerate(fitter.points.channels):
+        noise = fitter.repeats.channels[name].variance(level[c]) / _ROWS_PER_RUN
+        own = deviations[f"own:{name}"] * level[c]
+        zero = deviations.get(f"zero:{name}", 0.0) * float(np.median(np.abs(level[c])))
+        found[:, c, c] = noise + own**2 + zero**2
+    found += deviations["tau"] ** 2 * np.einsum("ci,di->icd", stiff, stiff)
+    return found

@@ -2,48 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.apply import without_corrections
-from smallwheel_ros.diagnosis.blocks import condense
-from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_forces
-from smallwheel_ros.diagnosis.document import (
-    SCHEMA,
-    insufficient,
-    plain,
-    proposal_entry,
-    ranking_entry,
-    region_entry,
-)
-from smallwheel_ros.diagnosis.geometry import (
-    FREE_SOIL,
-    judge_geometry,
-    on_the_integral,
-    with_geometry,
-    with_row,
-)
-from smallwheel_ros.diagnosis.geometry import NAME as GEOMETRY
-from smallwheel_ros.diagnosis.held_out import Errors, noise_floor, refitted
-from smallwheel_ros.diagnosis.next_measurement import Proposal, propose
-from smallwheel_ros.diagnosis.ranking import Row, rank
+from smallwheel_ros.diagnosis import document as written
+from smallwheel_ros.diagnosis.competitors import Field, field_of, varied
+from smallwheel_ros.diagnosis.held_out import in_order, nested, of_model
+from smallwheel_ros.diagnosis.leads import curve_shown, residuals_left, worst_left
+from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
+from smallwheel_ros.diagnosis.problem import Base, Problem
 from smallwheel_ros.diagnosis.regions import where_it_fails
-from smallwheel_ros.diagnosis.search import ALARM, Search, search
-from smallwheel_ros.diagnosis.ties import Tie, drivers, find_ties
-from smallwheel_ros.diagnosis.verdict import Finding, decide
-from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
-from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting.calibrate import Calibration, calibrate
-from smallwheel_ros.fitting.observations import Observations, observe
-from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.diagnosis.search import Budget, CandidateFit, Search, search
+from smallwheel_ros.diagnosis.verdict import Verdict, decide
+from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting import FitResult
+from smallwheel_ros.fitting.constants import ALARM, FEWEST_RUNS, SOIL_SCATTER, SPREAD
+from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.measurements.noise_floor import repeatability
 from smallwheel_ros.measurements.table import Measurements
 
-FEWEST_RUNS = 6
 _MOST_PROPOSALS = 3
+_LISTED = 5  # families whose held-out error is worked out for the ranking
 
 Progress = Callable[[str], None]
 
@@ -53,31 +38,28 @@ class Step:
     """The base (added None) or an effect that was added, with the held-out errors after it."""
 
     added: str | None
-    explanation: Explanation
-    errors: Errors
+    model: CandidateFit
+    errors: CvErrors
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
-    search, finding and workbench are None, and steps empty, where the data is insufficient;
-    calibration too where there is one measurement only.
+    search and verdict are None, and steps empty, where the data is insufficient.
     """
 
     document: dict[str, Any]
     measurements: Measurements
-    calibration: Calibration | None = None
-    workbench: Workbench | None = None
+    problem: Problem
     search: Search | None = None
-    finding: Finding | None = None
+    verdict: Verdict | None = None
     steps: tuple[Step, ...] = ()
 
     def fitted(self, step: int) -> FitResult:
-        """The model of a step as a fit of its own, its noise and outliers estimated with it."""
-        assert self.calibration is not None
-        explanation = self.steps[step].explanation
-        return result_of(without_corrections(self.calibration.observations, explanation))
+        """The model of a step fitted to all runs and channels, for people and for model files."""
+        model = self.steps[step].model.fit
+        return self.problem.result(model.vector, model.theta)
 
 
 def diagnose(
@@ -86,6 +68,8 @@ def diagnose(
     *,
     registry: Registry | None = None,
     seed: int = 0,
+    without: Collection[str] = (),
+    limits: Limits | None = None,
     progress: Progress = lambda step: None,
 ) -> Diagnosis:
     """Find out which effect a model is missing, as far as the measurements can tell.
@@ -99,7 +83,11 @@ def diagnose(
     registry
         The effects that could be missing; those of the library where None.
     seed
-        Of everything random (bootstrap, permutations): the same seed gives the same document.
+        Of the null distribution: the same seed gives the same document.
+    without
+        Ids of effects that are taken out of the competition.
+    limits
+        By setting (SI), the levels that the user can set, for the measurements to make next.
     progress
         Told each step in words.
 
@@ -108,222 +96,261 @@ def diagnose(
     FittingError
         Where nothing usable was measured.
     """
-    asked = base or Base()
-    base = asked if asked.geometry == "contact_integral" else on_the_integral(asked)
-    measurements = condense(measurements)
-    observations = observe(measurements)
-    present = [effect.id for effect in base.effects]
-    results = measured_forces(measurements.units)
-    families = list_families(observations, present, base.geometry, registry, results)
+    known = registry or default_registry()
     progress("fitting the base model")
-    reason = _insufficient(observations)
-    if len(observations) < 2:  # not even a fit
-        none = _not_testable(families, reason)
-        return Diagnosis(
-            insufficient(reason, {}, {}, none, measurements.notes, measurements.warnings),
-            measurements,
-        )
-    calibration = calibrate(observations, base.layout(observations))
+    problem = Problem.of(measurements, base)
+    judged = problem.judged
+    reason = _insufficient(judged.points)
+    if len(problem.points) < 2:
+        reason = reason or "one measurement only"
+        empty = written.plain(_document_head("insufficient_data", reason, problem.measurements))
+        return Diagnosis(empty, problem.measurements, problem)
+    field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
     if reason:
-        return _too_little(measurements, calibration, families, reason)
-    workbench = Workbench(calibration, base)
+        return _too_little(problem, field, reason)
     progress("testing each effect")
-    found = search(workbench, families, seed)
-    ties = find_ties(observations)
-    finding = decide(found, families, ties)
+    found = search(judged.fitter, judged.fit, field, seed=seed)
+    verdict = decide(found)
     progress("held-out error of each step")
-    steps = _steps(workbench, found, finding)
+    verdict, steps = _steps(problem, found, verdict)
     progress("ranking")
-    rows = rank(found, families, finding)
-    lack_of_fit = _lack_of_fit(found)
-    notes = _notes(calibration, measurements, base)
-    if asked is not base:
-        notes.append(FREE_SOIL)
-        geometry = judge_geometry(workbench, asked, steps[-1].explanation)
-        finding, rows = with_geometry(finding, geometry), with_row(rows, geometry)
-        lack_of_fit["p_value"] = min(lack_of_fit["p_value"], geometry.p)
-        if finding.named[:1] == (GEOMETRY,):
-            first = Step(None, geometry.base, geometry.errors)
-            steps = [first, replace(steps[0], added=GEOMETRY), *steps[1:]]
-    regions = where_it_fails(
-        workbench.observations,
-        steps[0].errors,
-        seed,
-        results,
-        certain=lack_of_fit["p_value"] < ALARM,
-    )
-    proposals = _proposals(workbench, found, finding, families, ties)
-    floors = noise_floor(workbench, found.best)
-    repeats = repeatability(measurements)
-    document = {
-        "schema": SCHEMA,
-        "verdict": finding.verdict,
-        "reason": "; ".join(finding.reasons),
-        "missing_effects": list(finding.named),
-        "candidates": list(finding.candidates),
-        "channels": _channels(calibration, steps[0].errors, floors, repeats),
-        "lack_of_fit": lack_of_fit,
-        "where_it_fails": [region_entry(region) for region in regions],
-        "ranking": [ranking_entry(row) for row in rows],
-        "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
-        "next_measurements": [proposal_entry(proposal) for proposal in proposals],
-        "ties": [
-            {"settings": [t.first, t.second], "correlation": t.correlation}
-            for t in ties
-            if t.first < t.second
-            or not any((u.first, u.second) == (t.second, t.first) for u in ties)
-        ],
-        "run_scatter": dict(
-            zip(workbench.effects.names, found.best.fit.scatter.tau.tolist(), strict=True)
-        ),
-        "notes": notes,
-        "warnings": list(measurements.warnings),
-    }
-    return Diagnosis(
-        plain(document), measurements, calibration, workbench, found, finding, tuple(steps)
-    )
+    document = _document(problem, found, verdict, steps, seed)
+    progress("what to measure next")
+    proposals = _proposals(found, verdict, limits or {})
+    document["next_measurements"] = [written.proposal_entry(p) for p in proposals]
+    plain = written.plain(document)
+    return Diagnosis(plain, problem.measurements, problem, found, verdict, tuple(steps))
 
 
-def _insufficient(observations: Observations) -> str:
-    runs = np.unique(observations.run).size
+def _insufficient(points: Points) -> str:
+    runs = points.run_count
     if runs < FEWEST_RUNS:
         return (
-            f"{runs} run{'s' if runs != 1 else ''}: under {FEWEST_RUNS} runs nothing can be told from the "
-            "scatter of the soil; rows of one run are repeats, not more runs"
+            f"{runs} run{'s' if runs != 1 else ''}: under {FEWEST_RUNS} runs nothing can be told from "
+            "the scatter of the soil; rows of one run are repeats, not more runs"
         )
-    if not drivers(observations):
+    if not varied(points):
         return "every setting is the same in all rows: vary at least the load"
     return ""
 
 
-def _not_testable(families: Sequence[Family], reason: str) -> list[Row]:
-    return [Row(f.name, "not_testable", f.blocked or reason) for f in families]
+def _document_head(word: str, reason: str, measurements: Measurements) -> dict[str, Any]:
+    return {
+        "schema": written.SCHEMA,
+        "verdict": word,
+        "reason": reason,
+        "missing_effects": [],
+        "candidates": [],
+        "channels": {},
+        "lack_of_fit": {"p_value": None},
+        "where_it_fails": [],
+        "ranking": [],
+        "steps": [{"added": None, "held_out_rmse": {}}],
+        "next_measurements": [],
+        "notes": list(measurements.notes),
+        "warnings": list(measurements.warnings),
+    }
 
 
-def _too_little(
-    measurements: Measurements, calibration: Calibration, families: Sequence[Family], reason: str
-) -> Diagnosis:
-    observations = calibration.kept_observations
-    residual = observations.value - calibration.fit.solution.predicted
-    errors = Errors(
-        residual,
-        calibration.effects.variance,
-        observations.run,
-        observations.channel,
-        observations.channels,
-    )
-    rows = _not_testable(families, reason)
-    notes = [
+def _too_little(problem: Problem, field: Field, reason: str) -> Diagnosis:
+    fit = problem.fit
+    errors = in_sample(problem.points, fit.vector.model(fit.theta))
+    document = _document_head("insufficient_data", reason, problem.measurements)
+    document["channels"] = _channels(problem, errors, {})
+    document["steps"] = [{"added": None, "held_out_rmse": errors.rmse()}]
+    document["ranking"] = [
+        {"effect": name, "kind": kind, "status": "not_testable",
+         "reason": field.blocked.get(name, reason)}
+        for name, kind in sorted(field.kinds.items()) if kind != "unknown"
+    ]  # fmt: skip
+    notes = problem.result(fit.vector, fit.theta).notes
+    document["notes"] = [
         "the errors given here are in sample: with so little data nothing was held out",
-        *result_of(calibration).notes,
-        *measurements.notes,
+        *notes,
+        *problem.measurements.notes,
     ]
-    document = insufficient(
-        reason,
-        _channels(calibration, errors, {}, {}),
-        errors.rmse(),
-        rows,
-        notes,
-        measurements.warnings,
-    )
-    return Diagnosis(document, measurements, calibration)
+    return Diagnosis(written.plain(document), problem.measurements, problem)
 
 
-def _steps(workbench: Workbench, found: Search, finding: Finding) -> list[Step]:
-    steps = [Step(None, found.base, refitted(workbench, found.base))]
-    forms = {form.family: form for form in found.best.forms}
-    near = found.base
-    for i, name in enumerate(finding.named):
-        near = workbench.fit([forms[n] for n in finding.named[: i + 1]], near=found.best)
-        steps.append(Step(name, near, refitted(workbench, near)))
-    return steps
+def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, list[Step]]:
+    """Held-out errors of the base and of it with each name; a name that predicts worse is no name."""
+    judged = problem.judged
+    models = in_order(found, verdict) if verdict.named else [found.none]
+    models = models[: len(verdict.named) + 1]
+    errors = nested(judged, found, len(models))
+    if len(models) > 1:
+        change = compare_cv(errors[0], errors[-1])
+        if change.worse and not change.better:
+            said = (
+                f"{' and '.join(verdict.named)} would be named (p {found.p:.2g}), but runs that the "
+                "choice never saw are predicted no better: a weak sign, measure more runs"
+            )
+            verdict = replace(verdict, word="adequate", named=(), rivals=(), best=found.none,
+                              reasons=(said,))  # fmt: skip
+            models, errors = models[:1], errors[:1]
+        elif change.worse:
+            said = f"the held-out error of {' and '.join(change.worse)} rises with what is named"
+            verdict = replace(verdict, reasons=(*verdict.reasons, said))
+    errors = _with_pull(problem, models, errors)
+    named = [_added(models, i) for i in range(len(models))]
+    verdict = replace(verdict, named=tuple(n for n in named if n is not None) or verdict.named)
+    return verdict, [
+        Step(name, model, error) for name, model, error in zip(named, models, errors, strict=True)
+    ]
 
 
-def _proposals(
-    workbench: Workbench,
-    found: Search,
-    finding: Finding,
-    families: Sequence[Family],
-    ties: Sequence[Tie],
-) -> list[Proposal]:
-    follows = {family.name: family.drivers for family in families}
-    proposals = []
-    for first, second in finding.pairs[: 2 * _MOST_PROPOSALS]:
-        rest = found.best.without(first)
-        lead = found.first.lead(second)
-        if lead is None:
-            continue
-        options = [
-            e
-            for e in workbench.known()
-            if second in e.families
-            and sorted(e.families) == sorted((*(f.family for f in rest), second))
-        ]
-        if options:
-            rival = min(options, key=lambda e: e.cost)
-        else:
-            rival = workbench.fit((*rest, lead.form), near=found.base)
-        between = [
-            tie
-            for tie in ties
-            if (tie.first in follows[first] and tie.second in follows[second])
-            or (tie.second in follows[first] and tie.first in follows[second])
-        ]
-        proposal = propose(workbench, found.best, rival, (first, second), between)
-        if proposal is not None:
-            proposals.append(proposal)
-    return proposals[:_MOST_PROPOSALS]
+def _added(models: list[CandidateFit], step: int) -> str | None:
+    if step == 0:
+        return None
+    new = models[step].families - models[step - 1].families
+    return next(iter(new))
+
+
+def _with_pull(
+    problem: Problem, models: list[CandidateFit], errors: list[CvErrors]
+) -> list[CvErrors]:
+    """The errors with those of drawbar pull, which had no say in the choice."""
+    if problem.judged is problem:
+        return errors
+    full = []
+    for model in models:
+        vector = problem.own(model.fit.vector)
+        known = dict(zip(model.fit.vector.names, model.fit.theta, strict=True))
+        start = np.array([known.get(p.name, p.start) for p in vector.free])
+        fit = problem.fitter.fit(vector, start, problem.fit.scatter)
+        full.append(replace(model, fit=fit))
+    pulls = of_model(problem, full)
+    return [
+        replace(e, error={**e.error, "drawbar_pull": p.error["drawbar_pull"]})
+        for e, p in zip(errors, pulls, strict=True)
+    ]
 
 
 def _channels(
-    calibration: Calibration,
-    errors: Errors,
-    floors: Mapping[str, float],
-    repeats: Mapping[str, float],
+    problem: Problem, errors: CvErrors, floors: Mapping[str, float]
 ) -> dict[str, dict[str, Any]]:
     rmse, bias = errors.rmse(), errors.bias()
+    repeats = repeatability(problem.measurements)
     found = {}
-    for name in calibration.observations.channels:
-        noise = calibration.noise.channels[name]
-        known = noise.source in ("repeats", "declared")
+    for name in problem.points.channels:
+        noise = problem.fitter.repeats.channels[name]
         found[name] = {
-            "rows": int(calibration.observations.of_channel(name).sum()),
+            "rows": int(np.isfinite(errors.error[name]).sum()),
             "rmse": rmse[name],
             "bias": bias[name],
-            "noise_floor": floors.get(name) if known else None,
-            "noise_floor_source": noise.source if known and name in floors else None,
+            "noise_floor": floors.get(name),
+            "noise_floor_source": noise.source if name in floors else None,
             "repeatability": repeats.get(name),
             "noise": {"absolute": noise.absolute, "relative": noise.relative},
         }
     return found
 
 
-def _lack_of_fit(found: Search) -> dict[str, Any]:
-    first, last = found.first, found.last
-    return {
-        "p_value": min(1.0, 3.0 * min(first.p_any, first.p_generic, first.p_soil)),
-        "effects_p_value": first.p_any,
-        "any_condition_p_value": first.p_generic,
-        "strongest_condition": first.generic,
-        "soil_p_value": first.p_soil,
-        "after_steps": {
-            "effects_p_value": last.p_any,
-            "any_condition_p_value": last.p_generic,
-            "strongest_condition": last.generic,
-        },
-    }
-
-
-def _notes(calibration: Calibration, measurements: Measurements, base: Base) -> list[str]:
-    notes = [*result_of(calibration).notes, *measurements.notes]
-    if base.priors:
-        names = ", ".join(base.priors)
-        notes.append(
-            f"the soil ({names}) was known beforehand; it was refitted within its covariance"
+def _document(
+    problem: Problem, found: Search, verdict: Verdict, steps: list[Step], seed: int
+) -> dict[str, Any]:
+    judged = problem.judged
+    base = steps[0].errors
+    best = verdict.best if verdict.named else found.ordered[0]
+    floors = expected_error(judged.fitter, best.fit)
+    reasons = list(verdict.reasons)
+    scatter = best.fit.scatter.as_dict(judged.fitter.variance)
+    if scatter["tau"] > SOIL_SCATTER * np.exp(SPREAD):
+        reasons.append(
+            f"runs of one setting differ by {100 * scatter['tau']:.0f} % of k, more than most prepared "
+            "soil: something that is not recorded differs from run to run"
         )
-    flagged = np.flatnonzero(~calibration.kept)
-    if flagged.size:
-        lines = measurements.line[calibration.observations.row[flagged]]
-        shown = ", ".join(str(line) for line in np.unique(lines)[:20])
-        notes.append(f"outliers are in lines {shown}")
-    return notes
+    document = _document_head(verdict.word, "; ".join(reasons), problem.measurements)
+    alone = _alone(judged, found, verdict)
+    alike = {} if found.screen is None else written.similar(*found.screen.cosines())
+    certain = found.p <= ALARM
+    document |= {
+        "missing_effects": list(verdict.named),
+        "candidates": list(verdict.rivals),
+        "unknown": list(verdict.unknown),
+        "channels": _channels(problem, base, floors),
+        "lack_of_fit": {"p_value": found.p, "probability_of_none": found.probabilities[()]},
+        "where_it_fails": [
+            written.region_entry(r)
+            for r in where_it_fails(judged.points, base, judged.fitter.level, seed, certain=certain)
+        ],
+        "ranking": written.ranking(found, verdict, alone, base, alike),
+        "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
+        "run_scatter": scatter,
+    }
+    left = residuals_left(judged.fitter, best)
+    document["residuals_left"] = left
+    document["curves"] = curve_shown(judged.fitter, found.ordered[0])
+    worst = worst_left(left)
+    model = steps[-1].model.fit
+    document["notes"] = [
+        *problem.result(model.vector, model.theta).notes,
+        *problem.measurements.notes,
+        *([f"after the best explanation {worst}"] if worst else []),
+        *_about_pull(problem, found, verdict, seed),
+    ]
+    return document
+
+
+def _alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErrors]:
+    """Held-out errors of the most probable families, each alone in its best form."""
+    families = sorted(found.field.kinds, key=lambda f: -verdict.probabilities.get(f, 0.0))
+    models = {f: written.best_of_family(found, f) for f in families}
+    listed = [(f, m) for f, m in models.items() if m is not None][:_LISTED]
+    errors = of_model(judged, [m for _, m in listed]) if listed else []
+    return {f: e for (f, _), e in zip(listed, errors, strict=True)}
+
+
+def _about_pull(problem: Problem, found: Search, verdict: Verdict, seed: int) -> list[str]:
+    """Whether drawbar pull would say something else of the effects, in words."""
+    if problem.judged is problem:
+        return []
+    with_pull = search(problem.fitter, problem.fit, found.field, seed=seed,
+                       budget=Budget(0, 0, 0, 0))  # fmt: skip
+    said = "drawbar pull did not decide: its law is known to about 30 % of the load only"
+    if with_pull.p <= ALARM < found.p:
+        first = min(with_pull.p_values, key=lambda f: with_pull.p_values[f])
+        said += (
+            f". With it something is missing (p {with_pull.p:.2g}, most likely {first}), without it "
+            "nothing is: the two channels disagree"
+        )
+    elif found.p <= ALARM < with_pull.p:
+        said += (
+            f". With it the test would say that nothing is missing (p {with_pull.p:.2g}): "
+            "the two channels disagree"
+        )
+    return [said]
+
+
+def _proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]:
+    """Runs that would decide between the best explanation and those that come next."""
+    ordered = found.ordered
+    first = ordered[0] if verdict.word != "missing_effect" else verdict.best
+    pairs: list[tuple[CandidateFit, CandidateFit]] = []
+    if verdict.rivals:
+        models = [next((m for m in ordered if r in m.families), None) for r in verdict.rivals]
+        known = [m for m in models if m is not None]
+        pairs += [(known[0], other) for other in known[1:]]
+    pairs += [(first, m) for m in ordered if m.families != first.families][:_MOST_PROPOSALS]
+    proposals: list[Proposal] = []
+    for one, other in pairs:
+        names = _told_apart(one, other)
+        if names is None or any(set(p.separates) == set(names) for p in proposals):
+            continue
+        hints = [c.effect.next_step for m in (one, other) for c in m.competitors
+                 if c.family in names and c.effect is not None and c.effect.next_step]  # fmt: skip
+        try:
+            made = propose(found.fitter, one, other, names, hints[0] if hints else "", limits)
+        except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+            continue
+        if made is not None:
+            proposals.append(made)
+    return proposals[:_MOST_PROPOSALS]
+
+
+def _told_apart(one: CandidateFit, other: CandidateFit) -> tuple[str, str] | None:
+    """What differs between two models: one name of each, `none` where one has nothing instead."""
+    first, second = sorted(one.families - other.families), sorted(other.families - one.families)
+    if not first and not second:
+        return None
+    return (first[0] if first else "none", second[0] if second else "none")

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.compare.scores import UNITS
 from smallwheel_ros.display import brief, display, number, words
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+
+_SHOWN = 0.01  # probability under which an effect is counted, not listed
 
 _SAID = {
     "missing_effect": "The model lacks {named}.",
@@ -27,7 +29,7 @@ def _listed(names: Sequence[str], last: str) -> str:
 def _shown(channel: str, value: float | None) -> str:
     if value is None:
         return "-"
-    how = display(channel, UNITS[channel])
+    how = display(channel, CHANNEL_UNITS[channel])
     return f"{number(value * how.scale)} {how.unit}"
 
 
@@ -42,8 +44,12 @@ def diagnosis_text(document: Mapping[str, Any]) -> str:
     if document["verdict"] == "missing_effect" and document["candidates"]:
         rivals = _listed(document["candidates"], "or")
         lines.append(f"Something more is missing: {rivals}. This data cannot tell which.")
+    faults = [r["effect"] for r in document["ranking"] if r.get("kind") == "instrument"]
+    blamed = [n for n in (*document["missing_effects"], *document["candidates"]) if n in faults]
+    if blamed:
+        lines.append(f"{_listed(blamed, 'and')}: the instrument, not the soil.")
     if document.get("reason"):
-        lines.append(str(document["reason"]) + ".")
+        lines.append(str(document["reason"])[:1].upper() + str(document["reason"])[1:] + ".")
     p = document["lack_of_fit"]["p_value"]
     if p is not None:
         lines.append(f"Chance of such errors if nothing were missing: p = {p:.2g}.")
@@ -95,12 +101,18 @@ def _ranking(document: Mapping[str, Any]) -> list[str]:
     rows = [row for row in document["ranking"] if row["status"] != "not_testable"]
     if not rows:
         return []
-    lines = ["", "Effects, by what they explain"]
+    lines, others = ["", "Effects, by their probability"], 0
     for row in rows:
+        telling = row["status"] in ("significant", "confounded")
+        if not telling and (row.get("probability") or 0.0) < _SHOWN:
+            others += 1
+            continue
         share = row.get("reduction")
-        removed = "" if share is None else f"{100 * share:4.0f} % of the error"
+        removed = "" if share is None else f"{round(100 * share):4d} % of the error"
         lines.append(f"  {words(row['effect']):26s} {removed:>18s}  {row['reason']}")
-        if row["status"] in ("significant", "confounded"):
+        if telling:
+            if row.get("next_step"):
+                lines.append(f"      to be sure: {row['next_step']}")
             for name, p in row["parameters"].items():
                 unit = "" if p["unit"] == "1" else f" {p['unit']}"
                 std = "" if p["std"] is None else f" +- {number(p['std'])}"
@@ -109,6 +121,8 @@ def _ranking(document: Mapping[str, Any]) -> list[str]:
                 lines.append(
                     f"      {name} = {number(p['value'])}{std}{unit} ({row['form']}{where})"
                 )
+    if others:
+        lines.append(f"  {others} others: probability under {_SHOWN:g} each")
     return lines
 
 

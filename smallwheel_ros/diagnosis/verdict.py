@@ -1,210 +1,244 @@
-"""From what was found to what may be said: a name only where the data leaves one."""
+"""The verdict: what the posterior over models lets one say.
+
+- A family that is in the models of at least `NAMED` of the probability is named.
+- Families that take each other's place and together have that much are indistinguishable.
+- Nothing is named unless the test of "is anything missing" has p up to `ALARM`.
+- A curve without a name counts for the named effect whose most general form it is, as long as a law
+  of that effect does better than none; otherwise something unknown follows that setting.
+- A name whose setting moved with another one is a tie, where a law of the other does as well.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
+from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidates import Family
-from smallwheel_ros.diagnosis.generic import RIG
-from smallwheel_ros.diagnosis.held_out import one_step
-from smallwheel_ros.diagnosis.search import ALARM, RIVAL_GAP, Member, Search
-from smallwheel_ros.diagnosis.ties import Tie, partners
+from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.constants import ALARM, NAMED, TIE, TIED
+from smallwheel_ros.fitting.fit import Fitter
 
-Verdict = Literal[
+Array = NDArray[np.float64]
+Word = Literal[
     "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
 ]
 
-_SURE = 0.003  # p-value of a misfit that no effect explains, in one of three tests
-_LEFT_OVER = 0.001  # p-value of what the best explanation leaves
-_LEFT_SHARE = 0.7  # of the weakest effect's gain
-_MOST_EXPLAINED = 0.9  # of the error: beyond it, what is left cannot be what made a name look right
-_PREPARED = 0.15  # scatter of ln k from run to run
-_SCALE = (
-    "elastic_rebound sets sinkage apart from resistance: a wrong scale of either sensor (the gain of a "
-    "load cell, a depth read too large) looks the same, so check the calibration first"
-)
-_LEAST_REMOVED = 0.02  # of the standardised error, for such a misfit to matter
+_MENTIONED = 0.02  # probability under which a family is no rival
+_APART = 0.7  # of a rival's probability lies in models without the other: they exclude each other
+_BEATS = 1.0  # nats by which a law must do better than none to stand for its free curve
 
 
 @dataclass(frozen=True)
-class Finding:
-    """The verdict. named: effects that every good explanation has, in the order added.
+class Verdict:
+    """What can be said.
 
-    candidates: effects that cannot be told apart. reasons: sentences. pairs: rivals, for what to
-    measure next: an effect and one that could be in its place.
+    named: families that are missing, the clearest first. rivals: families of which one is missing,
+    and the data cannot tell which. unknown: curves without a name. probabilities: of each family.
+    best: the model that explains the data best, with laws of the library alone where they do.
+    reasons: sentences.
     """
 
-    verdict: Verdict
+    word: Word
     named: tuple[str, ...]
-    candidates: tuple[str, ...]
+    rivals: tuple[str, ...]
+    unknown: tuple[str, ...]
+    probabilities: Mapping[str, float]
+    best: CandidateFit
     reasons: tuple[str, ...]
-    pairs: tuple[tuple[str, str], ...] = ()
 
 
-def _tied_families(
-    member: Member, families: Sequence[Family], ties: Sequence[Tie], taken: Sequence[str]
-) -> list[tuple[str, Tie]]:
-    """Other families whose driver moves with the member's."""
-    own = next(f for f in families if f.name == member.family)
-    found: dict[str, Tie] = {}
-    for driver in own.drivers:
-        for tie in partners(list(ties), driver):
-            other = tie.second if tie.first == driver else tie.first
-            for family in families:
-                if family.blocked or family.name in taken or family.name in found:
-                    continue
-                if other in family.drivers:
-                    found[family.name] = tie
-    return list(found.items())
+def family_of(search: Search, competitor: Competitor) -> str:
+    """The family that a competitor speaks for: a curve for the effect that it generalises."""
+    if competitor.kind != "unknown":
+        return competitor.family
+    for other in search.field.competitors:
+        if competitor.generalises(other):
+            return other.family
+    return competitor.family
 
 
-def decide(search: Search, families: Sequence[Family], ties: Sequence[Tie]) -> Finding:
-    """The verdict of a search."""
-    accepted = [m for m in search.members if not m.objection]
-    left = _more_left_than_explained(search, accepted)
-    explained = _explained(search) if left else 0.0
-    curve = _better_without_physics(search, accepted, families)
-    if curve or (left and explained < _MOST_EXPLAINED):
-        why = curve or f"{left}, and it may be what made that effect look right"
-        return Finding("unknown_effect", (), (), (why,))
-    taken = [m.family for m in accepted]
-    named: list[str] = []
-    open_sets: list[str] = []
-    pairs: list[tuple[str, str]] = []
-    reasons: list[str] = [text for text in (left, unrecorded(search)) if text and accepted]
-    for member in accepted:
-        rivals = [name for name, _ in member.rivals]
-        tied = _tied_families(member, families, ties, taken)
-        if not rivals and not tied:
-            named.append(member.family)
+def decide(search: Search) -> Verdict:
+    """Turn a search into a verdict."""
+    speaks = {c.family: family_of(search, c) for m in search.models.values() for c in m.competitors}
+    share = search.probabilities
+    members = {key: {speaks[family] for family, _ in key} for key in search.models}
+    families = sorted({f for m in members.values() for f in m})
+    probability = {f: sum(share[k] for k, m in members.items() if f in m) for f in families}
+    ordered = sorted(families, key=lambda f: -probability[f])
+    none = share[()]
+    if search.p > ALARM:
+        return _nothing(search, probability, none)
+    named = [f for f in ordered if probability[f] >= NAMED]
+    rest = [f for f in ordered if f not in named and probability[f] >= _MENTIONED]
+    groups = _rival_groups(rest, probability, members, share)
+    if not named and not groups and none < 1.0 - NAMED:
+        groups = [[f for f in ordered if probability[f] >= _MENTIONED]]
+    if not named and not groups:
+        return _nothing(search, probability, none)
+    best = search.ordered[0]
+    named, unknown = _without_a_law(search, best, named, speaks)
+    rivals = groups[0] if groups else []
+    reasons: list[str] = []
+    library = _by_library(search, best, named)
+    for name in list(named):
+        tied = _tied(search, library, name)
+        if tied:
+            named.remove(name)
+            rivals = [name, *(t for t in tied if t not in rivals and t not in named), *rivals]
+            reasons.append(f"{name} and {', '.join(tied)} were varied together")
+    if len(rivals) == 1 and named:
+        rivals = []
+    word: Word = (
+        "missing_effect" if named else "indistinguishable" if len(rivals) > 1 else "unknown_effect"
+    )
+    if not named and unknown and not groups:
+        word = "unknown_effect"
+    if word == "unknown_effect":
+        unknown = unknown or rivals
+    if unknown:
+        shown = " and ".join(
+            u.removeprefix("unknown:").replace("@", " at the stage ") for u in unknown
+        )
+        reasons.append(f"something follows {shown}, and no law of the library does")
+    return Verdict(
+        word,
+        tuple(named),
+        tuple(dict.fromkeys(rivals)) if word != "unknown_effect" else (),
+        tuple(unknown),
+        probability,
+        library if named else best,
+        tuple(reasons),
+    )
+
+
+def _nothing(search: Search, probability: Mapping[str, float], none: float) -> Verdict:
+    reasons = []
+    if none < 0.5 or search.p <= ALARM:
+        first = max(probability, key=lambda f: probability[f], default="")
+        reasons.append(
+            f"a weak sign of {first} (probability {probability[first]:.2f}, p {search.p:.2g}): "
+            "measure more runs to know" if first else "a weak sign: measure more runs to know"
+        )  # fmt: skip
+    return Verdict("adequate", (), (), (), probability, search.none, tuple(reasons))
+
+
+def _rival_groups(
+    rest: list[str],
+    probability: Mapping[str, float],
+    members: Mapping[Key, set[str]],
+    share: Mapping[Key, float],
+) -> list[list[str]]:
+    """Sets of families that exclude each other and together are as probable as a name must be."""
+    groups = []
+    left = list(rest)
+    while left:
+        group = [left[0]]
+        covered = {k for k, m in members.items() if left[0] in m}
+        for other in left[1:]:
+            if sum(share[k] for k in covered) >= NAMED and probability[other] < 1.0 - NAMED:
+                break
+            new = {k for k, m in members.items() if other in m} - covered
+            if sum(share[k] for k in new) >= _APART * probability[other]:
+                group.append(other)
+                covered |= new
+        if sum(share[k] for k in covered) >= NAMED:
+            groups.append(group)
+        left = [f for f in left if f not in group]
+    return groups
+
+
+def _without_a_law(
+    search: Search, best: CandidateFit, named: list[str], speaks: Mapping[str, str]
+) -> tuple[list[str], list[str]]:
+    """Names for which only a free curve does: what follows that setting has no law here."""
+    kept, unknown = [], []
+    for name in named:
+        if name.startswith("unknown:"):
+            unknown.append(name)
             continue
-        others = list(dict.fromkeys(rivals + [name for name, _ in tied]))
-        pairs += [(member.family, other) for other in others]
-        open_sets += [member.family, *others]
-        if rivals:
-            reasons.append(
-                f"{member.family} explains the data best, but {_listed(rivals)} would do nearly as "
-                "well in its place"
-            )
-        for name, tie in tied:
-            reasons.append(
-                f"{member.family} cannot be told from {name}: {tie.first} and {tie.second} were "
-                f"varied together (r = {tie.correlation:.2f})"
-            )
-    candidates = tuple(dict.fromkeys(open_sets))
-    if "elastic_rebound" in (*named, *candidates):
-        reasons.append(_SCALE)
-    if named:
-        return Finding("missing_effect", tuple(named), candidates, tuple(reasons), tuple(pairs))
-    if candidates:
-        return Finding("indistinguishable", (), candidates, tuple(reasons), tuple(pairs))
-    return _without_name(search)
+        curves = [c for c in best.competitors if c.kind == "unknown" and speaks[c.family] == name]
+        if not curves or any(c.family == name for c in best.competitors):
+            kept.append(name)
+            continue
+        rest = tuple(c for c in best.competitors if c not in curves)
+        without = search.models.get(tuple(sorted(c.key for c in rest)))
+        laws = [
+            m for m in search.models.values()
+            if name in m.families and {c.key for c in rest} <= set(m.key) and len(m.key) == len(rest) + 1
+        ]  # fmt: skip
+        least = -np.inf if without is None else without.fit.evidence
+        if any(m.fit.evidence > least + _BEATS for m in laws):
+            kept.append(name)
+        else:
+            unknown.append(curves[0].family)
+    return kept, unknown
 
 
-def _more_left_than_explained(search: Search, accepted: Sequence[Member]) -> str:
-    """A sentence where the best explanation leaves a misfit as clear as what it explains."""
-    last = search.last
-    if not accepted or last.p_generic >= _LEFT_OVER:
-        return ""
-    weakest = min(accepted, key=lambda m: m.gain)
-    if last.generic_gain < _LEFT_SHARE * weakest.gain:
-        return ""
-    return (
-        f"with {_listed([m.family for m in accepted])} in, which explains the data best, the error "
-        f"still follows {last.generic} (p {last.p_generic:.2g}): something else is missing"
-    )
+def _by_library(search: Search, best: CandidateFit, named: list[str]) -> CandidateFit:
+    """The best model with laws of the library for exactly what is named."""
+    wanted = frozenset(named)
+    fitted = [m for m in search.ordered if m.families == wanted]
+    if fitted:
+        return fitted[0]
+    model = best
+    for competitor in best.competitors:
+        family = family_of(search, competitor)
+        if competitor.family == family or family not in wanted:
+            continue
+        forms = [c for c in search.field.competitors if c.family == family]
+        made = [exchanged(search, model, competitor, form) for form in forms]
+        good = [m for m in made if m is not None]
+        if good:
+            model = max(good, key=lambda m: m.weight)
+    if wanted <= model.families:
+        return model
+    return next((m for m in search.ordered if wanted & m.families), best)
 
 
-def _explained(search: Search) -> float:
-    """Share of the squared standardised held-out error beyond noise that the best explanation removes."""
-    before = one_step(search.workbench, search.base).standardised() ** 2 - 1.0
-    after = one_step(search.workbench, search.best).standardised() ** 2 - 1.0
-    return 1.0 - max(after, 0.0) / max(before, 1e-9)
+def _tied(search: Search, best: CandidateFit, name: str) -> list[str]:
+    """Rivals of a name: the same law, driven by a setting that moved with its own, does as well."""
+    law = next((c for c in best.competitors if c.family == name), None)
+    if law is None or law.effect is None or not law.drivers:
+        return []
+    driver = law.drivers[0]
+    points = search.fitter.points
+    columns = search.field.columns
+    if driver not in points.conditions.covariates or driver not in columns:
+        return []
+    rivals = []
+    for other, column in columns.items():
+        r = _correlation(columns[driver], column) if other != driver else 0.0
+        if r * r < TIED or not _does_as_well(search, best, driver, other):
+            continue
+        known = [c.family for c in search.field.competitors
+                 if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip
+        rivals.append(known[0] if known else f"unknown:{other}@{law.part.id}")
+    return rivals
 
 
-def _better_without_physics(
-    search: Search, accepted: Sequence[Member], families: Sequence[Family]
-) -> str:
-    """A sentence where one channel's error over one setting says more than any effect does.
-
-    An effect of the library that is really there explains more than such a curve, since it knows
-    how the channels and settings hang together. Drawbar pull does not count: its law is crude.
-    """
-    first = search.first
-    channel, _, setting = first.generic.partition(" over ")
-    leads = [lead for m in accepted if (lead := first.lead(m.family)) is not None]
-    channels = search.workbench.observations.channels
-    if not leads or channel == "drawbar_pull" or len(channels) < 2:
-        return ""
-    names = [m.family for m in accepted]
-    own = {driver for f in families if f.name in names for driver in f.drivers}
-    if channel == "sinkage" and setting in own:
-        return ""
-    # One curve that does as well as two effects, short of what a second one must gain, is simpler.
-    gain = search.base.cost - search.best.cost - (len(accepted) - 1) * first.critical
-    if first.generic == RIG:
-        # Both gains are of whole fits here, and there is no reason to think of a rig's friction first.
-        needed = gain + RIVAL_GAP
-    else:
-        needed = max(gain if len(accepted) > 1 else 0.0, *(lead.gain for lead in leads))
-    if first.generic_gain < needed:
-        return ""
-    return (
-        f"the error is described better by {first.generic} alone than by {_listed(names)}: an effect "
-        "that the library does not have"
-    )
+def _correlation(a: Array, b: Array) -> float:
+    if np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
 
 
-def unrecorded(search: Search) -> str:
-    """A sentence where runs differ more than soils prepared alike do (lower 95 % bound of tau)."""
-    names = search.workbench.effects.names
-    if "ln k" not in names:
-        return ""
-    tau = float(search.best.fit.scatter.tau[names.index("ln k")])
-    runs = np.unique(search.workbench.observations.run).size
-    if tau * np.sqrt((runs - 1) / chi2.ppf(0.95, runs - 1)) < _PREPARED:
-        return ""
-    return (
-        f"runs differ by {100 * tau:.0f} % in k, more than soil prepared alike does (2 to "
-        f"{100 * _PREPARED:.0f} %): something that was not recorded changes from run to run"
-    )
-
-
-def _without_name(search: Search) -> Finding:
-    first = search.first
-    reasons = [f"{m.family} was not accepted: {m.objection}" for m in search.members]
-    hidden = unrecorded(search)
-    if hidden:
-        return Finding("unknown_effect", (), (), (*reasons, hidden))
-    signs = [
-        (first.p_generic, first.generic, first.generic_gain),
-        (first.p_soil, first.soil, first.soil_gain),
-    ]
-    if first.leads:
-        signs.append((first.p_any, first.generic, first.leads[0].gain))
-    p, where, gain = min(signs)
-    rows = len(search.workbench.observations)
-    removed = 1.0 - float(np.exp(-gain / (2.0 * rows)))
-    if p < _SURE and removed > _LEAST_REMOVED:
-        reasons.append(
-            f"the base model misses something (p {p:.2g}), most clearly in "
-            f"{where or 'nothing recorded'}, and no effect of the library explains it well enough"
-        )
-        return Finding("unknown_effect", (), (), tuple(reasons))
-    if p < ALARM:
-        reasons.append(
-            f"there is a sign that something is missing (p {p:.2g}), but none that helps prediction: "
-            "too small to matter here, or chance"
-        )
-    elif p < 0.10:
-        reasons.append("there is a weak sign that something is missing: measure more runs")
-    return Finding("adequate", (), (), tuple(reasons))
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _does_as_well(search: Search, best: CandidateFit, driver: str, other: str) -> bool:
+    """Whether the model keeps its evidence when its setting is put together from another one."""
+    fitter = search.fitter
+    conditions = fitter.points.conditions
+    column, source = conditions[driver], conditions[other]
+    line = np.polyfit(source, column, 1)
+    covariates = dict(conditions.covariates)
+    covariates[driver] = np.clip(np.polyval(line, source), column.min(), column.max())
+    points = replace(fitter.points, conditions=replace(conditions, covariates=covariates))
+    swapped = Fitter(points, fitter.level, fitter.repeats)
+    try:
+        fit = swapped.fit(best.fit.vector, best.fit.theta, best.fit.scatter)
+    except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+        return False
+    return fit.evidence > best.fit.evidence - TIE

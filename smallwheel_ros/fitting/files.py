@@ -9,7 +9,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.parameters import SoilPrior
+from smallwheel_ros.fitting.parameters import (
+    SOIL_PARAMETERS,
+    STRENGTH_PARAMETERS,
+    EffectPart,
+    Prior,
+    SoilPrior,
+    part_of,
+)
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
@@ -18,9 +25,6 @@ from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
 
-_SOIL = ("log_reference_pressure", "n", "m")
-_STRENGTH = ("cohesion", "friction_angle", "log_shear_displacement")
-_UNKNOWN = np.diag([9.0, 0.36, 1.0])  # variances where a model file states none
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
 
@@ -44,13 +48,12 @@ def calibrated(
     }
     if held_out:
         provenance["held_out_rmse"] = {name: float(v) for name, v in held_out.items()}
-    if fit.run_scatter:
-        provenance["run_scatter"] = {name: float(v) for name, v in fit.run_scatter.items()}
+    provenance["run_scatter"] = {name: float(v) for name, v in fit.run_scatter.items()}
     # A strength that the fit pushed against its bound has no deviation: that is not known, not zero.
     keep = [
         i
         for i, name in enumerate(fit.names)
-        if name.rsplit(".", 1)[1] not in _STRENGTH or fit.covariance[i, i] > 0.0
+        if name.rsplit(".", 1)[1] not in STRENGTH_PARAMETERS or fit.covariance[i, i] > 0.0
     ]
     names = tuple(fit.names[i] for i in keep)
     return CalibratedModel(fit.model, names, fit.covariance[np.ix_(keep, keep)], provenance)
@@ -70,27 +73,31 @@ def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:
     return {name: known[name] for name in wanted if name in known}
 
 
+def _fitted_to(known: CalibratedModel, measurements: Measurements) -> bool:
+    """Whether the model was fitted to this very data: the same evidence must not count twice."""
+    return known.provenance.get("sha256") == measurements.sha256
+
+
 def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, SoilPrior]:
     """What a model file says of the soils of these rows, as a belief beforehand.
 
-    Empty where the model was fitted to this very data: the same evidence must not count twice.
+    Empty where the model was fitted to this very data, or the file states no deviations.
     """
-    if not known.names or known.provenance.get("sha256") == measurements.sha256:
+    if not known.names or _fitted_to(known, measurements):
         return {}
+    fields = list(SOIL_PARAMETERS)
     priors = {}
     for name, soil in _matched(known.model, measurements).items():
         original = soil.name if any(s.name == soil.name for s in known.model.soils) else None
         source = original or known.model.soils[0].name
-        covariance = np.array(_UNKNOWN)
+        covariance = np.diag([prior.deviation**2 for _, prior in SOIL_PARAMETERS.values()])
         at = {
-            f: known.names.index(f"{source}.{f}") for f in _SOIL if f"{source}.{f}" in known.names
+            f: known.names.index(f"{source}.{f}") for f in fields if f"{source}.{f}" in known.names
         }
-        for i, a in enumerate(_SOIL):
-            for j, b in enumerate(_SOIL):
+        for i, a in enumerate(fields):
+            for j, b in enumerate(fields):
                 if a in at and b in at:
                     covariance[i, j] = known.covariance[at[a], at[b]]
-                elif i != j:
-                    covariance[i, j] = 0.0
         priors[name] = SoilPrior(soil, covariance + np.diag(_LEAST**2))
     return priors
 
@@ -98,3 +105,22 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
 def starting_soils(known: CalibratedModel, measurements: Measurements) -> tuple[Soil, ...]:
     """The model's soils under the names that the rows use."""
     return tuple(_matched(known.model, measurements).values())
+
+
+def effect_parts(known: CalibratedModel, measurements: Measurements) -> tuple[EffectPart, ...]:
+    """The model's effects as parts of a fit: each number within the deviation that the file states.
+
+    A number without one stays where it is, as near as a fit can hold it.
+    """
+    parts = []
+    for effect in known.model.effects:
+        priors = {}
+        for p in effect.parameters():
+            value = float(getattr(effect, p.name))
+            std = known.standard_deviation(f"{effect.id}.{p.name}")
+            wide = p.bounds[1] - p.bounds[0]
+            free = _fitted_to(known, measurements)
+            deviation = wide if free else max(std or 0.0, 1e-4 * wide)
+            priors[p.name] = Prior(value, deviation, *p.bounds)
+        parts.append(part_of(effect, priors))
+    return tuple(parts)

@@ -1,7 +1,8 @@
-"""How large the noise of a measurement is: sigma^2 = absolute^2 + (relative * level)^2, by channel.
+"""Repeatability: what rows of one point differ by, and rows that do not belong to their point.
 
-From repeats where there are enough (what rows of one run differ by, after the model has explained
-what differs in their settings), else from declared standard deviations, else from the residuals.
+    sigma^2 = absolute^2 + (relative * level)^2    by channel, from sums of squares within points
+
+Where the table states deviations, these are taken times one factor, which repeats determine.
 """
 
 from __future__ import annotations
@@ -13,21 +14,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.observations import ROWS_OF_A_CURVE, Observations
+from smallwheel_ros.fitting.constants import OUTLIER, ROW_NOISE
+from smallwheel_ros.fitting.points import Points
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
 Source = Literal["repeats", "declared", "residuals"]
 
-_FEWEST_REPEATS = 6  # degrees of freedom below which repeats say too little
-_SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that is relative
-# No instrument agrees with a model better than this: keeps simulated data without noise sane.
-_LEAST_RELATIVE = 2e-3
+_SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
+_MOST_OUTLIERS = 0.10  # share of the rows above which they are no outliers: the noise is heavy
+_NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
+_FEWEST = 3  # rows of a point from which its middle is told from an outlier
 
 
 @dataclass(frozen=True)
-class ChannelNoise:
-    """Noise of one channel. absolute: m or N. relative: 1. freedom: degrees of freedom it rests on."""
+class RowNoise:
+    """Repeatability of one row. absolute: m or N. relative: of the level. freedom: repeats."""
 
     absolute: float
     relative: float
@@ -35,109 +37,113 @@ class ChannelNoise:
     freedom: int
 
     def variance(self, level: Array) -> Array:
-        """sigma^2 at these levels of the measured quantity."""
-        return np.asarray(
-            self.absolute**2 + (self.relative**2 + _LEAST_RELATIVE**2) * level**2 + 1e-18
-        )
+        """Of one row at these levels."""
+        return np.asarray(self.absolute**2 + (self.relative * level) ** 2)
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Noise of every channel, and the level (m or N) of each observation at which it was taken."""
+class Repeats:
+    """Repeatability by channel, and what it makes of each value, shape (values,).
 
-    channels: Mapping[str, ChannelNoise]
-    level: Array
-    variance: Array
-
-
-def reference_level(observations: Observations, predicted: Array) -> Array:
-    """How large each measured quantity really is: the run's median, a little of the model.
-
-    The model alone may lack an effect, a single measurement alone is noisy.
+    variance: of the mean of its rows. stated: declared deviation of that mean, 0 where repeats or
+    nothing stands for it.
     """
-    level = np.empty(len(observations))
-    key = observations.run * len(observations.channels) + observations.channel
-    _, group = np.unique(key, return_inverse=True)
-    order = np.argsort(group.reshape(-1), kind="stable")
-    ends = np.flatnonzero(np.diff(group.reshape(-1)[order])) + 1
-    for rows in np.split(order, ends):
-        apart = observations.value[rows] - predicted[rows]
-        if observations.swept[rows[0]]:
-            level[rows] = predicted[rows] + 0.5 * apart
+
+    channels: Mapping[str, RowNoise]
+    variance: Array
+    stated: Array
+
+
+def _apart(values: Array, swept: bool) -> tuple[Array, int]:
+    """What rows of one point are off their mean (a line along a swept run), and degrees of freedom."""
+    n = values.size
+    apart = values - values.mean()
+    if not swept or n < 3:
+        return apart, (0 if swept else n - 1)
+    x = np.arange(n) - (n - 1) / 2
+    return np.asarray(apart - x * (x @ apart) / (x @ x)), n - 2
+
+
+def outlier_rows(points: Points) -> Index:
+    """Rows that lie grossly off the others of their point, a few at most.
+
+    Deviations from the point's median over the channel's robust deviation; only the worst row of a
+    point, since it pulls the others.
+    """
+    found: list[int] = []
+    for name in points.channels:
+        measured = points.measurements.channels[name]
+        mask = points.of_channel(name) & (points.count >= _FEWEST) & ~points.swept
+        members = [points.rows[i] for i in np.flatnonzero(mask)]
+        if not members:
+            continue
+        off = [measured[rows] - np.median(measured[rows]) for rows in members]
+        size = np.array([max(abs(float(np.median(measured[rows]))), 1e-12) for rows in members])
+        size = np.maximum(size, 0.1 * np.median(size))
+        shares = np.concatenate([np.delete(np.abs(o), np.argmin(np.abs(o))) / s
+                                 for o, s in zip(off, size, strict=True)])  # fmt: skip
+        deviation = _NORMAL * float(np.median(shares))
+        limit = OUTLIER * max(deviation, 1e-6)
+        worst = [int(rows[np.argmax(np.abs(o))]) for rows, o, s in
+                 zip(members, off, size, strict=True) if np.max(np.abs(o)) / s > limit]  # fmt: skip
+        if len(worst) <= _MOST_OUTLIERS * len(members):
+            found += worst
+    return np.unique(np.array(found, dtype=np.intp))
+
+
+def repeats_of(points: Points, level: Array) -> Repeats:
+    """Repeatability of each channel, and the variance that it leaves in each value."""
+    channels: dict[str, RowNoise] = {}
+    variance, stated = np.zeros(len(points)), np.zeros(len(points))
+    for name in points.channels:
+        mask = points.of_channel(name)
+        measured = points.measurements.channels[name]
+        squares, freedom, levels, declared = [], [], [], []
+        for i in np.flatnonzero(mask):
+            apart, free = _apart(measured[points.rows[i]], bool(points.swept[i]))
+            if free > 0:
+                squares.append(float(apart @ apart))
+                freedom.append(free)
+                levels.append(float(level[i]))
+                declared.append(float(points.declared[i]))
+        known = np.isfinite(points.declared[mask]).all()
+        if freedom and known:
+            noise, factor = _scaled(np.array(squares), np.array(freedom), np.array(declared))
+            variance[mask] = factor * points.declared[mask] ** 2 / points.count[mask]
+        elif freedom:
+            noise = _two_terms(np.array(squares), np.array(freedom), np.array(levels))
+            variance[mask] = noise.variance(level[mask]) / points.count[mask]
+        elif known:
+            size = float(np.sqrt(np.mean(points.declared[mask] ** 2)))
+            noise = RowNoise(size, 0.0, "declared", 0)
+            stated[mask] = points.declared[mask] ** 2 / points.count[mask]
         else:
-            level[rows] = predicted[rows] + rows.size / (rows.size + 1.0) * np.median(apart)
-    size = np.abs(observations.value)
-    floor = np.zeros(len(observations))
-    for name in observations.channels:
-        mask = observations.of_channel(name)
-        floor[mask] = 0.02 * np.median(size[mask])
-    return np.asarray(np.maximum(np.abs(level), floor))
+            noise = RowNoise(0.0, ROW_NOISE, "residuals", 0)
+        channels[name] = noise
+    return Repeats(channels, variance, stated)
 
 
-def _within(
-    observations: Observations, residual: Array, mask: Mask
-) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Sums of squares of the residuals about each run's mean, degrees of freedom, and members."""
-    rows = np.flatnonzero(mask)
-    _, group = np.unique(observations.run[rows], return_inverse=True)
-    group = group.reshape(-1)
-    count = np.bincount(group)
-    mean = np.bincount(group, residual[rows]) / count
-    square = np.bincount(group, (residual[rows] - mean[group]) ** 2)
-    freedom: Array = np.asarray(count, dtype=float) - 1.0
-    return np.asarray(square, dtype=float), freedom, group.astype(np.intp)
+def _scaled(squares: Array, freedom: Array, declared: Array) -> tuple[RowNoise, float]:
+    """Declared deviations times one factor; before the repeats it is 1, as sure as one repeat."""
+    total = freedom.sum() + 1.0
+    factor = float((np.sum(squares / declared**2) + 1.0) / total)
+    size = float(np.sqrt(factor * np.mean(declared**2)))
+    return RowNoise(size, 0.0, "repeats", int(freedom.sum())), factor
 
 
-def _two_terms(square: Array, freedom: Array, level: Array) -> tuple[float, float]:
-    """Absolute and relative noise from sums of squares at levels: gamma likelihood on a grid.
+def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
+    """Absolute and relative noise: the mean over a grid of shares, each by its likelihood.
 
-    The mean over the grid, not its best point: which of the two it is, few repeats hardly say.
+    The mean, not the best: few repeats hardly say which of the two it is. `ROW_NOISE` counts as one
+    repeat.
     """
     middle = float(np.sqrt(np.mean(level**2)))
+    total = float(freedom.sum()) + 1.0
     shape = (1.0 - _SHARES)[:, None] + _SHARES[:, None] * (level / middle) ** 2
-    scale = np.maximum(np.sum(square / shape, axis=1) / freedom.sum(), 1e-300)
-    cost = freedom.sum() * np.log(scale) + np.sum(freedom * np.log(shape), axis=1)
+    scale = (np.sum(squares / shape, axis=1) + (ROW_NOISE * middle) ** 2) / total
+    cost = total * np.log(scale) + np.sum(freedom * np.log(shape), axis=1)
     weight = np.exp(-0.5 * (cost - cost.min()))
     weight /= weight.sum()
-    absolute = np.sqrt(np.sum(weight * (1.0 - _SHARES) * scale))
-    relative = np.sqrt(np.sum(weight * _SHARES * scale)) / middle
-    return float(absolute), float(relative)
-
-
-def estimate_noise(
-    observations: Observations, residual: Array, level: Array, used: Mask, parameters: int
-) -> Noise:
-    """Noise of each channel. residual: measured less predicted. used: what is no outlier.
-
-    parameters: how many were fitted, where the residuals themselves must do.
-    """
-    channels: dict[str, ChannelNoise] = {}
-    variance = np.empty(len(observations))
-    for name in observations.channels:
-        mask = observations.of_channel(name)
-        good = mask & used
-        square, freedom, group = _within(observations, residual, good & ~observations.swept)
-        there = freedom > 0
-        declared = observations.declared[good]
-        stated = np.isfinite(declared)
-        if int(freedom.sum()) >= _FEWEST_REPEATS:
-            repeats = good & ~observations.swept
-            mean = np.bincount(group, level[repeats]) / np.maximum(np.bincount(group), 1)
-            absolute, relative = _two_terms(square[there], freedom[there], mean[there])
-            found = ChannelNoise(absolute, relative, "repeats", int(freedom.sum()))
-        elif stated.all() and stated.size:
-            found = ChannelNoise(float(np.sqrt(np.mean(declared**2))), 0.0, "declared", stated.size)
-        else:
-            each = np.ones(int(good.sum()))
-            lost = max(1.0 - parameters / max(int(used.sum()), 1), 0.2)
-            absolute, relative = _two_terms(residual[good] ** 2 / lost, each, level[good])
-            found = ChannelNoise(absolute, relative, "residuals", int(good.sum()))
-        channels[name] = found
-        variance[mask] = found.variance(level[mask])
-        if found.source == "declared":
-            own = observations.declared[mask]
-            variance[mask] = np.where(np.isfinite(own), own**2, variance[mask])
-    # Neighbouring rows of a curve say nearly the same: a curve counts as so many rows at most.
-    rows = np.bincount(observations.run, minlength=len(observations.runs))[observations.run]
-    variance *= np.where(observations.curves, np.maximum(rows / ROWS_OF_A_CURVE, 1.0), 1.0)
-    return Noise(channels, level, variance)
+    absolute = float(np.sqrt(np.sum(weight * (1.0 - _SHARES) * scale)))
+    relative = float(np.sqrt(np.sum(weight * _SHARES * scale))) / middle
+    return RowNoise(absolute, relative, "repeats", int(freedom.sum()))

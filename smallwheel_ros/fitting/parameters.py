@@ -1,82 +1,107 @@
 """The parameters of a fit: which there are, what is known of them before, and the model they make.
 
-A soil is fitted in numbers that behave: ln of the pressure at the reference sinkage and diameter, n
-and m. k itself is the pressure at one metre, an extrapolation whose error is tied to n and m.
+    theta = (ln p_ref, n, m [, phi, ln K, c] of each soil; the numbers of each effect)
+
+ln p_ref is ln of the pressure at 10 mm of sinkage under a wheel of 0.2 m: k itself is the pressure at
+one metre, an extrapolation whose error is tied to n and m. Soils have Gaussian priors, effects
+Student's t (see `Prior`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
+from scipy.stats import t as student
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.model import Model
-from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.fitting.constants import STUDENT
+from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.physics.soil import Soil, k_from_reference
+from smallwheel_ros.physics.traction import ThrustForm
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Field:
-    """What is known of one parameter of a soil before any data. bounds are what a fit may reach."""
-
-    name: str
-    unit: str
-    bounds: tuple[float, float]
-    prior: tuple[float, float]  # mean and standard deviation: weak, only to keep a fit defined
-
-
-# Prior means: the middle of what the soils of the library and of Wong (2008) show.
-SOIL_FIELDS = (
-    Field("log_reference_pressure", "ln Pa", (2.0, 20.0), (10.5, 3.0)),
-    Field("n", "1", (0.05, 2.9), (0.9, 0.6)),
-    Field("m", "1", (-3.0, 3.0), (0.0, 1.0)),
-)
-# Published: phi 28 to 42 deg, c 0.1 to 2 kPa, kappa 10 to 28 mm for small wheels (bounds 2 to 60
-# mm).
-THRUST_FIELDS = (
-    Field("friction_angle", "rad", (0.1, 1.0), (0.56, 0.12)),
-    Field("log_shear_displacement", "ln m", (-6.2, -2.8), (-4.2, 0.6)),
-    Field("cohesion", "Pa", (0.0, 20e3), (700.0, 700.0)),
-)
-
-# What no simple law of thrust gets right, as shares of the load that are added to drawbar pull: a
-# constant, one that turns over at zero slip, one that goes on with slip. Only a diagnosis uses
-# them, so that an error of the thrust law does not pass for a missing effect of the soil.
-CORRECTIONS = ("constant", "turning", "rising")
-CORRECTION_PRIOR = 0.15
-CORRECTION = "thrust_correction"
-
-
-def correction_columns(conditions: Conditions) -> Array:
-    """What a correction of 1 adds to drawbar pull, N: shape (rows, corrections)."""
-    slip = conditions["slip"]
-    return (
-        np.column_stack([np.ones_like(slip), np.tanh(slip / 0.1), slip]) * conditions.load[:, None]
-    )
+_STEP = 1e-4  # of the prior's deviation: finite differences
 
 
 @dataclass(frozen=True)
-class Slot:
-    """One free parameter: of which soil or effect, its bounds, and where the fit starts.
+class Prior:
+    """What is known of one number before the data.
 
-    A slot of owner -1 is a correction of thrust.
+    heavy: Student's t with `STUDENT` degrees of freedom, truncated at the bounds; else Gaussian.
     """
 
-    owner: int  # index into the model's soils, or effects
+    centre: float
+    deviation: float
+    low: float
+    high: float
+    heavy: bool = False
+
+    @cached_property
+    def _log_norm(self) -> float:
+        if not self.heavy:
+            return float(np.log(self.deviation) + 0.5 * np.log(2.0 * np.pi))
+        low, high = ((b - self.centre) / self.deviation for b in (self.low, self.high))
+        inside = max(float(student.cdf(high, STUDENT) - student.cdf(low, STUDENT)), 1e-9)
+        constant = gammaln((STUDENT + 1) / 2) - gammaln(STUDENT / 2)
+        return float(
+            np.log(inside) + np.log(self.deviation) + 0.5 * np.log(STUDENT * np.pi) - constant
+        )
+
+    def log_density(self, value: float) -> float:
+        """Logarithm of the prior's density."""
+        u = (value - self.centre) / self.deviation
+        if self.heavy:
+            return float(-(STUDENT + 1) / 2 * np.log1p(u * u / STUDENT)) - self._log_norm
+        return -0.5 * u * u - self._log_norm
+
+    def precision(self, value: float) -> float:
+        """Weight of the Gaussian that touches the prior there (for Student's t: its majoriser)."""
+        if not self.heavy:
+            return self.deviation**-2
+        u = (value - self.centre) / self.deviation
+        return (STUDENT + 1) / (STUDENT + u * u) / self.deviation**2
+
+
+@dataclass(frozen=True)
+class FreeParameter:
+    """One free number. owner: name of the soil or id of the effect. at: index of that owner."""
+
+    owner: str
+    at: int
     of_effect: bool
     field: str
     start: float
-    bounds: tuple[float, float]
-    step: float  # of the finite difference
     unit: str
+    prior: Prior
+
+    @property
+    def name(self) -> str:
+        """`dry_sand.n`, `slip_sinkage.a`."""
+        return f"{self.owner}.{self.field}"
 
 
-def soil_vector(soil: Soil) -> dict[str, float]:
+# Middle of what the soils of the library and of Wong (2008) show: n 0.1 to 1.6, |m| up to 0.5.
+SOIL_PARAMETERS = {
+    "log_reference_pressure": ("ln Pa", Prior(10.5, 3.0, 2.0, 20.0)),
+    "n": ("1", Prior(0.9, 0.4, 0.05, 2.9)),
+    "m": ("1", Prior(0.0, 0.6, -3.0, 3.0)),
+}
+# Published: phi 28 to 42 deg, c 0.1 to 2 kPa, K 10 to 28 mm for small wheels (bounds 2 to 60 mm).
+STRENGTH_PARAMETERS = {
+    "friction_angle": ("rad", Prior(0.56, 0.12, 0.1, 1.0)),
+    "log_shear_displacement": ("ln m", Prior(-4.2, 0.6, -6.2, -2.8)),
+    "cohesion": ("Pa", Prior(700.0, 700.0, 0.0, 20e3)),
+}
+
+
+def soil_numbers(soil: Soil) -> dict[str, float]:
     """The soil in the numbers that a fit works with."""
     return {
         "log_reference_pressure": soil.log_reference_pressure,
@@ -88,93 +113,190 @@ def soil_vector(soil: Soil) -> dict[str, float]:
     }
 
 
-def soil_from(soil: Soil, values: Mapping[str, float]) -> Soil:
-    """The soil with these of its numbers replaced."""
-    v = soil_vector(soil) | dict(values)
-    return replace(
-        soil.with_parameters(v["log_reference_pressure"], v["n"], v["m"]),
-        friction_angle=v["friction_angle"],
-        shear_displacement=float(np.exp(v["log_shear_displacement"])),
-        cohesion=v["cohesion"],
+def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
+    """The soil with these of its numbers replaced, under another name where one is given."""
+    v = soil_numbers(soil) | dict(values)
+    return Soil(
+        name or soil.name,
+        float(k_from_reference(v["log_reference_pressure"], v["n"], v["m"])),
+        v["n"],
+        v["m"],
+        v["cohesion"],
+        v["friction_angle"],
+        float(np.exp(v["log_shear_displacement"])),
+        soil.source,
     )
 
 
 @dataclass(frozen=True)
 class SoilPrior:
-    """A soil that is known from elsewhere: its mean, and the covariance of (ln p_ref, n, m), shape (3, 3)."""
+    """A soil known from elsewhere: its mean, and the covariance of (ln p_ref, n, m), shape (3, 3)."""
 
     soil: Soil
     covariance: Array
 
 
-@dataclass(frozen=True)
-class Layout:
-    """The free parameters of a model, with the Gaussian prior N(centre, inverse of precision).
+Build = Callable[[Mapping[str, Any]], Effect]
 
-    start, low, high, centre: shape (parameters,). precision: shape (parameters, parameters).
+
+@dataclass(frozen=True)
+class EffectPart:
+    """One effect of a fit: its free numbers, and how the effect is made from them.
+
+    build: given values by name, floats or one array entry for each row. replaces: the effect of the
+    model that it stands in for (its id), "" where it is added.
     """
 
-    model: Model
-    slots: tuple[Slot, ...]
-    low: Array
-    high: Array
-    centre: Array
-    precision: Array
+    id: str
+    parameters: tuple[tuple[str, float, str, Prior], ...]  # name, start, unit, prior
+    build: Build
+    replaces: str = ""
 
-    @property
-    def start(self) -> Array:
-        """Where the fit starts, shape (parameters,)."""
-        return np.array([slot.start for slot in self.slots])
+
+def part_of(effect: Effect, priors: Mapping[str, Prior] | None = None) -> EffectPart:
+    """An effect with its own numbers free, started where it stands.
+
+    priors: by parameter; where none is given, the bounds hold it and a prior as wide as they are.
+    """
+    known = priors or {}
+    values = dict(effect.values())
+    listed = []
+    for p in effect.parameters():
+        low, high = p.bounds
+        wide = Prior(values[p.name], high - low, low, high)
+        listed.append((p.name, values[p.name], p.unit, known.get(p.name, wide)))
+
+    def build(numbers: Mapping[str, Any]) -> Effect:
+        return with_values(effect, numbers)
+
+    return EffectPart(effect.id, tuple(listed), build)
+
+
+def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
+    """The effect with other numbers; arrays (one value for each row) are not checked against bounds."""
+    if all(np.ndim(v) == 0 for v in numbers.values()):
+        return replace(effect, **{name: float(v) for name, v in numbers.items()})
+    made = object.__new__(type(effect))
+    made.__dict__.update(vars(effect) | dict(numbers))
+    return made
+
+
+@dataclass(frozen=True)
+class ParameterVector:
+    """The free parameters of a model and their joint prior.
+
+    soils: where they start. precision: of the soils' Gaussian prior, shape (soil parameters,) * 2.
+    """
+
+    soils: tuple[Soil, ...]
+    geometry: Geometry
+    thrust_form: ThrustForm
+    fixed: tuple[Effect, ...]
+    parts: tuple[EffectPart, ...]
+    free: tuple[FreeParameter, ...]
+    soil_precision: Array
 
     @property
     def names(self) -> tuple[str, ...]:
-        """`dry_sand.n`, `slip_sinkage.a`: unique, since a model holds an effect once."""
-        return tuple(f"{self.owner_name(s)}.{s.field}" for s in self.slots)
+        """Names of the free parameters."""
+        return tuple(p.name for p in self.free)
 
-    def owner_name(self, slot: Slot) -> str:
-        """The soil or effect that a parameter belongs to."""
-        if slot.owner < 0:
-            return CORRECTION
-        if slot.of_effect:
-            return self.model.effects[slot.owner].id
-        return self.model.soils[slot.owner].name
+    @cached_property
+    def start(self) -> Array:
+        """Where a fit starts, shape (parameters,)."""
+        return np.array([p.start for p in self.free])
 
-    def base(self) -> NDArray[np.bool_]:
-        """Mask of the parameters that are the soils'."""
-        return np.array([not slot.of_effect for slot in self.slots], dtype=bool)
+    @cached_property
+    def low(self) -> Array:
+        """Lower bounds, shape (parameters,)."""
+        return np.array([p.prior.low for p in self.free])
 
-    def only(self, keep: NDArray[np.bool_]) -> Layout:
-        """The layout with these of its parameters; the others stay where the model has them."""
-        slots = tuple(slot for slot, kept in zip(self.slots, keep, strict=True) if kept)
-        return Layout(
-            self.model,
-            slots,
-            self.low[keep],
-            self.high[keep],
-            self.centre[keep],
-            self.precision[np.ix_(keep, keep)],
-        )
+    @cached_property
+    def high(self) -> Array:
+        """Upper bounds, shape (parameters,)."""
+        return np.array([p.prior.high for p in self.free])
 
-    def model_at(self, theta: Array) -> Model:
-        """The model with the parameters theta, shape (parameters,)."""
-        soil_values: dict[int, dict[str, float]] = {}
-        effect_values: dict[int, dict[str, float]] = {}
-        for slot, value in zip(self.slots, theta, strict=True):
-            if slot.owner < 0:
-                continue
-            store = effect_values if slot.of_effect else soil_values
-            store.setdefault(slot.owner, {})[slot.field] = float(value)
-        soils = [
-            soil_from(s, soil_values[i]) if i in soil_values else s
-            for i, s in enumerate(self.model.soils)
-        ]
-        effects = [
-            replace(e, **effect_values[i]) if i in effect_values else e
-            for i, e in enumerate(self.model.effects)
-        ]
-        return replace_model(self.model, soils, effects)
+    @cached_property
+    def centre(self) -> Array:
+        """Means of the priors, shape (parameters,)."""
+        return np.array([p.prior.centre for p in self.free])
 
+    @cached_property
+    def scale(self) -> Array:
+        """Deviations of the priors, shape (parameters,)."""
+        return np.array([p.prior.deviation for p in self.free])
 
-def replace_model(model: Model, soils: Sequence[Soil], effects: Sequence[Effect]) -> Model:
-    """The same geometry and thrust law with other soils and effects."""
-    return Model(soils, model.geometry, effects, model.thrust_form)
+    @property
+    def base_size(self) -> int:
+        """How many parameters are the soils'; they come first."""
+        return int(self.soil_precision.shape[0])
+
+    def steps(self, theta: Array) -> Array:
+        """Finite differences, inward where a bound is near."""
+        h = _STEP * self.scale
+        return np.where(theta + h > self.high, -h, h)
+
+    def precision(self, theta: Array) -> Array:
+        """Precision of the Gaussian that touches the prior at theta, shape (parameters,) * 2."""
+        base = self.base_size
+        full = np.zeros((theta.size, theta.size))
+        full[:base, :base] = self.soil_precision
+        for j in range(base, theta.size):
+            full[j, j] = self.free[j].prior.precision(float(theta[j]))
+        return full
+
+    def log_prior(self, theta: Array) -> float:
+        """Logarithm of the prior's density at theta."""
+        base = self.base_size
+        away = theta[:base] - self.centre[:base]
+        value = -0.5 * float(away @ self.soil_precision @ away)
+        value += 0.5 * float(np.linalg.slogdet(self.soil_precision / (2.0 * np.pi))[1])
+        for p, v in zip(self.free[base:], theta[base:], strict=True):
+            value += p.prior.log_density(float(v))
+        return value
+
+    def model(self, theta: Array) -> Model:
+        """The model with these parameters, shape (parameters,)."""
+        return self._compose([theta], 1)
+
+    def tiled_model(self, thetas: Array, rows: int) -> Model:
+        """One model for the rows repeated once for each parameter vector, shape (copies, parameters).
+
+        Copy c of a row of soil s has the soil `c:s`; numbers of effects are arrays over the rows.
+        """
+        return self._compose(list(thetas), rows)
+
+    def _compose(self, thetas: Sequence[Array], rows: int) -> Model:
+        many = len(thetas) > 1
+        soils = []
+        for copy, theta in enumerate(thetas):
+            values: dict[int, dict[str, float]] = {}
+            for p, v in zip(self.free[: self.base_size], theta, strict=False):
+                values.setdefault(p.at, {})[p.field] = float(v)
+            for i, soil in enumerate(self.soils):
+                soils.append(soil_from(soil, values.get(i, {}), f"{copy}:{i}" if many else ""))
+        effects = list(self.fixed)
+        j = self.base_size
+        for part in self.parts:
+            numbers: dict[str, Any] = {}
+            for name, *_ in part.parameters:
+                column = np.array([theta[j] for theta in thetas])
+                numbers[name] = np.repeat(column, rows) if many else float(column[0])
+                j += 1
+            effect = part.build(numbers)
+            if part.replaces:
+                at = next(i for i, e in enumerate(effects) if e.id == part.replaces)
+                effects[at] = effect
+            else:
+                effects.append(effect)
+        return Model(soils, self.geometry, effects, self.thrust_form)
+
+    def with_parts(self, parts: Sequence[EffectPart]) -> ParameterVector:
+        """The same soils with other effects."""
+        free = list(self.free[: self.base_size])
+        for i, part in enumerate(parts):
+            free += [
+                FreeParameter(part.id, i, True, name, start, unit, prior)
+                for name, start, unit, prior in part.parameters
+            ]
+        return replace(self, parts=tuple(parts), free=tuple(free))

@@ -1,4 +1,4 @@
-"""What a fit found: a model, how well each parameter is known, and what the data could not determine."""
+"""What a fit found: a model, how well each number is known, and what the data could not determine."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.calibrate import Calibration
-from smallwheel_ros.fitting.noise import ChannelNoise
-from smallwheel_ros.fitting.solve import Weights
+from smallwheel_ros.fitting.constants import DETERMINED
+from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness
+from smallwheel_ros.fitting.held_out import CvErrors, in_sample
+from smallwheel_ros.fitting.noise import RowNoise
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, STRENGTH_PARAMETERS, FreeParameter
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.variance import Scatter, settings_repeated
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]
 
-# As in the estimator: at half of the prior's deviation, three quarters of what is known is data.
-_SHRUNK = 0.5
-_TIED = 0.98
+_ALIKE = 0.98  # correlation from which two numbers are said to be tied
+_SURE = 1.0  # deviations of ln tau that the runs' scatter must be over what soils show
 
 _REMEDIES = {
     "log_reference_pressure": "measure sinkage at a few loads",
@@ -56,30 +59,34 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitResult:
-    """A fitted model. Arrays by channel are of shape (rows,), NaN where a row did not measure the channel.
+    """A fitted model.
 
-    names, covariance: of the free parameters, in the numbers that the fit works with: a soil is (ln of the
-    pressure at 10 mm and D = 0.2 m, n, m), shape (parameters, parameters). noise: of one row, by channel.
-    run_scatter: standard deviation of what differs from run to run (ln k; a channel's own, relative).
-    scale: factor on all noise that the fit found. outliers: by channel, the rows that were left out.
+    names, covariance: of the parameters that the data has a say in, in the numbers that the fit works
+    with (`parameters`), shape (parameters,) * 2. noise: repeatability of one row, by channel.
+    run_scatter: deviations of what differs from run to run: `ln k` of the soil, and each channel's
+    own, relative. errors: measured less predicted in sample, by channel, shape (rows,). outliers: rows
+    that were left out. evidence: ln of the probability of the data under the model.
     """
 
     model: Model
     parameters: tuple[FittedParameter, ...]
     names: tuple[str, ...]
     covariance: Array
-    noise: Mapping[str, ChannelNoise]
+    noise: Mapping[str, RowNoise]
     run_scatter: Mapping[str, float]
-    scale: float
-    residuals: Mapping[str, Array]
-    predicted: Mapping[str, Array]
-    outliers: Mapping[str, NDArray[np.intp]]
-    minus_two_log_likelihood: float
+    errors: CvErrors
+    outliers: NDArray[np.intp]
+    evidence: float
     notes: tuple[str, ...]
 
     @property
+    def residuals(self) -> Mapping[str, Array]:
+        """Measured less predicted in sample, by channel, shape (rows,), NaN where not measured."""
+        return self.errors.error
+
+    @property
     def correlation(self) -> Array:
-        """Correlations of the free parameters, shape (parameters, parameters)."""
+        """Correlations of the parameters, shape (parameters, parameters)."""
         std = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
         return np.asarray(self.covariance / np.outer(std, std))
 
@@ -94,8 +101,8 @@ class FitResult:
 
     def soil_covariance(self, soil: str) -> Array:
         """Covariance of (ln p_ref, n, m) of that soil, shape (3, 3); a held parameter's is its prior's."""
-        fields = ("log_reference_pressure", "n", "m")
-        full = np.diag([9.0, 0.36, 1.0])
+        fields = list(SOIL_PARAMETERS)
+        full = np.diag([prior.deviation**2 for _, prior in SOIL_PARAMETERS.values()])
         at = {f: self.names.index(f"{soil}.{f}") for f in fields if f"{soil}.{f}" in self.names}
         for i, a in enumerate(fields):
             for j, b in enumerate(fields):
@@ -104,88 +111,132 @@ class FitResult:
         return full
 
 
-def covariance_of(calibration: Calibration) -> Array:
-    """Covariance of the free parameters; zero rows and columns for one that sits at its bound."""
-    solution = calibration.fit.solution
-    free = ~solution.frozen
-    full = np.zeros((free.size, free.size))
-    block = solution.information[np.ix_(free, free)]
-    inverse = np.asarray(np.linalg.pinv(block, hermitian=True), dtype=float)
-    found = calibration.fit.scatter.scale**2 * inverse
-    part = calibration.kept_observations
-    runs = np.unique(part.run).size
-    if part.curves.any() and runs > 2 * int(free.sum()):
-        wider = np.sqrt(np.maximum(_clustered(calibration, inverse, runs) / np.diag(found), 1.0))
-        found = found * np.outer(wider, wider)
-    full[np.ix_(free, free)] = found
+def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
+    """Covariance of theta with the components' own uncertainty in it.
+
+    C(phi) = (J' V(phi)^-1 J + P)^-1 is averaged over ln phi ~ N(found, its covariance) by the 2 q
+    points found +- sqrt(q) times the columns of its root (the cubature rule, Arasaratnam and Haykin
+    2009): few runs do not know their scatter well, and the deviations say so. A parameter at its
+    bound has zero rows and columns.
+    """
+    model, points = fitter.variance, fitter.points
+    free = np.flatnonzero(~fit.at_bound)
+    slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
+    stiff = stiffness(fit.vector, fit.slopes)
+    kernels = model.kernels(stiff, fit.scatter.log_length)
+    away = points.value - fit.predicted + fit.slopes @ (fit.theta - fit.vector.centre)
+    spread = fit.slopes @ np.linalg.solve(fit.vector.precision(fit.theta), fit.slopes.T)
+    root = np.linalg.cholesky(model.uncertainty(away, spread, stiff, fit.scatter))
+    size = len(root)
+    total = np.zeros((free.size, free.size))
+    for column in np.sqrt(size) * np.hstack([root, -root]).T:
+        at = Scatter(fit.scatter.log_deviation + column, fit.scatter.log_length)
+        white = np.linalg.solve(np.linalg.cholesky(model.covariance(at, kernels)), slopes)
+        total += inverse(white.T @ white + precision) / (2 * size)
+    full = np.zeros((fit.theta.size, fit.theta.size))
+    full[np.ix_(free, free)] = total
     return full
 
 
-def _clustered(calibration: Calibration, inverse: Array, runs: int) -> Array:
-    """Variances from what whole runs differ by: a curve's errors are not independent.
+def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
+    """Held-out error that the true model would leave on a row of a new run, by channel, m or N.
 
-    Liang and Zeger 1986, the sandwich with runs as clusters.
+    Repeatability, and what soil and instrument differ by from run to run. Empty for a channel whose
+    repeatability is not known from repeats or stated deviations: there misfit would pass for noise.
     """
-    solution = calibration.fit.solution
-    part = calibration.kept_observations
-    design = solution.slopes[:, ~solution.frozen]
-    weights = Weights(calibration.effects, calibration.fit.scatter.tau)
-    residual = (part.value - solution.predicted)[:, None]
-    pulls = weights.by_run(design, residual)[1][:, :, 0]
-    middle = pulls.T @ pulls * runs / (runs - 1.0)
-    return np.asarray(np.diag(inverse @ middle @ inverse))
-
-
-def _statuses(calibration: Calibration, covariance: Array) -> list[FittedParameter]:
-    layout, solution = calibration.layout, calibration.fit.solution
-    prior = np.sqrt(1.0 / np.maximum(np.diag(layout.precision), 1e-300))
-    found = []
-    for j, slot in enumerate(layout.slots):
-        if slot.owner < 0:
+    deviations = fit.scatter.as_dict(fitter.variance)
+    stiff = stiffness(fit.vector, fit.slopes)
+    found = {}
+    for name in fitter.points.channels:
+        noise = fitter.repeats.channels[name]
+        if noise.source == "residuals":
             continue
-        owner = layout.owner_name(slot)
-        value, std = float(solution.theta[j]), float(np.sqrt(covariance[j, j]))
-        width = slot.bounds[1] - slot.bounds[0]
-        wide = _SHRUNK * prior[j] if not slot.of_effect else 0.25 * width
-        status: Status = "determined"
-        remedy = _REMEDIES.get(slot.field, "") if not slot.of_effect else ""
-        if solution.frozen[j]:
-            status = "at its bound"
-        elif std > wide:
-            status = "not determined"
-        if slot.of_effect and status != "determined":
-            remedy = f"vary what '{owner}' depends on over a wider range, with the rest held"
-        found.append(
-            FittedParameter(
-                owner,
-                slot.field,
-                value,
-                None if solution.frozen[j] else std,
-                slot.unit,
-                slot.bounds,
-                status,
-                "" if status == "determined" else remedy,
-            )
-        )
-    for soil in layout.model.soils:
-        if f"{soil.name}.m" not in layout.names:
-            found.append(
-                FittedParameter(
-                    soil.name, "m", soil.m, None, "1", (-3.0, 3.0), "held", _REMEDIES["m"]
-                )
-            )
+        mine = fitter.points.of_channel(name)
+        level, count = fitter.level[mine], fitter.points.count[mine]
+        rows = noise.variance(level) * deviations.get(f"declared:{name}", 1.0) ** 2
+        runs = (deviations["tau"] * stiff[mine]) ** 2 + (deviations[f"own:{name}"] * level) ** 2
+        runs += (deviations.get(f"zero:{name}", 0.0) * np.median(level)) ** 2
+        found[name] = float(np.sqrt(np.average(rows + runs, weights=count)))
     return found
 
 
+def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
+    """Turn a fit into a result for people and for model files."""
+    points = fitter.points
+    covariance = posterior_covariance(fitter, fit)
+    model = fit.vector.model(fit.theta)
+    used = [j for j, p in enumerate(fit.vector.free)
+            if p.of_effect or p.field in SOIL_PARAMETERS or np.any(fit.slopes[:, j])]  # fmt: skip
+    parameters = [_parameter(fit, covariance, j) for j in used]
+    names = {p.full_name for p in parameters}
+    for soil in fit.vector.soils:
+        if f"{soil.name}.m" not in names:
+            bounds = SOIL_PARAMETERS["m"][1]
+            parameters.append(FittedParameter(soil.name, "m", soil.m, None, "1",
+                              (bounds.low, bounds.high), "held", _REMEDIES["m"]))  # fmt: skip
+    deviations = fit.scatter.as_dict(fitter.variance)
+    scatter = {"ln k": deviations["tau"]}
+    scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
+    kept = covariance[np.ix_(used, used)]
+    return FitResult(
+        model,
+        tuple(parameters),
+        tuple(fit.vector.free[j].name for j in used),
+        kept,
+        dict(fitter.repeats.channels),
+        scatter,
+        in_sample(points, model),
+        outliers,
+        fit.evidence,
+        tuple(_notes(points, parameters, fit, kept, used, outliers)),
+    )
+
+
+def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
+    free: FreeParameter = fit.vector.free[j]
+    prior = free.prior
+    std = float(np.sqrt(covariance[j, j]))
+    status: Status = "determined"
+    if fit.at_bound[j]:
+        status = "at its bound"
+    elif std > DETERMINED * _before(free):
+        status = "not determined"
+    remedy = _REMEDIES.get(free.field, "") if not free.of_effect else (
+        f"vary what '{free.owner}' depends on over a wider range, with the rest held"
+    )  # fmt: skip
+    return FittedParameter(
+        free.owner,
+        free.field,
+        float(fit.theta[j]),
+        None if fit.at_bound[j] else std,
+        free.unit,
+        (prior.low, prior.high),
+        status,
+        "" if status == "determined" else remedy,
+    )
+
+
+def _before(free: FreeParameter) -> float:
+    """Deviation of a parameter before any data at all, also where this fit began from a known soil."""
+    table = SOIL_PARAMETERS | STRENGTH_PARAMETERS
+    known = None if free.of_effect else table.get(free.field)
+    return free.prior.deviation if known is None else known[1].deviation
+
+
 def _notes(
-    calibration: Calibration, parameters: list[FittedParameter], covariance: Array
+    points: Points,
+    parameters: list[FittedParameter],
+    fit: Fit,
+    covariance: Array,
+    used: list[int],
+    outliers: NDArray[np.intp],
 ) -> list[str]:
-    notes = list(calibration.observations.notes)
+    notes = list(points.notes)
     for p in parameters:
         if p.status == "held":
             notes.append(
-                f"{p.full_name} is held at {p.value:g}: only k D^m is determined with one wheel diameter; "
-                f"{p.remedy}"
+                f"{p.full_name} is held at {p.value:g}: only k D^m is determined with one wheel "
+                f"diameter; {p.remedy}"
             )
         elif p.status == "at its bound":
             notes.append(
@@ -193,55 +244,24 @@ def _notes(
             )
         elif p.status == "not determined":
             notes.append(f"{p.full_name} is not determined by this data: {p.remedy}")
-    names = calibration.layout.names
     std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    for i in range(len(names)):
-        for j in range(i):
-            r = covariance[i, j] / (std[i] * std[j])
-            if abs(r) > _TIED:
+    for a in range(len(used)):
+        for b in range(a):
+            r = covariance[a, b] / (std[a] * std[b])
+            if abs(r) > _ALIKE:
+                first, second = (fit.vector.free[used[i]].name for i in (b, a))
                 notes.append(
-                    f"{names[j]} and {names[i]} are tied (correlation {r:.3f}): only a combination of "
-                    "them is determined"
+                    f"{first} and {second} are tied (correlation {r:.3f}): only a combination of them "
+                    "is determined"
                 )
-    flagged = int((~calibration.kept).sum())
-    if flagged:
+    if outliers.size:
+        lines = ", ".join(str(line) for line in points.measurements.line[outliers][:20])
         notes.append(
-            f"{flagged} measurements are outliers (over 4.5 standard deviations) and were left out"
+            f"{outliers.size} rows lie far off the others of their run and were left out: lines {lines}"
         )
-    if not calibration.fit.solution.converged:
-        notes.append("the fit did not come to rest: take its numbers with care")
+    if not settings_repeated(points):
+        notes.append(
+            "no setting was repeated in another run: lack of fit of the law and scatter from run to "
+            "run cannot be told apart"
+        )
     return notes
-
-
-def result_of(calibration: Calibration) -> FitResult:
-    """Turn a calibration into a result for people and for model files."""
-    observations, layout = calibration.observations, calibration.layout
-    solution = calibration.fit.solution
-    model = layout.model_at(solution.theta)
-    covariance = covariance_of(calibration)
-    parameters = _statuses(calibration, covariance)
-    prediction = predict(model, observations.conditions)
-    rows = len(observations.conditions)
-    residuals, predicted, outliers = {}, {}, {}
-    for name in observations.channels:
-        mask = observations.of_channel(name)
-        measured = np.full(rows, np.nan)
-        measured[observations.row[mask]] = observations.value[mask]
-        values = np.asarray(getattr(prediction, name))
-        predicted[name] = np.where(np.isfinite(measured), values, np.nan)
-        residuals[name] = measured - values
-        outliers[name] = np.sort(observations.row[mask & ~calibration.kept])
-    return FitResult(
-        model,
-        tuple(parameters),
-        layout.names,
-        covariance,
-        dict(calibration.noise.channels),
-        dict(zip(calibration.effects.names, map(float, calibration.fit.scatter.tau), strict=True)),
-        calibration.fit.scatter.scale,
-        residuals,
-        predicted,
-        outliers,
-        calibration.fit.minus_two_log_likelihood,
-        tuple(_notes(calibration, parameters, covariance)),
-    )

@@ -1,0 +1,413 @@
+"""Who competes: every effect of the library, errors of instruments, and curves without a name.
+
+Each has a prior for its strength, so that all are on an equal footing:
+
+- soil: Student's t on the published range (a value outside costs, it is not forbidden); where nothing
+  is published, about the value at which the effect is absent, twice the starting strength wide;
+- instrument: `INSTRUMENT` of the reading;
+- an effect that the model has: the same law or another one of it, about its present strength;
+- unknown: a smooth of one setting at one stage (`curves`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from smallwheel_ros.diagnosis.curves import (
+    GENERALISES,
+    Span,
+    curve_part,
+    distinct,
+    spans_of,
+)
+from smallwheel_ros.effects.base import Effect, Parameter
+from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, INSTRUMENT
+from smallwheel_ros.fitting.parameters import EffectPart, Prior, with_values
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.settings import cluster, set_columns
+from smallwheel_ros.model import Geometry, Model
+
+Array = NDArray[np.float64]
+Kind = Literal["soil", "instrument", "unknown"]
+
+_VARIES = 0.05  # of a setting's largest value: less is no setting that was varied
+_ONE_RANK = 0.01  # of a column's range
+_PREDICTED = 0.75  # share of a column's variance that other settings predict: it answers them
+_SAME_ORDER = 0.98  # rank correlation: the same setting in other units
+_WAVERS = 0.05  # share of a load's variance within runs: a load that is set repeats better
+_FEWEST_VALUES = 8  # runs with different values that an unlisted column must have
+# Settings that have effects of their own: any other column is one that nobody has a law for.
+SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
+_MOST_TERMS = 3
+
+
+@dataclass(frozen=True)
+class Competitor:
+    """One law that could be missing.
+
+    family: the physical idea; its forms share it. effect: of the library, None for a curve.
+    geometry: the contact rule that it brings. replaces: the model has another law of the family. stage,
+    span: of a curve; stands_for: stages of effects of which it is the most general form. share: prior
+    odds against its absence.
+    """
+
+    family: str
+    form: str
+    kind: Kind
+    part: EffectPart
+    effect: Effect | None = None
+    geometry: Geometry | None = None
+    replaces: bool = False
+    stage: str = ""
+    span: Span | None = None
+    stands_for: tuple[str, ...] = ()
+    share: float = 1.0
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What tells it from all others."""
+        return self.family, self.form
+
+    @property
+    def strength(self) -> int:
+        """Index of the parameter at whose neutral value it is absent."""
+        if self.effect is None:
+            return 0
+        known = self.effect.parameters()
+        return next((i for i, p in enumerate(known) if p.neutral is not None), 0)
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Settings that it follows."""
+        if self.span is not None:
+            return () if self.stage == "pressure" else (self.span.column,)
+        return () if self.effect is None else drivers_of(type(self.effect))
+
+    def generalises(self, other: Competitor) -> bool:
+        """Whether this curve is the most general form of that named effect."""
+        if self.span is None or other.effect is None:
+            return False
+        kind = type(other.effect)
+        if self.stage == "pressure":
+            return kind.overrides("pressure_factor")
+        if self.span.column not in other.drivers or self.span.side * kind.side < 0:
+            return False
+        return any(kind.overrides(stage) for stage in self.stands_for)
+
+
+@dataclass(frozen=True)
+class Field:
+    """Who competes, and who cannot be tested with this data and why (family -> reason).
+
+    kinds: of every family. columns: the settings that effects can follow (`independent`).
+    """
+
+    competitors: tuple[Competitor, ...]
+    blocked: Mapping[str, str]
+    kinds: Mapping[str, Kind]
+    columns: Mapping[str, Array]
+
+    def with_shares(self) -> Field:
+        """Prior odds: `EXPECTED_EFFECTS` over the families, a family's over its forms."""
+        families = [c.family for c in self.competitors]
+        count = len(set(families))
+        shared = tuple(
+            replace(c, share=EXPECTED_EFFECTS / count / families.count(c.family))
+            for c in self.competitors
+        )
+        return replace(self, competitors=shared)
+
+    def without(self, families: Mapping[str, str]) -> Field:
+        """Without these families, each with the reason."""
+        kept = tuple(c for c in self.competitors if c.family not in families)
+        return replace(self, competitors=kept, blocked={**self.blocked, **families}).with_shares()
+
+
+def drivers_of(kind: type[Effect]) -> tuple[str, ...]:
+    """Settings that an effect follows."""
+    return kind.drivers or kind.needs
+
+
+def settings_of(points: Points) -> dict[str, Array]:
+    """Settings by name at each value: load, diameter, width and every covariate that is one."""
+    names = ("load", "diameter", "width", *set_columns(points.measurements))
+    return {name: points.column(name) for name in names}
+
+
+def varies(column: Array) -> bool:
+    """Whether a setting was varied."""
+    size = float(np.max(np.abs(column), initial=0.0))
+    return size > 0 and float(np.ptp(column)) > _VARIES * size
+
+
+def varied(points: Points) -> dict[str, Array]:
+    """The settings that were varied, by name, at each value."""
+    return {name: column for name, column in settings_of(points).items() if varies(column)}
+
+
+def independent(points: Points) -> dict[str, Array]:
+    """The settings that were varied and are no answers to others, by name, at each value."""
+    columns = varied(points)
+    wavers = _wavers(points)
+    return {
+        name: column
+        for name, column in columns.items()
+        if name in (*SETTINGS, "diameter", "width")
+        or (name == "load" and not wavers)
+        or not follows_others(name, columns)
+    }
+
+
+def _wavers(points: Points) -> bool:
+    """Whether the load differs within runs by a fair share of what it differs by at all.
+
+    Then it was not set: it answers the wheel's motion, where it also follows the other settings.
+    """
+    load = np.log(points.measurements.conditions.load)
+    steady = [rows for rows, swept in zip(points.rows, points.swept, strict=True) if not swept]
+    within = sum(float(np.sum((load[rows] - load[rows].mean()) ** 2)) for rows in steady)
+    freedom = sum(rows.size - 1 for rows in steady)
+    if not freedom:
+        return False
+    total = float(np.var(np.concatenate([load[rows] for rows in steady])))
+    return within / freedom > _WAVERS * total
+
+
+def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
+    """Whether a column answers other settings (a rim's speed, a load that falls while skidding).
+
+    By ranks, so that any rising or falling law counts: of one setting, or of all together with their
+    squares and products (adjusted for how many terms that takes).
+    """
+    others = [c for n, c in columns.items() if n != name and n in SETTINGS]
+    others += [columns["load"]] if "load" in columns and name != "load" else []
+    if not others:
+        return False
+    y = _ranks(columns[name])
+    scaled = [_ranks(c) for c in others]
+    if any(abs(float(np.corrcoef(y, x)[0, 1])) > _SAME_ORDER for x in scaled):
+        return True
+    terms = [np.ones(y.size), *scaled]
+    terms += [a * b for i, a in enumerate(scaled) for b in scaled[i:]]
+    design = np.column_stack(terms)
+    spare = len(design) - design.shape[1]
+    if spare < design.shape[1]:
+        return False
+    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    return 1.0 - float(left @ left) / spare / max(float(y.var(ddof=1)), 1e-300) > _PREDICTED
+
+
+def _ranks(column: Array) -> Array:
+    """Ranks between -1 and 1; what agrees to a hundredth of the range has one rank."""
+    steps = cluster(column, _ONE_RANK * float(np.ptp(column)))
+    ranks = rankdata(steps)
+    return np.asarray(2.0 * (ranks - ranks.mean()) / max(float(np.ptp(ranks)), 1.0))
+
+
+def field_of(
+    points: Points,
+    model: Model,
+    registry: Registry,
+    without: Collection[str] = (),
+) -> Field:
+    """Every competitor that this data could show, before any residual is looked at.
+
+    model: what the base has. without: families that are taken out of the competition.
+    """
+    found: list[Competitor] = []
+    blocked: dict[str, str] = {}
+    kinds: dict[str, Kind] = {}
+    columns = independent(points)
+    rolling = points.conditions.rolling[points.row]
+    free = [n for n in columns if n not in (*SETTINGS, "load", "diameter", "width")]
+    families = dict(registry.families)
+    own = {need for forms in families.values() for f in forms for need in drivers_of(f)}
+    for name in free:
+        if name not in own:
+            families[f"covariate:{name}"] = registry.family(f"covariate:{name}")
+    for family, forms in families.items():
+        kinds[family] = forms[0].kind
+        if family in without:
+            blocked[family] = "taken out of the competition"
+            continue
+        listed, reason = _forms(family, forms, points, model, columns, rolling)
+        found += listed
+        if not listed:
+            blocked[family] = reason
+    if "unknown" not in without:
+        found += _curves(points, columns, free)
+    kinds |= {c.family: c.kind for c in found}
+    return Field(tuple(found), blocked, kinds, columns).with_shares()
+
+
+def _forms(
+    family: str,
+    forms: Sequence[type[Effect]],
+    points: Points,
+    model: Model,
+    columns: Mapping[str, Array],
+    rolling: NDArray[np.bool_],
+) -> tuple[list[Competitor], str]:
+    """The forms of a family that can act on this data, or why none can."""
+    present = next((e for e in model.effects if e.id == family), None)
+    found: list[Competitor] = []
+    reason = ""
+    for kind in forms:
+        why = _why_not(family, kind, points, columns, rolling)
+        if kind.geometry and model.geometry == kind.geometry:
+            why = "the model has this geometry"
+        if kind.known_physics:
+            why = "known physics: applied where its columns are there, not a discovery"
+        if kind.same_as:
+            continue
+        effect = None if why else kind.suited_to(points.conditions)
+        why = why or (effect.objection(points.conditions) if effect else "")
+        if why or effect is None:
+            reason = reason or why
+            continue
+        found.append(_competitor(family, effect, points, present))
+    return found, reason or "no form of it acts on this data"
+
+
+def _why_not(
+    family: str,
+    kind: type[Effect],
+    points: Points,
+    columns: Mapping[str, Array],
+    rolling: NDArray[np.bool_],
+) -> str:
+    if kind.kind == "instrument" and not set(kind.channels) & set(points.channels):
+        return f"{' and '.join(kind.channels)} was not measured"
+    known = settings_of(points)
+    for need in (*kind.needs, *(d for d in drivers_of(kind) if d not in kind.needs)):
+        if need not in known:
+            return f"the data has no column '{need}'"
+        if need == "load" and need not in columns and varies(known[need]):
+            return "the load was not set: it wavers within runs and follows the other settings"
+        values = known[need]
+        if need not in ("load", "width", "diameter"):
+            values = values[rolling]
+        if values.size == 0 or np.ptp(values) <= 1e-3 * float(np.max(np.abs(values))):
+            shown = f" ({values[0]:.4g} in every row)" if values.size else ""
+            return f"{need} never varies in this data{shown}"
+        if family.startswith("covariate:") and np.unique(values).size < _FEWEST_VALUES:
+            return (
+                f"{need} has {np.unique(values).size} different values: at least "
+                f"{_FEWEST_VALUES} are needed to tell it from the scatter of the runs"
+            )
+    return kind.never_acts(points.conditions.take(np.unique(points.row)))
+
+
+def _competitor(family: str, effect: Effect, points: Points, present: Effect | None) -> Competitor:
+    same = present is not None and type(present) is type(effect)
+    values = dict((present if same and present is not None else effect).values())
+    listed = []
+    for p in effect.parameters():
+        if same:
+            prior = _other_strength(p, values[p.name])
+        elif effect.kind == "instrument" and p.published is None:
+            prior = _instrument(p, points)
+        else:
+            prior = _published(p)
+        listed.append((p.name, float(values[p.name]), p.unit, prior))
+
+    def build(numbers: Mapping[str, Any]) -> Effect:
+        return with_values(effect, numbers)
+
+    replaced = "" if present is None else family
+    geometry: Geometry | None = None
+    if effect.geometry:
+        geometry = "contact_integral"
+    part = EffectPart(family, tuple(listed), build, replaced)
+    return Competitor(family, effect.form, effect.kind, part, effect, geometry, present is not None)
+
+
+def _other_strength(p: Parameter, value: float) -> Prior:
+    wide = max(0.5 * abs(value), 1e-3 * (p.bounds[1] - p.bounds[0]))
+    return Prior(value, wide, *p.bounds, heavy=True)
+
+
+def _published(p: Parameter) -> Prior:
+    low, high = p.bounds
+    if p.published is not None:
+        first, last = p.published
+        return Prior(0.5 * (first + last), 0.5 * (last - first), low, high, heavy=True)
+    if p.neutral is None:
+        return Prior(p.start, 0.25 * (high - low), low, high, heavy=True)
+    wide = 2.0 * abs(p.start - p.neutral) or 0.1 * (high - low)
+    return Prior(p.neutral, wide, low, high, heavy=True)
+
+
+def _instrument(p: Parameter, points: Points) -> Prior:
+    size = INSTRUMENT
+    if p.unit == "N":
+        size *= float(np.median(points.column("load")))
+    elif p.unit == "m" and "sinkage" in points.channels:
+        size *= float(np.median(points.value[points.of_channel("sinkage")]))
+    return Prior(p.neutral or 0.0, size, *p.bounds, heavy=True)
+
+
+def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -> list[Competitor]:
+    found = []
+    stages = _stages(points)
+    names = ["load", "diameter", "width", *SETTINGS, *free]
+    for name in (n for n in names if n in columns):
+        if name == "load" and points.swept.all():
+            continue  # depth by another name
+        for span in spans_of(name, columns[name]):
+            terms = min(_MOST_TERMS, distinct(columns[name], span))
+            if terms < 1:
+                continue
+            for stage in stages:
+                if stage != "resistance" and name == "diameter":
+                    continue  # m does that
+                # k itself takes up a constant of the stiffness.
+                free_constant = stage != "stiffness" and not span.side
+                first, count = (0, terms + 1) if free_constant else (1, terms)
+                label = f"unknown:{span.text}@{stage}"
+                part = curve_part(label, stage, span, first, count)
+                found.append(
+                    Competitor(label, "curve", "unknown", part, stage=stage, span=span,
+                               stands_for=stages[stage])
+                )  # fmt: skip
+    found += _depth(points) if "sinkage" in points.channels else []
+    return found
+
+
+def _stages(points: Points) -> dict[str, tuple[str, ...]]:
+    """Stages at which this data can show a curve, and the stages of effects that each stands for.
+
+    In sinkage alone, stiffness and digging are one. In drawbar pull alone, a resistance is an error of
+    the law of thrust.
+    """
+    rolling = points.conditions.rolling[points.row]
+    if "resistance" in points.channels:
+        shown = ["stiffness", "resistance"]
+        shown += ["sinkage", "shown sinkage"] if "sinkage" in points.channels else []
+        return {stage: GENERALISES[stage] for stage in shown}
+    together = (*GENERALISES["stiffness"], *GENERALISES["shown sinkage"])
+    shown = ["sinkage"] if rolling.any() else []
+    shown += ["stiffness"] if not rolling.all() else []
+    return dict.fromkeys(shown, together)
+
+
+def _depth(points: Points) -> list[Competitor]:
+    z = points.value[points.of_channel("sinkage")]
+    z = np.log(z[z > 0])
+    if z.size < 3 or np.ptp(z) < 1.0:  # a factor of e: less depth has no curve
+        return []
+    span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
+    part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
+    return [
+        Competitor("unknown:depth@pressure", "curve", "unknown", part, stage="pressure", span=span)
+    ]
+
+
+__all__ = ["SETTINGS", "Competitor", "Field", "field_of", "settings_of", "varied"]

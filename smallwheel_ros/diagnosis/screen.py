@@ -1,0 +1,248 @@
+"""Linearised evidence of every competitor at one fit, for one or many data sets at once.
+
+At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (what its prior's
+deviation does to the predictions) has
+
+    ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
+
+averaged over V taken smaller by a few factors, since a missing effect inflates the scatter. The same
+arithmetic on data drawn from the null model gives the law of the statistic "is anything missing".
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
+
+from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, SPREAD
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector
+from smallwheel_ros.fitting.variance import Scatter
+
+Array = NDArray[np.float64]
+
+_SHRINK = (1.0, 0.5, 0.25, 0.1, 0.04, 0.01)  # of the scatter's variance
+_NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
+_HIDE = 2.0  # prior deviations of ln phi: the null's scatter is at most what soils and rigs show
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a competitor does to the predictions at its prior's scale, shape (values, columns).
+
+    start: the strengths at which it was taken, to start a fit from.
+    """
+
+    competitor: Competitor
+    shift: Array
+    start: Array
+
+
+def extended(vector: ParameterVector, parts: Sequence[EffectPart]) -> ParameterVector:
+    """The vector with further effects; one that the base has already is put in its place."""
+    given = {part.id for part in parts}
+    kept = [part for part in vector.parts if part.id not in given]
+    return vector.with_parts([*kept, *parts])
+
+
+def columns_of(fitter: Fitter, fit: Fit, competitors: Sequence[Competitor]) -> list[Column]:
+    """Columns of each competitor at a fit; one that has no finite prediction there is left out."""
+    found = []
+    for competitor in competitors:
+        try:
+            found += _columns(fitter, fit, competitor)
+        except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+            continue
+    return [c for c in found if np.isfinite(c.shift).all()]
+
+
+def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
+    listed = competitor.part.parameters
+    vector = extended(fit.vector, [competitor.part])
+    base = theta_without(fit, competitor)
+    if competitor.geometry is not None:
+        vector = with_geometry(vector, competitor)
+        shift = fitter.predictor(vector, base) - fit.predicted
+        return [Column(competitor, shift[:, None], np.zeros(0))]
+    if competitor.kind == "unknown":
+        steps = np.array([_NUDGE * prior.deviation for *_, prior in listed])
+        thetas = np.hstack([np.tile(base, (steps.size, 1)), np.diag(steps)])
+        moved = fitter.predictor.many(vector, thetas)
+        return [Column(competitor, ((moved - fit.predicted) / _NUDGE).T, np.zeros(steps.size))]
+    main = competitor.strength
+    _, present, _, prior = listed[main]
+    start = np.array([value for _, value, *_ in listed])
+    one_sided = prior.low >= 0.0 and prior.centre > 0.0 and not competitor.replaces
+    absent = present if competitor.replaces else 0.0
+    sizes = (0.25 * prior.centre, prior.centre) if one_sided else (
+        absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation
+    )  # fmt: skip
+    if prior.low >= 0.0 and not one_sided and not competitor.replaces:
+        sizes = (0.25 * prior.deviation, prior.deviation)
+    starts = np.tile(start, (len(sizes), 1))
+    starts[:, main] = np.clip(sizes, prior.low, prior.high)
+    starts = starts[np.abs(starts[:, main] - absent) > 1e-12]
+    moved = fitter.predictor.many(vector, np.hstack([np.tile(base, (len(starts), 1)), starts]))
+    scale = max(prior.deviation, abs(prior.centre - absent))
+    return [
+        Column(competitor, ((f - fit.predicted) * scale / (s[main] - absent))[:, None], s)
+        for f, s in zip(moved, starts, strict=True)
+    ]
+
+
+def theta_without(fit: Fit, competitor: Competitor) -> Array:
+    """The fit's parameters less those of the effect that the competitor stands in for."""
+    keep = [not (p.of_effect and p.owner == competitor.family) for p in fit.vector.free]
+    return np.asarray(fit.theta[keep])
+
+
+def with_geometry(vector: ParameterVector, competitor: Competitor) -> ParameterVector:
+    """The vector under the competitor's contact rule, which is no effect with numbers."""
+    parts = [part for part in vector.parts if part.id != competitor.family]
+    changed = vector.with_parts(parts)
+    return replace(changed, geometry=competitor.geometry or vector.geometry)
+
+
+def _whitened(factor: Array, level: float, white: Array, errors: Array) -> tuple[Array, Array]:
+    """ln evidence of none, and the products of whitened columns and errors."""
+    w = solve_triangular(factor, errors, lower=True, check_finite=False)
+    return level - 0.5 * np.sum(w * w, axis=0), white.T @ w
+
+
+class Screen:
+    """Linearised evidence at one fit."""
+
+    def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[Column]) -> None:
+        self.fitter, self.fit, self.columns = fitter, fit, list(columns)
+        model = fitter.variance
+        kernels = model.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
+        full = model.covariance(fit.scatter, kernels)
+        spread = fit.slopes @ np.linalg.solve(fit.vector.precision(fit.theta), fit.slopes.T)
+        medians = np.log(np.array(model.medians))
+        away = fit.scatter.log_deviation - medians
+        self._parts = []
+        stacked = (
+            np.hstack([c.shift for c in self.columns]) if self.columns else np.zeros((len(full), 0))
+        )
+        ends = np.cumsum([0] + [c.shift.shape[1] for c in self.columns])
+        self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+        self._single = np.array([p.size == 1 for p in self._places], dtype=bool)
+        self._first = np.array([p[0] for p in self._places], dtype=np.intp)
+        for share in _SHRINK:
+            inside = model.base + share * (full - model.base) + spread
+            factor = np.asarray(np.linalg.cholesky(inside), dtype=float)
+            moved = (away + 0.5 * np.log(share)) / SPREAD
+            level = -np.log(np.diag(factor)).sum() - 0.5 * float(moved @ moved)
+            white = solve_triangular(factor, stacked, lower=True, check_finite=False)
+            self._parts.append((factor, level, white, white.T @ white))
+        capped = np.minimum(fit.scatter.log_deviation, medians + _HIDE * SPREAD)
+        self._null = model.covariance(Scatter(capped, fit.scatter.log_length), kernels)
+        usual = np.minimum(fit.scatter.log_deviation, medians)
+        quiet = model.covariance(Scatter(usual, fit.scatter.log_length), kernels) + spread
+        white = solve_triangular(np.linalg.cholesky(quiet), stacked, lower=True, check_finite=False)
+        self._shown = white.T @ white
+
+    def testability(self) -> list[float]:
+        """Of each column, the squared deviations by which its prior's scale moves the predictions.
+
+        Under scatter as soils and rigs usually have it: what a missing effect adds to the scatter
+        must not hide another one from the search.
+        """
+        return [float(np.max(np.diag(self._shown)[p])) for p in self._places]
+
+    def cosines(self) -> tuple[list[str], Array]:
+        """Families with one column, and how alike they act after the base is refitted."""
+        chosen = [i for i in self._clearest() if self._places[i].size == 1]
+        at = np.array([self._places[i][0] for i in chosen], dtype=np.intp)
+        gram = self._shown[np.ix_(at, at)]
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        names = [self.columns[i].competitor.family for i in chosen]
+        return names, np.asarray(np.abs(gram) / np.outer(size, size))
+
+    def draws(self, count: int, seed: int) -> Array:
+        """Errors drawn from the null model, shape (values, count)."""
+        noise = np.random.default_rng(seed).normal(size=(len(self._null), count))
+        return np.asarray(np.linalg.cholesky(self._null) @ noise)
+
+    def evidence(self, errors: Array) -> tuple[Array, Array]:
+        """ln evidence of none (data sets,) and of each column (columns, data sets), less a constant."""
+        none, each = [], []
+        for factor, level, white, gram in self._parts:
+            base, pulled = _whitened(factor, level, white, errors)
+            gain = np.empty((len(self._places), errors.shape[1]))
+            one = self._first[self._single]
+            size = 1.0 + np.diag(gram)[one][:, None]
+            gain[self._single] = 0.5 * pulled[one] ** 2 / size - 0.5 * np.log(size)
+            for i in np.flatnonzero(~self._single):
+                p = self._places[i]
+                root = np.linalg.cholesky(np.eye(p.size) + gram[np.ix_(p, p)])
+                u = solve_triangular(root, pulled[p], lower=True, check_finite=False)
+                gain[i] = 0.5 * np.sum(u * u, axis=0) - np.log(np.diag(root)).sum()
+            none.append(base)
+            each.append(base + gain)
+        together = np.logaddexp.reduce
+        return np.asarray(together(np.array(none))), np.asarray(together(np.array(each)))
+
+    def pairs(self, errors: Array, families: int) -> Array:
+        """ln of the evidence of all pairs of named families times their odds, (data sets,).
+
+        Each by its clearest column; two columns a, b with products g have the evidence of `evidence`
+        with C = (a, b), written out.
+        """
+        chosen = [i for i in self._clearest() if self._single[i]]
+        at = self._first[np.array(chosen, dtype=np.intp)]
+        i, j = np.triu_indices(at.size, 1)
+        odds = 2.0 * np.log(EXPECTED_EFFECTS / families)
+        found = []
+        for factor, level, white, gram in self._parts:
+            base, pulled = _whitened(factor, level, white, errors)
+            a, b = 1.0 + gram[at[i], at[i]], 1.0 + gram[at[j], at[j]]
+            g = gram[at[i], at[j]]
+            area = a * b - g**2
+            total = np.full(errors.shape[1], -np.inf)
+            for k in range(errors.shape[1]):
+                u, v = pulled[at[i], k], pulled[at[j], k]
+                fit = 0.5 * (b * u**2 - 2.0 * g * u * v + a * v**2) / area - 0.5 * np.log(area)
+                total[k] = logsumexp(fit)
+            found.append(base + total + odds)
+        return np.asarray(np.logaddexp.reduce(np.array(found)))
+
+    def _clearest(self) -> list[int]:
+        best: dict[str, tuple[float, int]] = {}
+        for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
+            family = column.competitor.family
+            if family not in best or size > best[family][0]:
+                best[family] = size, i
+        return [i for _, i in best.values()]
+
+    def by_family(self, errors: Array) -> dict[str, Array]:
+        """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
+        none, each = self.evidence(errors)
+        count: dict[tuple[str, str], int] = {}
+        for column in self.columns:
+            count[column.competitor.key] = count.get(column.competitor.key, 0) + 1
+        found: dict[str, Array] = {}
+        for column, row in zip(self.columns, each, strict=True):
+            c = column.competitor
+            value = row - none + np.log(c.share / count[c.key])
+            found[c.family] = np.logaddexp(
+                found.get(c.family, np.full(value.shape, -np.inf)), value
+            )
+        return found
+
+    def missing(self, errors: Array) -> Array:
+        """ln of the mass of one or two missing effects over none, shape (data sets,)."""
+        single = self.by_family(errors)
+        none, _ = self.evidence(errors)
+        mass = np.logaddexp.reduce(np.array(list(single.values())))
+        if np.count_nonzero(self._single) < 2 or len(single) < 2:
+            return np.asarray(mass)
+        return np.asarray(np.logaddexp(mass, self.pairs(errors, len(single)) - none))

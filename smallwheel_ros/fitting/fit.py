@@ -1,0 +1,297 @@
+"""The fit of one model to points, and its evidence.
+
+    y = f(theta) + e,  e ~ N(0, V(phi)),  theta ~ p(theta),  ln phi ~ p(ln phi)
+
+theta by Gauss-Newton steps on  -1/2 |y - f|^2_V + ln p(theta)  with V held, phi by `variance`, in
+turns until both rest. The posterior is N(theta, A^-1) with A = J' V^-1 J + P (P the prior's
+precision), and the evidence, by Laplace's method,
+
+    ln Z = ln N(y; f, V) + ln p(theta) + ln p(ln phi) + d/2 ln 2 pi - 1/2 ln |A| + ln(inside bounds)
+
+(MacKay 2003, eq. 27.5; the last term for effects' parameters, whose priors end at their bounds).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.special import ndtr
+
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.noise import Repeats, repeats_of
+from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.fitting.predictor import Predictor
+from smallwheel_ros.fitting.variance import Scatter, VarianceModel
+
+Array = NDArray[np.float64]
+
+_TURNS = 4  # of theta and phi
+_STEPS = 10  # of Gauss-Newton in a turn
+_RESTS = 0.05  # nats: a gain below which a turn ends
+_SMALLEST = 0.05  # of a channel's median: least level of a value
+_AT_BOUND = 1e-6  # of the range
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    theta, covariance: parameters, shape (parameters,), and their posterior covariance. predicted:
+    shape (values,). slopes: J, shape (values, parameters). evidence: ln Z.
+    """
+
+    vector: ParameterVector
+    theta: Array
+    predicted: Array
+    slopes: Array
+    scatter: Scatter
+    evidence: float
+    covariance: Array
+
+    @property
+    def at_bound(self) -> NDArray[np.bool_]:
+        """Parameters that sit at a bound, shape (parameters,)."""
+        low, high = self.vector.low, self.vector.high
+        room = _AT_BOUND * (high - low)
+        return np.asarray((self.theta <= low + room) | (self.theta >= high - room))
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverse of a positive definite matrix, scaled to a unit diagonal first.
+
+    Parameters differ by powers of ten in size (1e-8 m/Pa beside 1): the scaled matrix is as well
+    conditioned as they can be. Raises FittingError where it is not positive definite.
+    """
+    size = np.sqrt(np.diag(matrix))
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        raise FittingError(
+            "a parameter has no influence and no prior: its deviation is not defined"
+        )
+    try:
+        factor = np.linalg.cholesky(matrix / np.outer(size, size))
+    except np.linalg.LinAlgError as error:
+        raise FittingError("the parameters cannot be told apart at all by this data") from error
+    unit = cho_solve((factor, True), np.eye(len(matrix)))
+    return np.asarray(unit / np.outer(size, size))
+
+
+class Fitter:
+    """Fits models to one set of points under one variance model.
+
+    level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
+    compared.
+    """
+
+    def __init__(self, points: Points, level: Array, repeats: Repeats) -> None:
+        self.points, self.level, self.repeats = points, level, repeats
+        self.variance = VarianceModel(points, level, repeats.variance, repeats.stated)
+        self.predictor = Predictor(points)
+
+    def fit(
+        self,
+        vector: ParameterVector,
+        start: Array | None = None,
+        scatter: Scatter | None = None,
+        *,
+        turns: int = _TURNS,
+    ) -> Fit:
+        """Fit one model. start: theta to start from. scatter: components to start from.
+
+        turns: 0 fits theta only, under the components given.
+        Raises FittingError where the model cannot be evaluated at the start.
+        """
+        theta = np.clip(vector.start if start is None else start, vector.low, vector.high)
+        scatter = scatter or self.variance.start
+        predicted, slopes = self.predictor.with_slopes(vector, theta)
+        last = -np.inf
+        for turn in range(max(turns, 1)):
+            kernels = self.variance.kernels(stiffness(vector, slopes), scatter.log_length)
+            covariance = self.variance.covariance(scatter, kernels)
+            theta, predicted, slopes = self._climb(vector, theta, predicted, slopes, covariance)
+            if turns == 0:
+                break
+            precision = vector.precision(theta)
+            away = self.points.value - predicted + slopes @ (theta - vector.centre)
+            spread = slopes @ np.linalg.solve(precision, slopes.T)
+            scatter = self.variance.fit(away, spread, stiffness(vector, slopes), scatter)
+            evidence = self._evidence(vector, theta, predicted, slopes, scatter)[0]
+            if abs(evidence - last) < _RESTS or turn == turns - 1:
+                break
+            last = evidence
+        evidence, covariance = self._evidence(vector, theta, predicted, slopes, scatter)
+        return Fit(vector, theta, predicted, slopes, scatter, evidence, covariance)
+
+    def _climb(
+        self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, v: Array
+    ) -> tuple[Array, Array, Array]:
+        """Gauss-Newton steps with Levenberg's damping, inside the bounds."""
+        factor = np.linalg.cholesky(v)
+        observed = self.points.value
+
+        def objective(at: Array, f: Array) -> float:
+            white = solve_triangular(factor, observed - f, lower=True, check_finite=False)
+            return float(-0.5 * white @ white) + vector.log_prior(at)
+
+        value, damping = objective(theta, predicted), 1e-3
+        for _ in range(_STEPS):
+            columns = np.column_stack([slopes, observed - predicted])
+            white = solve_triangular(factor, columns, lower=True, check_finite=False)
+            precision = vector.precision(theta)
+            normal = white[:, :-1].T @ white[:, :-1] + precision
+            pull = white[:, :-1].T @ white[:, -1] - precision @ (theta - vector.centre)
+            # What a bound holds does not move, and does not hold back the others.
+            held = ((theta <= vector.low) & (pull < 0)) | ((theta >= vector.high) & (pull > 0))
+            free = np.flatnonzero(~held)
+            improved = False
+            for _ in range(6):
+                damped = normal[np.ix_(free, free)]
+                damped = damped + damping * np.diag(np.diag(damped))
+                step = np.zeros(theta.size)
+                step[free] = np.linalg.solve(damped, pull[free])
+                tried = np.clip(theta + step, vector.low, vector.high)
+                try:
+                    f, j = self.predictor.with_slopes(vector, tried)
+                except (SmallwheelError, ArithmeticError):
+                    damping *= 10.0
+                    continue
+                reached = objective(tried, f)
+                if reached > value:
+                    improved = True
+                    break
+                damping = max(8.0 * damping, 1e-2)
+            if not improved:
+                break
+            gain, value = reached - value, reached
+            theta, predicted, slopes = tried, f, j
+            damping *= 0.2
+            if gain < _RESTS:
+                break
+        return theta, predicted, slopes
+
+    def _evidence(
+        self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, s: Scatter
+    ) -> tuple[float, Array]:
+        kernels = self.variance.kernels(stiffness(vector, slopes), s.log_length)
+        factor = np.linalg.cholesky(self.variance.covariance(s, kernels))
+        columns = np.column_stack([slopes, self.points.value - predicted])
+        white = solve_triangular(factor, columns, lower=True, check_finite=False)
+        posterior = white[:, :-1].T @ white[:, :-1] + vector.precision(theta)
+        covariance = inverse(posterior)
+        value = -np.log(np.diag(factor)).sum() - 0.5 * white[:, -1] @ white[:, -1]
+        value += vector.log_prior(theta) + self.variance.log_prior(s)
+        value += 0.5 * theta.size * np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(posterior)[1]
+        for j in range(vector.base_size, theta.size):
+            deviation = np.sqrt(covariance[j, j])
+            low, high = (b - theta[j] for b in (vector.low[j], vector.high[j]))
+            value += np.log(max(ndtr(high / deviation) - ndtr(low / deviation), 1e-9))
+        return float(value), covariance
+
+
+def stiffness(vector: ParameterVector, slopes: Array) -> Array:
+    """df / d ln k of each value: each row has one soil."""
+    mine = [j for j, p in enumerate(vector.free) if not p.of_effect
+            and p.field == "log_reference_pressure"]  # fmt: skip
+    return np.asarray(slopes[:, mine].sum(axis=1))
+
+
+def opening(points: Points, vector: ParameterVector) -> Array:
+    """Where to start: the best of a coarse grid in ln p_ref and n, by logarithms, for each soil.
+
+    Newton's steps in metres stray from a start that is a decade off.
+    """
+    theta = vector.start
+    channel = next((n for n in points.channels if n != "drawbar_pull"), None)
+    mine = {(p.owner, p.field): j for j, p in enumerate(vector.free) if not p.of_effect}
+    if channel is None:
+        return theta
+    grid = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 15.1, 1.0)]
+    thetas = np.tile(theta, (len(grid), 1))
+    for (_, field), j in mine.items():
+        at = {"log_reference_pressure": 0, "n": 1}.get(field)
+        if at is not None:
+            thetas[:, j] = np.clip([g[at] for g in grid], vector.low[j], vector.high[j])
+    predicted = Predictor(points).many(vector, thetas)
+    mask = points.of_channel(channel) & (points.value > 0)
+    said = np.log(np.maximum(predicted[:, mask], 1e-9))
+    off = np.abs(said - np.log(points.value[mask]))
+    named = points.conditions.soil
+    for soil in {owner for owner, _ in mine}:
+        here = np.ones(int(mask.sum()), dtype=bool)
+        if named is not None:
+            here = named[points.row[mask]] == soil
+        if here.any():
+            best = int(np.argmin(off[:, here].mean(axis=1)))
+            for field in ("log_reference_pressure", "n"):
+                theta[mine[soil, field]] = thetas[best, mine[soil, field]]
+    return theta
+
+
+def first_levels(points: Points) -> Array:
+    """The size of each value before any fit: as measured, a curve by its own power law of the load."""
+    level = np.abs(points.value)
+    loads = points.column("load")
+    for channel in range(len(points.channels)):
+        mine = points.channel == channel
+        if points.channels[channel] == "drawbar_pull":
+            level[mine] = loads[mine]
+            continue
+        for run in np.unique(points.run[mine & points.swept]):
+            curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
+            if curve.size > 2 and np.ptp(np.log(loads[curve])) > 0.1:
+                line = np.polyfit(np.log(loads[curve]), np.log(points.value[curve]), 1)
+                level[curve] = np.exp(np.polyval(line, np.log(loads[curve])))
+    return _floored(points, level)
+
+
+def _floored(points: Points, level: Array) -> Array:
+    for channel in range(len(points.channels)):
+        mine = points.channel == channel
+        least = _SMALLEST * float(np.median(level[mine]))
+        level[mine] = np.maximum(level[mine], max(least, 1e-9))
+    return level
+
+
+def levels_from(points: Points, predicted: Array) -> Array:
+    """The size of each value as a model has it; of drawbar pull the load."""
+    level = np.abs(predicted)
+    pull = [points.channels[c] == "drawbar_pull" for c in points.channel]
+    return _floored(points, np.where(pull, points.column("load"), level))
+
+
+def shrunken_levels(points: Points, fitter: Fitter, fit: Fit) -> Array:
+    """Levels between what was measured and what a fit says, by how much of the difference is noise.
+
+    A weight that follows each measured value favours the low ones (their error looks smaller); one
+    that follows a model that lacks an effect is wrong. ln L = ln f + s ln(y / f) with James and
+    Stein's s = 1 - (variance of noise) / (mean square of ln(y / f)), not under 0, by channel.
+    """
+    level = levels_from(points, fit.predicted)
+    prior = fitter.variance.start
+    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), prior.log_length)
+    noise = np.diag(fitter.variance.covariance(prior, kernels)) / fitter.level**2
+    for channel, name in enumerate(points.channels):
+        mine = points.channel == channel
+        good = mine & (points.value > 0) & (fit.predicted > 0)
+        if name == "drawbar_pull" or not good.any():
+            continue
+        apart = np.log(points.value[good] / fit.predicted[good])
+        share = max(0.0, 1.0 - float(np.mean(noise[good]) / max(np.mean(apart**2), 1e-30)))
+        level[good] = fit.predicted[good] * np.exp(share * apart)
+    return _floored(points, level)
+
+
+def make_fitter(
+    points: Points, vector: ParameterVector, start: Array | None = None
+) -> tuple[Fitter, Fit]:
+    """A fitter whose levels suit these points, and the fit of that model with it."""
+    level = first_levels(points)
+    rough = Fitter(points, level, repeats_of(points, level))
+    fit = rough.fit(vector, opening(points, vector) if start is None else start, turns=1)
+    fit = rough.fit(vector, fit.theta, fit.scatter)
+    level = shrunken_levels(points, rough, fit)
+    fitter = Fitter(points, level, repeats_of(points, level))
+    return fitter, fitter.fit(vector, fit.theta, fit.scatter)

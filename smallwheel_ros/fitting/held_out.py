@@ -1,0 +1,180 @@
+"""Held-out error: every row is predicted by a fit that never saw its run.
+
+The runs are dealt into folds once, for all commands alike. What is chosen (an effect, its form) is
+chosen again in each fold, from its own training runs. Errors are of rows, in metres or newtons; their
+uncertainty is of runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.fitting.constants import FOLDS
+from smallwheel_ros.fitting.points import Points, filled
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Model, predict
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_FEWEST_RUNS = 3  # from which runs' differences have a deviation
+
+
+@dataclass(frozen=True)
+class CvErrors:
+    """Held-out measured less predicted, by channel, shape (rows,), NaN where a row has none.
+
+    run: of each row, shape (rows,).
+    """
+
+    error: Mapping[str, Array]
+    run: Index
+
+    def rmse(self) -> dict[str, float]:
+        """By channel, m or N."""
+        return {name: float(np.sqrt(np.nanmean(e**2))) for name, e in self.error.items()}
+
+    def bias(self) -> dict[str, float]:
+        """Mean of measured less predicted by channel, m or N."""
+        return {name: float(np.nanmean(e)) for name, e in self.error.items()}
+
+    def by_run(self, name: str) -> Array:
+        """Mean square of a channel's errors in each run, shape (runs,), NaN where it has none."""
+        known = np.isfinite(self.error[name])
+        runs = int(self.run.max()) + 1
+        count = np.bincount(self.run[known], minlength=runs)
+        total = np.bincount(self.run[known], self.error[name][known] ** 2, minlength=runs)
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+    def rmse_std(self) -> dict[str, float | None]:
+        """Standard error of the rmse by channel, from the spread over runs; None with under 3."""
+        found: dict[str, float | None] = {}
+        for name, value in self.rmse().items():
+            squares = self.by_run(name)
+            squares = squares[np.isfinite(squares)]
+            if squares.size < _FEWEST_RUNS or value == 0.0:
+                found[name] = None
+                continue
+            error = float(np.std(squares, ddof=1) / np.sqrt(squares.size))
+            found[name] = error / (2.0 * value)
+        return found
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two models' held-out errors, by channel.
+
+    reduction: relative, of the rmse. z_score: of the difference of the runs' mean squares over its
+    standard error; positive where the second is better.
+    """
+
+    reduction: Mapping[str, float]
+    z_score: Mapping[str, float]
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Channels whose error rises by more than its standard error."""
+        return tuple(name for name, z in self.z_score.items() if z < -1.0)
+
+    @property
+    def better(self) -> tuple[str, ...]:
+        """Channels whose error falls by more than its standard error."""
+        return tuple(name for name, z in self.z_score.items() if z > 1.0)
+
+
+def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
+    """How much better the second predicts what it did not see, channel by channel."""
+    first, second = before.rmse(), after.rmse()
+    reduction, z_score = {}, {}
+    for name in first:
+        change = before.by_run(name) - after.by_run(name)
+        change = change[np.isfinite(change)]
+        spread = float(np.std(change, ddof=1) / np.sqrt(change.size)) if change.size > 1 else np.inf
+        reduction[name] = 1.0 - second[name] / first[name] if first[name] > 0 else 0.0
+        z_score[name] = float(change.mean()) / max(spread, 1e-300) if np.any(change) else 0.0
+    return Comparison(reduction, z_score)
+
+
+def folds_of(points: Points) -> Index:
+    """The fold of each run of the table, shape (runs,): `FOLDS`, of few runs each its own.
+
+    Shuffled, since runs are often in an order.
+    """
+    runs = np.unique(points.run)
+    folds = runs.size if runs.size <= 2 * FOLDS else FOLDS
+    dealt = np.random.default_rng(5).permutation(np.arange(runs.size) % folds)
+    found = np.zeros(len(points.runs), dtype=np.intp)
+    found[runs] = dealt
+    return found
+
+
+def rows_of(points: Points) -> dict[str, Index]:
+    """By channel, the rows of the table that are in its points, and so are judged."""
+    found = {}
+    for c, name in enumerate(points.channels):
+        parts = [points.rows[i] for i in np.flatnonzero(points.channel == c)]
+        found[name] = np.sort(np.concatenate(parts)).astype(np.intp)
+    return found
+
+
+def row_errors(
+    measurements: Measurements, model: Model, rows: Mapping[str, Index]
+) -> dict[str, Array]:
+    """Measured less predicted of these rows, by channel, shape (rows of the table,), else NaN."""
+    conditions = filled(measurements.conditions)
+    used = np.unique(np.concatenate(list(rows.values())))
+    predicted = predict(model, conditions.take(used))
+    found: dict[str, Array] = {}
+    for name, index in rows.items():
+        error = np.full(len(measurements), np.nan)
+        values = np.asarray(getattr(predicted, name))
+        error[index] = measurements.channels[name][index] - values[np.searchsorted(used, index)]
+        found[name] = error
+    return found
+
+
+Chooser = Callable[[Points], list[Model]]
+
+
+def cross_validate(points: Points, chooser: Chooser, steps: int) -> list[CvErrors]:
+    """Held-out errors of each of the models that `chooser` makes of a fold's training points.
+
+    chooser: gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
+    the rest.
+    """
+    measurements = points.measurements
+    fold = folds_of(points)
+    rows = rows_of(points)
+    run = _row_runs(points)
+    blank = {name: np.full(len(measurements), np.nan) for name in points.channels}
+    errors = [{name: e.copy() for name, e in blank.items()} for _ in range(steps)]
+    for number in range(int(fold.max()) + 1):
+        out = fold[points.run] == number
+        if not out.any() or out.all():
+            continue
+        models = chooser(points.take(~out))
+        mine = {name: index[fold[run[index]] == number] for name, index in rows.items()}
+        mine = {name: index for name, index in mine.items() if index.size}
+        for step in range(steps):
+            model = models[min(step, len(models) - 1)]
+            for name, error in row_errors(measurements, model, mine).items():
+                errors[step][name][mine[name]] = error[mine[name]]
+    return [CvErrors(e, run) for e in errors]
+
+
+def _row_runs(points: Points) -> Index:
+    run = np.zeros(len(points.measurements), dtype=np.intp)
+    for i, rows in enumerate(points.rows):
+        run[rows] = points.run[i]
+    return run
+
+
+def in_sample(points: Points, model: Model) -> CvErrors:
+    """Errors of a model as it stands."""
+    rows = rows_of(points)
+    return CvErrors(row_errors(points.measurements, model, rows), _row_runs(points))

@@ -1,0 +1,103 @@
+"""Predictions and their slopes for many parameter vectors at once, in one call of the model.
+
+The model works row by row, so the conditions are repeated once for each vector: a call costs little
+more for ten vectors than for one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import EffectError
+from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.model import predict
+from smallwheel_ros.physics.conditions import Conditions
+
+Array = NDArray[np.float64]
+
+_AGREE = 1e-9  # rounding of one model evaluated alone or among copies
+
+
+class Predictor:
+    """Predicts one set of points. Keeps the repeated conditions between calls."""
+
+    def __init__(self, points: Points) -> None:
+        self.points = points
+        self._tiled: dict[int, Conditions] = {}
+        self._singly: set[tuple[str, ...]] = set()
+        self._checked: set[tuple[str, ...]] = set()
+        names = points.conditions.soil
+        codes = np.zeros(len(points.conditions), dtype=np.intp)
+        if names is not None:
+            codes = np.unique(names, return_inverse=True)[1].reshape(-1)
+        self._soil = codes.astype(str)
+
+    def __call__(self, vector: ParameterVector, theta: Array) -> Array:
+        """Predictions, shape (values,)."""
+        model = vector.model(theta)
+        return self.points.pick(predict(model, self.points.conditions))
+
+    def many(self, vector: ParameterVector, thetas: Array) -> Array:
+        """Predictions of each parameter vector, shape (vectors, values).
+
+        An effect that cannot take arrays (a user's own) is evaluated one vector after the other.
+        """
+        key = tuple(part.id for part in vector.parts)
+        if len(thetas) == 1 or key in self._singly:
+            return np.stack([self(vector, theta) for theta in thetas])
+        try:
+            found = self._together(vector, thetas)
+        except (EffectError, TypeError, ValueError):
+            if not vector.parts:
+                raise
+            found = None
+        if found is not None and vector.parts and key not in self._checked:
+            self._checked.add(key)
+            alone = self(vector, thetas[-1])
+            if not np.allclose(found[-1], alone, rtol=_AGREE, atol=0.0, equal_nan=True):
+                found = None
+        if found is None:
+            self._singly.add(key)
+            return np.stack([self(vector, theta) for theta in thetas])
+        return found
+
+    def _together(self, vector: ParameterVector, thetas: Array) -> Array:
+        points, count = self.points, len(thetas)
+        rows = len(points.conditions)
+        predicted = predict(vector.tiled_model(thetas, rows), self._copies(count))
+        columns = np.stack([getattr(predicted, n).reshape(count, rows) for n in points.channels])
+        return np.asarray(columns[points.channel, :, points.row].T)
+
+    def _copies(self, count: int) -> Conditions:
+        if count not in self._tiled:
+            c = self.points.conditions
+            tags = np.concatenate([np.char.add(f"{i}:", self._soil) for i in range(count)])
+            self._tiled[count] = Conditions(
+                np.tile(c.load, count),
+                np.tile(c.diameter, count),
+                np.tile(c.width, count),
+                np.tile(c.contact, count),
+                tags,
+                {name: np.tile(column, count) for name, column in c.covariates.items()},
+            )
+        return self._tiled[count]
+
+    def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
+        """Predictions (values,) and their slopes by parameter (values, parameters).
+
+        Raises FittingError where the model has no finite prediction there.
+        """
+        steps = vector.steps(theta)
+        thetas = np.vstack([theta, theta + np.diag(steps)])
+        found = self.many(vector, thetas)
+        if not np.isfinite(found).all():
+            raise FittingError("the model has no finite prediction for these parameters")
+        return found[0], np.asarray((found[1:] - found[0]).T / steps)
+
+    def at(self, conditions: Conditions) -> Predictor:
+        """The same points under other conditions (the settings exchanged, say)."""
+        return Predictor(replace(self.points, conditions=conditions))
