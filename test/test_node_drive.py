@@ -212,8 +212,8 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
+    node = Node("listener")
     try:
-        node = Node("listener")
         assert process.stderr is not None
         assert "waiting for listeners, at most 120 s" in process.stderr.readline()
 
@@ -237,6 +237,7 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
         out, err = process.communicate(timeout=60)
     finally:
         process.kill()
+        node.destroy_node()
         rclpy.try_shutdown()
     assert process.returncode == 0, err
     assert "nobody listens" not in err
@@ -265,13 +266,13 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     rclpy.init(args=[])
+    node, listener = Node("player"), Node("listener")
     try:
-        with Player(Node("player"), bag, PlaySettings()) as player:
+        with Player(node, bag, PlaySettings()) as player:
             player.wait_for_listeners(0.0)
             assert player.unheard() == list(player.topics)
             assert player.nobody_listens() == "nobody listens to any topic: played all the same"
             # One topic is heard, one is asked for with more than is offered.
-            listener = Node("listener")
             listener.create_subscription(JointState, "/joint_states", lambda _: None, latched)
             odometry = listener.create_subscription(Odometry, "/odom", lambda _: None, 10)
             player.wait_for_listeners(600.0)
@@ -286,6 +287,8 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
                 assert time.monotonic() < deadline
                 player.spin(0.05)
     finally:
+        node.destroy_node()
+        listener.destroy_node()
         rclpy.try_shutdown()
 
 

@@ -134,8 +134,8 @@ def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(bag: Path, tmp_pa
         stderr=subprocess.PIPE,
         text=True,
     )
+    node = Node("listener")
     try:
-        node = Node("listener")
         node.create_subscription(
             Clock,
             "/clock",
@@ -152,6 +152,7 @@ def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(bag: Path, tmp_pa
         _, errors = process.communicate(timeout=30)
     finally:
         process.kill()
+        node.destroy_node()
         rclpy.try_shutdown()
     assert sum(a > b for a, b in pairwise(clocks)) >= 2  # it went back twice
     assert 2.0 <= min(clocks) < 2.2

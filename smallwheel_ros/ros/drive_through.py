@@ -28,7 +28,10 @@ from smallwheel_ros.ros.conversions import nanoseconds_of
 from smallwheel_ros.ros.play import Player, PlaySettings
 
 _MOST_UNANSWERED = 20
-_PATIENCE = 20.0  # s
+# s without an answer. Python and ROS start within seconds, but take half a minute where ten programs
+# compete for two processors; a node that has died is not waited for.
+_PATIENCE = 120.0
+_LAST = 6.0  # s without an answer at the end: a sinkage that the node refused gets none
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
 _EVERYTHING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -108,15 +111,18 @@ def drive_through(
         raise DriveThroughError("rclpy is running in this process already: shut it down first")
     # Ctrl-C is Python's, not ROS's: it then ends this like any other program.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("smallwheel_drive_through")
     try:
-        return _Session(Path(bag), rate, alive, progress).run()
+        return _Session(node, Path(bag), rate, alive, progress).run()
     finally:
+        node.destroy_node()  # left to the garbage collector, it stays on the network for as long
         rclpy.try_shutdown()
 
 
 class _Session:
     def __init__(
         self,
+        node: Node,
         bag: Path,
         rate: float,
         alive: Callable[[], str | None],
@@ -125,14 +131,13 @@ class _Session:
         self._alive, self._progress = alive, progress
         self.recording = Recording()
         self._sent: dict[int, float] = {}
-        node = Node("smallwheel_drive_through")
+        self._diagnosed = 0  # messages of diagnostics
         own = f"/{NODE_NAME}"
         node.create_subscription(
             MobilityEstimate, f"{own}/mobility", self._on_mobility, _EVERYTHING
         )
         node.create_subscription(SoilEstimate, f"{own}/soil", self._on_soil, qos.LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
-        self._node = node
         self.player = Player(node, bag, PlaySettings(rate=rate))
 
     def run(self) -> Recording:
@@ -156,17 +161,20 @@ class _Session:
         return f"nobody listens to {', '.join(self._unheard())}"
 
     def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None) -> None:
-        """Spin until it is done; too long is an error where there are words for one."""
-        deadline = time.monotonic() + (_PATIENCE if failure is not None else 6.0)
+        """Spin until it is done; too long without an answer is an error where there are words for one."""
+        limit = _PATIENCE if failure is not None else _LAST
+        answers, newest = len(self.recording.mobility), time.monotonic()
         while not done():
             dead = self._alive()
             if dead is not None:
                 raise DriveThroughError(f"the node {NODE_NAME} has died: {dead}")
-            if time.monotonic() > deadline:
+            if len(self.recording.mobility) > answers:
+                answers, newest = len(self.recording.mobility), time.monotonic()
+            if time.monotonic() - newest > limit:
                 if failure is None:
                     return
                 raise DriveThroughError(
-                    f"the node {NODE_NAME} does not answer within {_PATIENCE:.0f} s: {failure()}"
+                    f"the node {NODE_NAME} does not answer within {limit:.0f} s: {failure()}"
                 )
             self.player.spin(0.02)
 
@@ -189,10 +197,12 @@ class _Session:
             self.player.spin(0.0)
 
     def _let_settle(self) -> None:
-        """Wait for the last soil, and for diagnostics that know of the last message."""
-        deadline = time.monotonic() + 1.5
-        while time.monotonic() < deadline:
-            self.player.spin(0.05)
+        """Wait for the last soil, and for diagnostics that know of the last message.
+
+        Both come by timers, the soil more often; the first diagnostics may be under way already.
+        """
+        until = self._diagnosed + 2
+        self._wait(lambda: self._diagnosed >= until, None)
 
     def _on_mobility(self, message: Any) -> None:
         sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)
@@ -204,5 +214,6 @@ class _Session:
         self.recording.soil.append(row(message))
 
     def _on_diagnostics(self, message: Any) -> None:
+        self._diagnosed += 1
         for status in message.status:
             self.recording.diagnostics[status.name] = status.message

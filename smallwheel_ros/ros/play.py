@@ -271,8 +271,9 @@ def play(
     """
     # Ctrl-C is ours, not ROS's: it then ends this like any other program.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("smallwheel_play")
     try:
-        with Player(Node("smallwheel_play"), bag, settings) as player, player.stop.listening():
+        with Player(node, bag, settings) as player, player.stop.listening():
             if settings.wait > 0:
                 say(f"waiting for listeners, at most {settings.wait:g} s (--wait)")
                 player.wait_for_listeners(settings.wait)
@@ -287,4 +288,5 @@ def play(
                 )
             return count
     finally:
+        node.destroy_node()  # left to the garbage collector, it stays on the network for as long
         rclpy.try_shutdown()
