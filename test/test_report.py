@@ -26,7 +26,7 @@ from smallwheel_ros.pictures.comparison import (
     residuals,
     resistance_ratio,
 )
-from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase
+from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase, unknown_curves
 from smallwheel_ros.report import (
     Callout,
     Details,
@@ -42,6 +42,7 @@ from smallwheel_ros.report import (
     write_page,
 )
 from smallwheel_ros.report.residual_picture import failing_settings
+from smallwheel_ros.report.verdict_section import effect_words
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 DOCUMENT: dict[str, Any] = json.loads(
@@ -90,7 +91,7 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     write_table(table, path)
     data = read_measurements(path)
     soft = Contender("soft" + EVIL, "a model file" + EVIL, None, Model(Soil("mud", 2e4, 0.8, 0.4)))
-    return compare(data, [soft], folds=2)
+    return compare(data, [soft])
 
 
 @pytest.fixture(scope="module")
@@ -195,8 +196,68 @@ def test_the_diagnosis_tells_errors_limits_and_what_to_measure() -> None:
     assert "the table has no column 'grouser_height'" in text
     assert "load 60 N, slip 0 to 0.4" in text
     assert "hardpan from moisture" in text
+    assert "slip sinkage: Sweep slip at one load." in text
+    assert "Measure a second pass." not in text  # of what nobody suspects
     assert "slip > 0.32" in text
+    assert "|slip angle| > 28.6 deg" in text
     assert "1.32" in text
+    assert "stiffness differs by 5 %; beside that, sinkage by 2 %." in text
+
+
+def test_numbers_are_those_of_the_document() -> None:
+    """No p under 1 / (replicates + 1) is claimed, and nothing is minus zero."""
+    text = Parsed(diagnosis_report(DOCUMENT)).text
+    assert "p = 0.005." in text
+    assert "under 1e" not in text
+    assert "-0 %" not in text
+    assert "0 %" in table_row(text, "multipass")
+
+
+def test_an_error_of_the_instrument_is_visibly_one() -> None:
+    document = {**DOCUMENT, "verdict": "indistinguishable", "missing_effects": [],
+                "candidates": ["penetration_rate", "sinkage_offset"]}  # fmt: skip
+    text = Parsed(diagnosis_report(document)).text
+    assert "Something is missing: penetration rate or sinkage offset" in text
+    assert "Sinkage offset: an error of the instrument, not of the soil." in text
+    assert "instrument" in table_row(text, "sinkage offset")
+    assert "1.200" in text  # mm
+    figure = ranking_bars(document)
+    assert figure is not None
+    (axes,) = figure.axes
+    hatched = [bar.get_hatch() is not None for bar in axes.patches]
+    assert hatched == [False, False, True, False]  # hardpan has no probability to show
+    assert "soil." not in Parsed(diagnosis_report(DOCUMENT)).text.split("The data")[1][:200]
+
+
+def table_row(text: str, name: str) -> str:
+    """What follows the last mention of a name in the ranking."""
+    return text.split("perror removed")[1].split(name)[1][:60]
+
+
+def test_what_is_left_and_curves_are_shown_where_they_lead_on() -> None:
+    named = diagnosis_report(DOCUMENT)
+    assert "What the best explanation leaves" not in named
+    adequate = {**DOCUMENT, "verdict": "adequate", "missing_effects": [], "candidates": []}
+    unknown = {**adequate, "verdict": "unknown_effect", "unknown": ["unknown:slip_angle@sinkage"]}
+    for document in (adequate, unknown):
+        text = Parsed(diagnosis_report(document)).text.replace("\u00a0", " ")
+        assert "5.73 deg: 0.0 ± 1.0 %" in text  # never -0.0
+        assert "28.6 deg: +8.0 ± 2.0 %" in text
+        assert "smooth: -2.1 ± 1.1 %" in text
+        assert "lugged: +3.0 %" in text
+    assert diagnosis_report(unknown).count("<img") == diagnosis_report(adequate).count("<img") + 1
+    figure = unknown_curves(unknown)
+    assert figure is not None
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "slip angle [deg]"
+    np.testing.assert_allclose(axes.lines[1].get_xdata()[-1], np.degrees(0.6))
+
+
+def test_a_curve_without_a_name_is_said_in_words() -> None:
+    assert effect_words("unknown:slip < 0@sinkage") == (
+        "something that follows slip < 0 (at the sinkage)"
+    )
+    assert effect_words("none") == "nothing more"
 
 
 def test_a_bare_document_is_enough() -> None:
@@ -217,6 +278,7 @@ def test_a_bare_document_is_enough() -> None:
     assert "Where the model fails" not in text  # empty sections are left out
     assert staircase(bare) is None
     assert ranking_bars(bare) is None
+    assert unknown_curves(bare) is None
 
 
 def test_what_is_no_diagnosis_is_refused() -> None:
@@ -227,7 +289,7 @@ def test_what_is_no_diagnosis_is_refused() -> None:
 def test_the_noise_floor_is_not_passed_off_as_the_spread_of_repeats() -> None:
     text = Parsed(diagnosis_report(DOCUMENT)).text
     assert "the held-out error that the true model would leave" in text
-    assert "scatter of the soil from run to run" in text
+    assert "the scatter from run to run" in text
     assert "repeats differ by" not in text
     assert "may pass for scatter" not in text
     unknown = {**DOCUMENT, "verdict": "unknown_effect", "missing_effects": []}

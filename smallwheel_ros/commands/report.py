@@ -11,19 +11,10 @@ from smallwheel_ros.commands.bench_compare import standing_contenders
 from smallwheel_ros.commands.inputs import data_options, read_inputs
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.compare.document import comparison_document
-from smallwheel_ros.diagnosis.apply import base_physics
-from smallwheel_ros.diagnosis.candidates import settings_of
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
-from smallwheel_ros.display import words
+from smallwheel_ros.diagnosis import diagnose
 from smallwheel_ros.output import check_targets
-from smallwheel_ros.report import Picture, whole_report, write_page
-from smallwheel_ros.report.residual_picture import (
-    AFTER,
-    BEFORE,
-    Shown,
-    failing_settings,
-    residual_panels,
-)
+from smallwheel_ros.report import whole_report, write_page
+from smallwheel_ros.report.diagnosis_pictures import residual_pictures
 from smallwheel_ros.tables import write_json
 
 _STEPS = 5  # that a diagnosis tells of
@@ -60,7 +51,6 @@ def report(
             bar.update(done - bar.n)
 
         comparison = compare(measurements, standing, progress=count)
-    base = base_physics(base, measurements, registry)
     with tqdm(desc="diagnosing", total=_STEPS, disable=None, leave=False) as bar:
 
         def step(name: str) -> None:
@@ -68,7 +58,7 @@ def report(
             bar.update()
 
         diagnosis = diagnose(measurements, base, registry=registry, progress=step)
-    html = whole_report(comparison, diagnosis.document, _pictures(diagnosis))
+    html = whole_report(comparison, diagnosis.document, {"steps": residual_pictures(diagnosis)})
     document = {
         "schema": 1,
         "comparison": comparison_document(comparison),
@@ -78,20 +68,3 @@ def report(
     if json_file is not None:
         write_json(json_file, document)
     click.echo(f"written: {', '.join(str(target) for target in targets)}", err=json_file == "-")
-
-
-def _pictures(diagnosis: Diagnosis) -> dict[str, list[Picture]]:
-    """What the base leaves in the places where it fails, before and after what was added."""
-    if diagnosis.workbench is None:
-        return {}
-    observations = diagnosis.workbench.observations
-    first, *added = diagnosis.steps
-    shown = [Shown(first.errors, BEFORE, "base model")]
-    caption = "Held-out errors with a smooth and its 95 % band"
-    if added:
-        names = ", ".join(words(step.added or "") for step in added)
-        shown.append(Shown(added[-1].errors, AFTER, f"with {names}"))
-        caption += ", before and after what was added"
-    pairs = failing_settings(diagnosis.document, settings_of(observations))
-    figure = residual_panels(diagnosis.measurements, observations, shown, pairs)
-    return {"steps": [Picture(figure, caption + ".")]}

@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection
 from html import escape
 from pathlib import Path
 
-from smallwheel_ros.compare.scores import UNITS
-from smallwheel_ros.diagnosis.pipeline import FEWEST_RUNS
-from smallwheel_ros.diagnosis.search import LEAST_FALL
-from smallwheel_ros.display import brief, column_display, display, number, words
+from smallwheel_ros.display import column_display, display, number, words
 from smallwheel_ros.explore.pictures import view_picture
-from smallwheel_ros.explore.session import CLEAR, Session, View
+from smallwheel_ros.explore.session import Session, View
 from smallwheel_ros.explore.style import CSS
-from smallwheel_ros.fitting.result import FittedParameter
+from smallwheel_ros.fitting import FittedParameter
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.report.page import Block, Callout, Details, Picture, Table, Text
-from smallwheel_ros.report.verdict_section import listed, said, shown_value
+from smallwheel_ros.report.verdict_section import (
+    listed,
+    parameter_cells,
+    per_cent,
+    said,
+    shown_value,
+    verdict_block,
+)
+
+_KINDS = {"soil": "Effects", "instrument": "Errors of the instrument"}
 
 
-def whole_page(
-    session: Session, names: Sequence[str], over: str, worth: Mapping[str, float], shown: str
-) -> str:
+def whole_page(session: Session, names: Collection[str], over: str, shown: str) -> str:
     """The page with these effects set and `shown` on the right; its script asks for others."""
     name = escape(Path(session.measurements.source).name)
     rows, runs = len(session.measurements), session.measurements.runs.size
     over_options = "".join(
-        f'<option value="{escape(d)}"{" selected" if d == over else ""}>'
-        f"{escape(column_display(session.measurements, d).label)}</option>"
-        for d in session.drivers
+        f'<option value="{escape(s)}"{" selected" if s == over else ""}>'
+        f"{escape(column_display(session.measurements, s).label)}</option>"
+        for s in session.settings
+    )
+    effects = "".join(
+        f"<fieldset><legend>{title}</legend>{lines}</fieldset>"
+        for kind, title in _KINDS.items()
+        if (lines := _effects(session, names, kind))
     )
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<link rel="icon" href="data:,"><title>{name}: explore</title>'
         f"<style>{CSS}</style></head><body><form>"
-        f"<h1>{name}</h1><p>{rows} rows, {runs} runs</p>"
-        f"<fieldset><legend>Effects</legend>{_effects(session, names, worth)}</fieldset>"
-        "<p class=hint>The number: what the effect is worth beside the others that are set, as a "
-        f"fall of -2 log likelihood (estimated until it is set). Up to about {CLEAR:g} may be "
-        "chance.</p>"
+        f"<h1>{name}</h1><p>{rows} rows, {runs} runs</p>{effects}"
+        "<p class=hint>The number: probability, from the diagnosis of this data, that the base model "
+        "lacks the effect.</p>"
         f"<label>Residuals over<select name=over>{over_options}</select></label>"
         "<noscript><button>Show</button></noscript>"
         '<button formaction="model.yaml">Save this model file</button>'
@@ -48,17 +56,20 @@ def whole_page(
     )
 
 
-def _effects(session: Session, names: Sequence[str], worth: Mapping[str, float]) -> str:
+def _effects(session: Session, names: Collection[str], kind: str) -> str:
     lines = []
-    for family in session.families.values():
-        if not family.blocked:
-            mark = " checked" if family.name in names else ""
-            value = worth.get(family.name, 0.0)
+    chances = {row["effect"]: row.get("probability") for row in session.document["ranking"]}
+    for name, forms in session.forms.items():
+        if session.kinds[name] == kind:
+            mark = " checked" if name in names else ""
+            chance = chances.get(name)
+            summary = forms[0].effect.summary if forms[0].effect else ""
             lines.append(
-                f'<label title="{escape(family.forms[0].effect.summary)}"><input type=checkbox '
-                f'name=effects value="{escape(family.name)}"{mark}>'
-                f"<span>{escape(words(family.name))}</span><b data-effect="
-                f'"{escape(family.name)}" style="--worth:{value:.0f}%">{value:.0f}</b></label>'
+                f'<label title="{escape(summary)}"><input type=checkbox '
+                f'name=effects value="{escape(name)}"{mark}>'
+                f"<span>{escape(words(name))}</span>"
+                f'<b style="--share:{100.0 * (chance or 0.0):.0f}%">'
+                f"{'-' if chance is None else f'{chance:.2f}'}</b></label>"
             )
     return "".join(lines)
 
@@ -67,9 +78,8 @@ def _blocked(session: Session) -> str:
     """The effects that cannot be set, each with the reason; those that are in the model are ticked."""
     lines = [
         f"<label class=off><input type=checkbox disabled{' checked' if n in session.present else ''}>"
-        f"<span>{escape(words(n))}<small>{escape(family.blocked)}</small></span></label>"
-        for n, family in session.families.items()
-        if family.blocked
+        f"<span>{escape(words(n))}<small>{escape(why)}</small></span></label>"
+        for n, why in session.blocked.items()
     ]
     return "<legend>Not testable with this data</legend>" + "".join(lines) if lines else ""
 
@@ -86,7 +96,7 @@ def view_html(session: Session, view: View, over: str) -> str:
         _headline(session, view),
         _errors(session, view),
         picture,
-        _parameters(view),
+        _parameters(session, view),
         _soils(view),
         *([Details("Notes on the fit", [Text(items=notes)])] if notes else []),
     ]
@@ -99,81 +109,73 @@ def problem_html(message: str) -> str:
 
 
 def _headline(session: Session, view: View) -> Callout:
-    few = []
-    if session.runs < FEWEST_RUNS:
-        few.append(
-            f"{session.runs} runs: under {FEWEST_RUNS} nothing can be told from the scatter of the soil"
-        )
-    if not view.names:
-        lines = ["Set an effect on the left: everything is fitted and drawn anew."]
-        return Callout("The base model, without any effect", [*lines, *few],
-                       "warning" if few else "result")  # fmt: skip
+    """What the model with these effects gains, and what the diagnosis says of them."""
+    found = verdict_block(session.document)
+    if view.names == session.chosen:
+        return Callout(f"The base model. {found.headline}.", found.items, found.kind)
     before, after = view.before.rmse(), view.after.rmse()
     falls = ", ".join(
         f"{words(c)} {shown_value(c, before[c])} → {shown_value(c, after[c])}" for c in before
     )
-    lines = few + [
-        f"the fitted strength of {words(name)} is at a bound or outside the published range"
-        for name in view.implausible
-    ]
-    lines += [
-        f"{words(name)} is worth no more than chance beside the others"
-        for name in view.names
-        if view.worth[name] < CLEAR and name not in view.implausible
-    ]
-    if view.fall <= 0.0:
-        lines.insert(0, "the error did not fall: not recommended")
-    elif view.fall < LEAST_FALL:
-        lines.insert(0, f"the error fell by {100 * view.fall:.1f} % only: not recommended")
-    elif view.sigmas < 1.0:
-        lines.insert(0, "the error fell by less than its own uncertainty: not recommended")
-    headline = f"With {listed(view.names)}: {falls}"
-    return Callout(headline, [said(line) for line in lines], "warning" if lines else "result")
+    doubts = _doubts(session, view)
+    items = [said(line) for line in doubts] or ["This is what the diagnosis names."]
+    if doubts:
+        items.append(f"The diagnosis: {found.headline[:1].lower() + found.headline[1:]}.")
+    return Callout(f"With {listed(view.names) if view.names else 'no effect'}: {falls}", items,
+                   "warning" if doubts else "result")  # fmt: skip
+
+
+def _doubts(session: Session, view: View) -> list[str]:
+    """Why these effects are not what the diagnosis of this data names; empty where they are."""
+    document = session.document
+    rows = {row["effect"]: row for row in document["ranking"]}
+    named = {*session.chosen, *document["missing_effects"]}
+    lines = [f"the held-out error of {words(c)} rises" for c in view.change.worse]
+    if document["verdict"] == "insufficient_data":
+        return [*lines, f"{document['reason']}; not recommended"]
+    lines += [f"{words(n)}: {rows[n]['reason']}; not recommended"
+              for n in view.names if n not in named]  # fmt: skip
+    left_out = [n for n in session.forms if n in named and n not in view.names]
+    return lines + (
+        [f"{listed(left_out)} {'are' if left_out[1:] else 'is'} left out"] if left_out else []
+    )
 
 
 def _errors(session: Session, view: View) -> Table:
     before, after = view.before.rmse(), view.after.rmse()
     stds, bias = view.after.rmse_std(), view.after.bias()
+    channels = session.document["channels"]
+    base = view.names == session.chosen
     rows = []
-    for channel in before:
-        how = display(channel, UNITS[channel])
-        std, repeats = stds[channel], session.repeats.get(channel)
-        fall = 100.0 * (1.0 - after[channel] / before[channel]) if before[channel] > 0 else 0.0
-        scaled = (
-            before[channel],
-            after[channel],
-            std,
-            bias[channel],
-            view.floor.get(channel),
-            repeats,
-        )
+    for channel, known in channels.items():
+        how = display(channel, CHANNEL_UNITS[channel])
+        scaled = (before[channel], after[channel], stds[channel], bias[channel],
+                  known["noise_floor"], known["repeatability"])  # fmt: skip
         cells = [number(None if v is None else v * how.scale) for v in scaled]
-        rows.append([how.label, *cells[:2], f"{fall:.0f} %" if view.names else "-", *cells[2:]])
-    header = ["held-out RMSE", "without effects", "with", "fall", "± s.e.", "bias", "noise floor",
-              "repeats differ by"]  # fmt: skip
+        if not base:
+            cells.insert(2, per_cent(view.change.reduction[channel]))
+        rows.append([how.label, *cells[base:]])
+    header = ["held-out", *(["RMSE"] if base else ["RMSE of the base", "with these", "fall"]), "± s.e.",
+              "bias", "noise floor", "repeats differ by"]  # fmt: skip
     caption = "Noise floor: the held-out error that the true model would leave"
-    if not view.floor:
-        caption += "; not known here, since no setting was repeated and no noise is stated"
-    elif session.floor_with:
-        seen = listed(session.floor_with)
-        caption += f", as seen with {seen} in; lower, if something else is missing still"
+    if not any(known["noise_floor"] for known in channels.values()):
+        caption += "; not known here: no run was repeated row by row, and no noise is stated"
     return Table(header, rows, caption + ".", numbers=range(1, 8))
 
 
-def _parameters(view: View) -> Table:
+def _parameters(session: Session, view: View) -> Table:
     known = {e.id: {p.name: p for p in e.parameters()} for e in view.fit.model.effects}
     forms = {e.id: e.form for e in view.fit.model.effects}
     rows = []
     for p in view.fit.parameters:
         about = known.get(p.owner, {}).get(p.name)
         published = about.published if about is not None else None
-        owner = f"{words(p.owner)} ({forms[p.owner]})" if p.owner in forms else p.owner
-        unit = "" if p.unit == "1" else p.unit.replace(" ", "\u00a0")  # on one line
-        rows.append([
-            owner, p.name, number(p.value, 4), number(p.std), unit,
-            "-" if published is None else f"{brief(published[0])} to {brief(published[1])}",
-            _status(p),
-        ])  # fmt: skip
+        owner = p.owner
+        if owner in forms:
+            fault = ", instrument" if session.kinds.get(owner) == "instrument" else ""
+            owner = f"{words(owner)} ({forms[owner]}{fault})"
+        cells = parameter_cells(p.unit, p.value, p.std, published)
+        rows.append([owner, p.name, *cells, _status(p)])
     header = ["", "parameter", "value", "std", "unit", "published", ""]
     strong = [i for i, p in enumerate(view.fit.parameters) if p.owner in view.names]
     caption = (

@@ -9,7 +9,7 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
 from smallwheel_ros.explore.page import problem_html, view_html, whole_page
 from smallwheel_ros.explore.session import ExploreError, Session
@@ -60,9 +60,12 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer one request."""
         # Another site's name that leads to this machine must not read what is shown here.
-        host = urlsplit("//" + self.headers.get("Host", "")).hostname
-        if host not in (HOST, "localhost"):
+        host = self.headers.get("Host", "")
+        if not re.fullmatch(rf"({re.escape(HOST)}|localhost)(:\d+)?", host):
             self._send(403, _TEXT, f"asked for as '{host}': expected {HOST} or localhost")
+            return
+        if self.path != "/" and self._from_another_site(host):
+            self._send(403, _TEXT, f"asked by another site: open http://{host}/ yourself")
             return
         parts = urlsplit(self.path)
         pages = {"/": self._page, "/view": self._view, "/model.yaml": self._model}
@@ -78,6 +81,17 @@ class _Handler(BaseHTTPRequestHandler):
             except ExploreError as error:
                 self._send(400, _TEXT, str(error))
 
+    def _from_another_site(self, host: str) -> bool:
+        """Whether a page of another site asks: it may lead here, but start no fit.
+
+        Browsers say so in Sec-Fetch-Site; those that do not, name the asking page (W3C Fetch
+        Metadata; RFC 6454).
+        """
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            return True
+        page = self.headers.get("Origin") or self.headers.get("Referer")
+        return page is not None and not (page + "/").startswith(f"http://{host}/")
+
     def _asked(self, query: str) -> tuple[tuple[str, ...], str]:
         """Effects and covariate of a query; those to begin with where it is empty."""
         session = self.server.session
@@ -86,29 +100,30 @@ class _Handler(BaseHTTPRequestHandler):
             if key not in _KEYS:
                 raise ExploreError(f"no setting '{key}': there is {' and '.join(_KEYS)}")
         names = found.get("effects", [] if found else list(session.chosen))
-        return session.choose(names), session.covariate(found.get("over", [None])[-1])
+        return session.choose(names), session.setting(found.get("over", [None])[-1])
 
     def _page(self, names: tuple[str, ...], over: str) -> None:
-        shown, worth = self._shown(names, over)
-        self._send(200, _HTML, whole_page(self.server.session, names, over, worth, shown))
+        shown = self._shown(names, over)
+        self._send(200, _HTML, whole_page(self.server.session, names, over, shown))
 
     def _view(self, names: tuple[str, ...], over: str) -> None:
-        shown, worth = self._shown(names, over)
-        self._send(200, "application/json", json.dumps({"html": shown, "worth": worth}))
+        self._send(200, "application/json", json.dumps({"html": self._shown(names, over)}))
 
-    def _shown(self, names: tuple[str, ...], over: str) -> tuple[str, dict[str, float]]:
+    def _shown(self, names: tuple[str, ...], over: str) -> str:
         """The view as HTML, or why there is none: what was asked for is fine, the fit is not."""
         session = self.server.session
         try:
-            view = session.view(names)
-            return view_html(session, view, over), view.worth
+            return view_html(session, session.view(names), over)
         except ExploreError as error:
-            return problem_html(str(error)), {}
+            return problem_html(str(error))
 
     def _model(self, names: tuple[str, ...], over: str) -> None:
         session = self.server.session
         stem = re.sub(r"[^\w-]+", "_", "_".join([Path(session.measurements.source).stem, *names]))
-        headers = {"Content-Disposition": f'attachment; filename="{stem}.yaml"'}
+        # Letters beyond ASCII in the form of RFC 5987; the plain name is for who cannot read that.
+        plain = re.sub(r"[^\x21-\x7e]", "_", stem)
+        disposition = f"attachment; filename=\"{plain}.yaml\"; filename*=UTF-8''{quote(stem)}.yaml"
+        headers = {"Content-Disposition": disposition}
         self._send(200, "application/yaml", session.model_file(names), headers)
 
     def _send(

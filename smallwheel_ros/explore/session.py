@@ -1,36 +1,37 @@
-"""What the page shows, without the page: a table, the effects that it can test, and fits with any of them."""
+"""What the page shows, without the page: a table, its diagnosis, and fits with any of the effects."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from smallwheel_ros.compare.scores import drivers
-from smallwheel_ros.diagnosis.apply import base_physics, without_corrections
-from smallwheel_ros.diagnosis.candidates import Family, list_families, measured_forces
-from smallwheel_ros.diagnosis.held_out import Errors, better, noise_floor, refitted
-from smallwheel_ros.diagnosis.search import best_form, cost, plausible
-from smallwheel_ros.diagnosis.table import Lead, look
-from smallwheel_ros.diagnosis.workbench import Base, Explanation, Workbench
+from smallwheel_ros.diagnosis import Base, diagnose
+from smallwheel_ros.diagnosis.competitors import Competitor, field_of, settings_of, varied
+from smallwheel_ros.diagnosis.held_out import of_model
+from smallwheel_ros.diagnosis.problem import Problem
+from smallwheel_ros.diagnosis.search import CandidateFit, refit
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.calibrate import calibrate
+from smallwheel_ros.fitting import FitResult
+from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.files import calibrated
-from smallwheel_ros.fitting.observations import observe
-from smallwheel_ros.fitting.result import FitResult, result_of
-from smallwheel_ros.measurements.noise_floor import repeatability
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv, cross_validate
+from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import write_model
 from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.report.residual_picture import failing_settings
 
-CLEAR = 10.0  # gain of -2 log likelihood that chance rarely makes
 _FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
-_MOST_FOR_FLOOR = 3  # effects that are added to find the noise floor
 
+Forms = Sequence[tuple[Competitor, NDArray[np.float64]]]  # each with where its numbers start
 Progress = Callable[[str], None]
 
 
@@ -40,33 +41,24 @@ class ExploreError(SmallwheelError):
 
 @dataclass(frozen=True)
 class View:
-    """The model with some effects. before, after: held-out errors without any and with them.
+    """A model with some effects. names: those that are set. fit: the model as it is saved.
 
-    fit: the model as it is saved. floor: held-out error that the true model would leave, m or N, of
-    the channels of which it is known.
-    fall, sigmas: of the error, relative and over its standard error. worth: what each effect that is
-    set takes off -2 log likelihood, and what each other one would. implausible: effects whose
-    strength is at a bound or outside the published range.
+    before, after: held-out errors of the base model and of this one. change: between them.
     """
 
     names: tuple[str, ...]
-    explanation: Explanation
     fit: FitResult
-    before: Errors
-    after: Errors
-    floor: dict[str, float]
-    fall: float
-    sigmas: float
-    worth: dict[str, float]
-    implausible: tuple[str, ...]
+    before: CvErrors
+    after: CvErrors
+    change: Comparison
 
 
 class Session:
-    """One table and everything that was fitted to it. Not to be used by two threads at once.
+    """One table, its diagnosis, and all that was fitted to it. Not for two threads at once.
 
-    families: every effect by name, with the reason where it cannot be tested. present: those that
-    stay in the model. chosen: those to begin with. runs: how many have usable rows. drivers: settings
-    that vary. floor_with: effects that were in the model from which the noise floor is known.
+    document: what `diagnose` says, on which base and with which errors. forms: of each effect that can
+    be set. blocked: why others cannot. present: effects of the base model; chosen: those of them that
+    may be unset. settings: those that vary.
     Raises FittingError where nothing usable was measured, ExploreError where all is of one run.
     """
 
@@ -75,71 +67,86 @@ class Session:
         measurements: Measurements,
         base: Base,
         registry: Registry,
+        without: Collection[str] = (),
         progress: Progress = lambda step: None,
     ) -> None:
-        self.measurements = measurements
-        base = base_physics(base, measurements, registry)
-        observations = observe(measurements)
-        self.runs = int(np.unique(observations.run).size)
-        if self.runs < 2:
+        self.diagnosis = diagnose(
+            measurements, base, registry=registry, without=without, progress=progress
+        )
+        self.document = self.diagnosis.document
+        self.problem = problem = self.diagnosis.problem
+        self.measurements = problem.measurements
+        if problem.points.run_count < 2:
             raise ExploreError(
                 f"{measurements.source or 'the measurements'}: all usable rows are of one run, so "
                 "nothing can be held out: measure more runs"
             )
-        responses = measured_forces(measurements.units)
-        families = list_families(observations, (), base.geometry, registry, responses)
-        testable = [f.name for f in families if not f.blocked]
-        # What the model file has and this data can test may be unset; the rest stays as it is.
-        self.chosen = tuple(e.id for e in base.effects if e.id in testable)
-        base = replace(base, effects=tuple(e for e in base.effects if e.id not in testable))
+        found, points = self.diagnosis.search, problem.judged.points
+        model = problem.judged.vector.model(problem.judged.vector.start)
+        field = field_of(points, model, registry, without) if found is None else found.field
+        self.kinds = {name: kind for name, kind in field.kinds.items() if kind != "unknown"}
+        self.blocked = {n: why for n, why in field.blocked.items() if n in self.kinds}
+        self.forms = {
+            name: [c for c in field.competitors if c.family == name]
+            for name in self.kinds
+            if name not in self.blocked
+        }
         self.present = tuple(e.id for e in base.effects)
-        self.families: dict[str, Family] = {f.name: f for f in families}
-        progress("fitting the base model")
-        self.workbench = Workbench(calibrate(observations, base.layout(observations)), base)
-        self.drivers = tuple(drivers(measurements)) or ("load",)
-        self.repeats = repeatability(measurements)
-        progress("finding the noise floor")
+        self.chosen = tuple(name for name in self.forms if name in self.present)
+        self.settings = tuple(varied(points)) or ("load",)
+        self._steps = self._diagnosed()
         self._views: dict[tuple[str, ...], View] = {}
-        self._fullest = self._best_of_few()
-        self.floor_with = self._fullest.families
+        self._problems = {self.chosen: problem}
+        self._fold_fits: dict[tuple[int, bytes], tuple[Fitter, Fit]] = {}
 
-    def choose(self, names: Sequence[str]) -> tuple[str, ...]:
+    def _diagnosed(self) -> dict[tuple[str, ...], int]:
+        """Effects of each step of the diagnosis: its fits and errors are shown, not others."""
+        found: dict[tuple[str, ...], int] = {}
+        names = set(self.chosen)
+        for i, step in enumerate(self.diagnosis.steps):
+            if step.added is not None and step.added not in self.forms:
+                break
+            names |= {step.added} - {None}
+            found.setdefault(self.choose(names), i)
+        return found
+
+    def choose(self, names: Collection[str]) -> tuple[str, ...]:
         """The names in the library's order. Raises ExploreError for one that cannot be fitted."""
         for name in names:
-            if name not in self.families:
-                raise ExploreError(f"no effect '{name}': {nearest(name, list(self.families))}")
-            if self.families[name].blocked:
+            if name not in self.kinds:
+                raise ExploreError(f"no effect '{name}': {nearest(name, list(self.kinds))}")
+            if name in self.blocked:
                 raise ExploreError(
-                    f"effect '{name}' cannot be fitted to this data: {self.families[name].blocked}"
+                    f"effect '{name}' cannot be fitted to this data: {self.blocked[name]}"
                 )
-        return tuple(name for name in self.families if name in names)
+        return tuple(name for name in self.forms if name in names)
 
-    def covariate(self, name: str | None) -> str:
-        """The setting of that name. Raises ExploreError where it is none, or does not vary."""
+    def setting(self, name: str | None) -> str:
+        """The setting of that name; for None the one over which the base model fails most.
+
+        Raises ExploreError where it is none, or does not vary.
+        """
         if name is None:
-            first = next((lead.family for lead in self._leads(self.workbench.fit(()))), None)
-            follows = self.families[first].drivers if first else ()
-            return next((d for d in follows if d in self.drivers), self.drivers[0])
-        if name not in self.drivers:
+            failing = failing_settings(self.document, settings_of(self.problem.points))
+            return next((s for _, s in failing if s in self.settings), self.settings[0])
+        if name not in self.settings:
             raise ExploreError(
-                f"no covariate '{name}' that varies: {nearest(name, list(self.drivers))}"
+                f"no setting '{name}' that varies: {nearest(name, list(self.settings))}"
             )
         return name
 
-    def view(self, names: Sequence[str]) -> View:
+    def view(self, names: Collection[str]) -> View:
         """Fit the model with these effects. Raises ExploreError where that is not possible."""
         chosen = self.choose(names)
         if chosen not in self._views:
             try:
                 self._views[chosen] = self._view(chosen)
             except _FAILURES as error:
-                what = (
-                    f"the fit with {', '.join(chosen)}" if chosen else "the fit of the base model"
-                )
-                raise ExploreError(f"{what} failed: {error}") from error
+                what = f"with {', '.join(chosen)}" if chosen else "of the base model"
+                raise ExploreError(f"the fit {what} failed: {error}") from error
         return self._views[chosen]
 
-    def model_file(self, names: Sequence[str]) -> bytes:
+    def model_file(self, names: Collection[str]) -> bytes:
         """The model with these effects as a model file."""
         view = self.view(names)
         with tempfile.TemporaryDirectory() as folder:
@@ -148,76 +155,87 @@ class Session:
             return path.read_bytes()
 
     def _view(self, names: tuple[str, ...]) -> View:
-        explanation = self._explain(names)
-        after = refitted(self.workbench, explanation)
-        before = self.view(()).after if names else after
-        fall, sigmas = better(before, after) if names else (0.0, 0.0)
-        known = min(self._fullest, explanation, key=cost)
-        fit = without_corrections(self.workbench.calibration.observations, explanation)
-        return View(
-            names,
-            explanation,
-            result_of(fit),
-            before,
-            after,
-            self._floor(known),
-            fall,
-            sigmas,
-            self._worth(explanation, names),
-            tuple(name for name in names if not plausible(explanation, name)),
-        )
+        step = self._steps.get(names)
+        if step is not None:
+            fit, after = self.diagnosis.fitted(step), self.diagnosis.steps[step].errors
+        else:
+            problem = self._problem(tuple(name for name in names if name in self.chosen))
+            model, forms = self._fitted(problem.judged, [n for n in names if n not in self.chosen])
+            fit = problem.result(model.fit.vector, model.fit.theta)
+            after = self._held_out(problem, model, forms)
+        before = after if names == self.chosen else self.view(self.chosen).after
+        return View(names, fit, before, after, compare_cv(before, after))
 
-    def _explain(self, names: tuple[str, ...]) -> Explanation:
-        # Always from the base and in one order: what was looked at before must not matter.
-        explanation = self.workbench.fit(())
-        for name in names:
-            form = self.families[name].forms[0]
-            explanation = self.workbench.fit((*explanation.forms, form), near=explanation)
-            explanation = best_form(self.workbench, explanation, self.families[name])
-        for name in names[:-1]:
-            explanation = best_form(self.workbench, explanation, self.families[name])
-        return explanation
+    def _problem(self, kept: tuple[str, ...]) -> Problem:
+        """The problem of a base model that keeps these of the effects that may be unset."""
+        if kept not in self._problems:
+            gone, base = set(self.chosen) - set(kept), self.problem.base
+            parts = tuple(part for part in base.parts if part.id not in gone)
+            effects = tuple(e for e in base.effects if e.id not in gone)
+            self._problems[kept] = replace(
+                self.problem, base=replace(base, parts=parts, effects=effects)
+            )
+        return self._problems[kept]
 
-    def _floor(self, explanation: Explanation) -> dict[str, float]:
-        """By channel; none where the noise is only what a fit leaves: misfit would pass for it."""
-        noise = self.workbench.calibration.noise.channels
-        return {
-            name: floor
-            for name, floor in noise_floor(self.workbench, explanation).items()
-            if noise[name].source in ("repeats", "declared")
-        }
+    def _fitted(self, judged: Problem, names: Sequence[str]) -> tuple[CandidateFit, list[Forms]]:
+        """The base with these effects, one after the other, each in the form of the most evidence.
 
-    def _worth(self, explanation: Explanation, names: tuple[str, ...]) -> dict[str, float]:
-        worth = {lead.family: lead.gain for lead in self._leads(explanation)}
-        for name in names:
-            without = self._explain(tuple(other for other in names if other != name))
-            worth[name] = max(0.0, cost(without) - cost(explanation))
-        return worth
-
-    def _leads(self, explanation: Explanation) -> tuple[Lead, ...]:
-        rest = [
-            family
-            for name, family in self.families.items()
-            if not family.blocked and name not in explanation.families
-        ]
-        return look(self.workbench, explanation, rest, draws=0, seed=0).leads if rest else ()
-
-    def _best_of_few(self) -> Explanation:
-        """The model with what gains most, one effect after the other: what it leaves is noise.
-
-        Seen from a model that lacks an effect, its misfit would pass for scatter of the soil.
+        Always from the base and in one order: what was looked at before must not matter. And, by
+        effect, the forms within `WINDOW` of the best, from which each fold chooses.
         """
-        explanation = self.workbench.fit(())
-        for _ in range(_MOST_FOR_FLOOR):
-            lead = next(iter(self._leads(explanation)), None)
-            if lead is None or lead.gain < CLEAR:
-                break
-            start = {lead.family: lead.strength}
-            try:
-                further = self.workbench.fit((*explanation.forms, lead.form), explanation, start)
-            except _FAILURES:  # said when it is asked for
-                break
-            if cost(further) > cost(explanation) - CLEAR:
-                break
-            explanation = further
-        return explanation
+        model, near = CandidateFit((), judged.fit, judged.fit.evidence), []
+        for name in names:
+            forms = [(c, np.array([v for _, v, *_ in c.part.parameters])) for c in self.forms[name]]
+            made = _extended(judged.fitter, model, forms, 4)
+            if not made:
+                raise ExploreError(f"effect '{name}' cannot be fitted to this data")
+            model = made[0]
+            close = [m for m in made if m.weight > model.weight - WINDOW]
+            near.append([(m.competitors[-1], _numbers(m)) for m in close])
+        return model, near
+
+    def _held_out(self, problem: Problem, model: CandidateFit, forms: list[Forms]) -> CvErrors:
+        """Held-out errors, the form of each effect chosen anew in each fold."""
+        judged = problem.judged
+
+        def choose(training: Points) -> list[Model]:
+            fitter, base = self._fold(judged, training)
+            best = CandidateFit((), base, base.evidence)
+            for of_effect in forms:
+                best = next(iter(_extended(fitter, best, of_effect, 1)), best)
+            return [best.fit.vector.model(best.fit.theta)]
+
+        errors = cross_validate(judged.points, choose, 1)[0]
+        if judged is problem:
+            return errors
+        # Drawbar pull has no say in the choice of forms.
+        vector = problem.own(model.fit.vector)
+        known = dict(zip(model.fit.vector.names, model.fit.theta, strict=True))
+        start = np.array([known.get(p.name, p.start) for p in vector.free])
+        full = problem.fitter.fit(vector, start, problem.fit.scatter)
+        pull = of_model(problem, [replace(model, fit=full)])[0].error["drawbar_pull"]
+        return replace(errors, error={**errors.error, "drawbar_pull": pull})
+
+    def _fold(self, judged: Problem, training: Points) -> tuple[Fitter, Fit]:
+        """The base fitted to a fold's training points; kept, since each view begins with it."""
+        runs = np.unique(training.run)
+        key = (id(judged), runs.tobytes())
+        if key not in self._fold_fits:
+            fitter = judged.training(np.isin(judged.points.run, runs))
+            vector, known = judged.base.vector(fitter.points), judged.fit
+            start = known.theta if vector.names == known.vector.names else None
+            self._fold_fits[key] = fitter, fitter.fit(vector, start, known.scatter, turns=2)
+        return self._fold_fits[key]
+
+
+def _extended(fitter: Fitter, model: CandidateFit, forms: Forms, turns: int) -> list[CandidateFit]:
+    """The model with one more effect in each of these forms that can be fitted, the best first."""
+    made = [refit(fitter, model, form, start, turns) for form, start in forms]
+    return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
+
+
+def _numbers(model: CandidateFit) -> NDArray[np.float64]:
+    """The fitted numbers of the effect that was added last."""
+    owner, fit = model.competitors[-1].part.id, model.fit
+    mine = [j for j, p in enumerate(fit.vector.free) if p.of_effect and p.owner == owner]
+    return fit.theta[mine]

@@ -12,7 +12,7 @@ form { position: sticky; top: 0; height: 100vh; overflow-y: auto; padding: 1.4re
   background: var(--wash); border-right: 1px solid var(--line); font-size: .9rem; }
 main { padding: 1rem 1.6rem 3rem; transition: opacity .15s .15s; }
 main.busy { opacity: .45; }
-form h1 { font-size: 1.15rem; overflow-wrap: anywhere; }
+form h1 { font-size: 1.05rem; overflow-wrap: anywhere; }
 form p { color: var(--soft); margin: 0 0 .8rem; }
 form .hint { font-size: .78rem; line-height: 1.4; }
 fieldset { border: 0; padding: 0; margin: 0 0 .6rem; }
@@ -24,7 +24,7 @@ fieldset .off { color: #858c96; cursor: default; }
 small { display: block; font-size: .76rem; }
 label b { width: 3.4rem; text-align: right; font-weight: 400; font-size: .8rem; padding: 0 .25rem;
   border-radius: 2px; font-variant-numeric: tabular-nums;
-  background: linear-gradient(to right, #b9d9ec var(--worth), #e9edf1 0); }
+  background: linear-gradient(to right, #b9d9ec var(--share), #e9edf1 0); }
 select, button { font: inherit; width: 100%; margin: .2rem 0 .8rem; padding: .35rem .5rem; }
 button { border: 1px solid var(--accent); border-radius: 4px; background: #fff;
   color: var(--accent); cursor: pointer; }
@@ -65,10 +65,6 @@ async function answer(query) {
 function draw(answer) {
   if (answer.error) { main.textContent = answer.error; return; }
   main.innerHTML = answer.html;
-  for (const bar of form.querySelectorAll('[data-effect]')) {
-    bar.textContent = (answer.worth[bar.dataset.effect] ?? 0).toFixed(0);
-    bar.style.setProperty('--worth', bar.textContent + '%');
-  }
 }
 form.addEventListener('change', show);
 """

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from smallwheel_ros.display import brief, display, number, words
-from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.pictures.diagnosis import SHOWN, ranking_bars, staircase, unknown_curves
 from smallwheel_ros.report.page import (
     Block,
     Callout,
@@ -20,8 +22,11 @@ from smallwheel_ros.report.page import (
 )
 from smallwheel_ros.report.verdict_section import (
     HEADLINES,
+    effect_words,
     listed,
     p_text,
+    parameter_cells,
+    per_cent,
     said,
     shown_value,
     verdict_block,
@@ -33,9 +38,7 @@ _STATUS = {
     "not_testable": "not testable",
     "confounded": "cannot be told apart",
 }
-_SETTING_UNITS = {"load": "N", "diameter": "m", "width": "m", "sinkage": "m", "slip": "1",
-                  "slip_angle": "rad", "slope": "rad", "speed": "m/s", "pass_number": "1",
-                  "grouser_height": "m"}  # fmt: skip
+_TOLD = 3.0  # standard errors by which a part's residual must differ to be stressed
 
 
 def diagnosis_report(
@@ -46,9 +49,8 @@ def diagnosis_report(
 ) -> str:
     """One self-contained HTML page for a diagnosis.
 
-    document: what `smallwheel diagnose --json` writes. Beside the contract it may have "notes" and
-    "warnings" (lists of sentences), and a "summary" in a ranking row. pictures: further ones for
-    the sections "data", "where_it_fails", "effects", "steps", "next". source: the data's file.
+    document: what `smallwheel diagnose --json` writes. pictures: further ones for the sections
+    "data", "where_it_fails". source: the data's file.
     Raises ReportError where the document is not one of a diagnosis.
     """
     check_diagnosis(document)
@@ -61,10 +63,10 @@ def diagnosis_report(
             Section("Where the model fails",
                     [*region_blocks(document), *more.get("where_it_fails", ())]),
             Section("Which effect is missing",
-                    [*ranking_blocks(document), *more.get("effects", ())]),
-            Section("Error, step by step", [*step_blocks(document), *more.get("steps", ())]),
+                    ranking_blocks(document)),
+            Section("Error, step by step", step_blocks(document)),
             Section("What this data cannot tell", unknowable_blocks(document)),
-            Section("What to measure next", [*next_blocks(document), *more.get("next", ())]),
+            Section("What to measure next", next_blocks(document)),
             Section("What to keep in mind", [Text(items=caveats(document))]),
         ],
         source,
@@ -108,68 +110,81 @@ def region_blocks(document: Mapping[str, Any]) -> list[Block]:
     if not regions:
         return []
     rows = [
-        [str(r["region"]), words(str(r["channel"])), str(r["rows"]),
+        [_region(str(r["region"])), words(str(r["channel"])), str(r["rows"]),
          shown_value(r["channel"], r["bias"]), shown_value(r["channel"], r["rmse"]),
          shown_value(r["channel"], r.get("rmse_elsewhere")), p_text(r.get("p_value"))]
         for r in regions
     ]  # fmt: skip
     header = ["where", "channel", "rows", "bias", "RMSE", "RMSE elsewhere", "p"]
-    caption = "Held-out errors of the base model; values of conditions in SI units"
+    caption = "Held-out errors of the base model; columns of one's own in SI units"
     return [Table(header, rows, caption, numbers=range(2, 7))]
 
 
+def _region(text: str) -> str:
+    """`slip_angle > 0.5` as people say it: slip angle > 28.6 deg."""
+    found = re.fullmatch(r"(\|?)(.+?)(\|?) ([<>]) (\S+)", text)
+    if found is None:
+        return text
+    before, name, after, sign, value = found.groups()
+    return f"{before}{words(name)}{after} {sign} {_setting(name, float(value))}"
+
+
 def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
-    """Every effect that was tested, and its fitted numbers."""
+    """Every effect that was tested, and its fitted numbers; the curves of what has no name."""
     tested = [r for r in document.get("ranking") or [] if r["status"] != "not_testable"]
     if not tested:
         return []
+    likely = [r for r in tested if r["status"] != "not_significant"]
+    others = [r for r in tested if r not in likely and (r.get("probability") or 0.0) < SHOWN]
     named = set(document.get("missing_effects") or [])
-    rows = [
-        [words(r["effect"]), _STATUS.get(r["status"], r["status"]), p_text(r.get("p_value")),
-         _percent(r.get("reduction")),
-         str(r.get("reason") or r.get("summary") or "")]
-        for r in tested
-    ]  # fmt: skip
-    strong = [i for i, r in enumerate(tested) if r["effect"] in named]
-    header = ["effect", "verdict", "p", "error removed", ""]
-    blocks: list[Block] = [Table(header, rows, "", numbers=(2, 3), strong=strong)]
+    blocks: list[Block] = []
     figure = ranking_bars(document)
     if figure is not None:
-        caption = "Blue: significant; orange: cannot be told apart; grey: not significant."
-        blocks.insert(0, Picture(figure, caption))
+        caption = (
+            "Probability that the base model lacks it. Blue: named; orange: cannot be told apart; "
+            "grey: not significant. Hatched: an error of the instrument."
+        )
+        blocks.append(Picture(figure, caption))
+    if document["verdict"] == "unknown_effect":
+        curves = unknown_curves(document)
+        caption = "The factor over the setting that it follows, with its 95 % band."
+        blocks += [Picture(curves, caption)] if curves is not None else []
     header = ["effect", "parameter", "value", "std", "unit", "published", "plausible"]
-    likely = [r for r in tested if r["status"] in ("significant", "confounded")]
-    fitted = _parameters(likely)
-    if fitted:
-        blocks.append(Table(header, fitted, "Fitted parameters", numbers=(2, 3)))
-    others = _parameters([r for r in tested if r not in likely])
+    if len(others) < len(tested):
+        blocks.append(_ranking([r for r in tested if r not in others], named))
+    if shown := _parameters(likely):
+        blocks.append(Table(header, shown, "Fitted parameters", numbers=(2, 3)))
     if others:
-        table = Table(header, others, numbers=(2, 3))
-        blocks.append(Details("Fitted parameters of the other effects", [table]))
+        title = f"{len(others)} others, each with a probability under {SHOWN:g}"
+        fitted = Table(header, _parameters(others), "Fitted parameters", numbers=(2, 3))
+        blocks.append(Details(title, [_ranking(others, named), fitted]))
     return blocks
+
+
+def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table:
+    cells = [
+        [effect_words(r["effect"]), str(r.get("kind") or "-"), _STATUS.get(r["status"], r["status"]),
+         "-" if r.get("probability") is None else f"{r['probability']:.2f}",
+         p_text(r.get("p_value")), per_cent(r.get("reduction")),
+         "; ".join(part for part in str(r.get("reason") or "").split("; ")
+                   if not part.startswith(("probability", "this data cannot tell")))]
+        for r in rows
+    ]  # fmt: skip
+    strong = [i for i, r in enumerate(rows) if r["effect"] in named]
+    header = ["effect", "kind", "verdict", "probability", "p", "error removed", ""]
+    caption = "p and error removed: of the effect alone, added to the base model"
+    return Table(header, cells, caption, numbers=(3, 4, 5), strong=strong)
 
 
 def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     rows = []
     for row in ranking:
         for name, p in (row.get("parameters") or {}).items():
-            low_high = p.get("published_range")
             plausible = {True: "yes", False: "no", None: "-"}[p.get("plausible")]
-            rows.append([
-                words(row["effect"]), str(name), number(p.get("value")), number(p.get("std")),
-                _plain_unit(p.get("unit")),
-                "-" if not low_high else f"{brief(low_high[0])} to {brief(low_high[1])}",
-                plausible,
-            ])  # fmt: skip
+            cells = parameter_cells(str(p.get("unit") or ""), p.get("value"), p.get("std"),
+                                    p.get("published_range"))  # fmt: skip
+            rows.append([effect_words(row["effect"]), str(name), *cells, plausible])
     return rows
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{round(100 * share)} %"
-
-
-def _plain_unit(unit: str | None) -> str:
-    return "" if unit in (None, "1") else str(unit)
 
 
 def step_blocks(document: Mapping[str, Any]) -> list[Block]:
@@ -186,12 +201,50 @@ def step_blocks(document: Mapping[str, Any]) -> list[Block]:
     if any(c.get("noise_floor") is not None for c in (document.get("channels") or {}).values()):
         caption += (
             "; the dashed line is the noise floor: the held-out error that the true model would "
-            "leave, with the noise of each row and the scatter of the soil from run to run"
+            "leave, with the noise of each row and the scatter from run to run"
         )
         if document["verdict"] == "unknown_effect":
             caption += "; with something still missing, part of that may pass for scatter, and the "
             caption += "true floor be lower"
-    return [Picture(figure, caption + ".")]
+    blocks: list[Block] = [Picture(figure, caption + ".")]
+    scatter = document.get("run_scatter") or {}
+    if scatter.get("tau") is not None:
+        own = [f"{words(n)} by {per_cent(v)}" for name, v in scatter.items()
+               if (n := name.removeprefix("own:")) != name]  # fmt: skip
+        text = f"From run to run the soil's stiffness differs by {per_cent(scatter['tau'])}"
+        text += f"; beside that, {' and '.join(own)}." if own else "."
+        blocks.append(Text(text))
+    return blocks + _left_blocks(document)
+
+
+def _left_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """What the best explanation leaves over each setting and in each group of rows."""
+    left = document.get("residuals_left") or []
+    if document["verdict"] not in ("unknown_effect", "adequate"):
+        return []
+    rows, strong = [], []
+    for entry in left:
+        name, parts = str(entry.get("setting") or entry.get("group")), entry["parts"]
+        if any(p["std"] and abs(p["mean"]) > _TOLD * p["std"] for p in parts):
+            strong.append(len(rows))
+        cells = [f"{_setting(name, p['at'])}: {_off(p)}" for p in parts]
+        rows.append([words(entry["channel"]), words(name), *cells])
+    if not rows:
+        return []
+    width = max(len(row) for row in rows)
+    rows = [row + [""] * (width - len(row)) for row in rows]
+    caption = (
+        "What the best explanation leaves: mean of (measured - predicted) / size, with its standard "
+        f"error over runs; stressed where a part is over {_TOLD:g} of them off"
+    )
+    header = ["channel", "over", "at: mean left", *[""] * (width - 3)]
+    return [Table(header, rows, caption, strong=strong)]
+
+
+def _off(part: Mapping[str, Any]) -> str:
+    mean, std = 100.0 * part["mean"], part["std"]
+    shown = f"{mean:+.1f}" if abs(mean) >= 0.05 else "0.0"
+    return shown + ("" if std is None else f"\u00a0±\u00a0{100.0 * std:.1f}") + "\u00a0%"
 
 
 def unknowable_blocks(document: Mapping[str, Any]) -> list[Block]:
@@ -202,28 +255,17 @@ def unknowable_blocks(document: Mapping[str, Any]) -> list[Block]:
     if blind:
         rows = [[words(r["effect"]), str(r.get("reason") or "")] for r in blind]
         blocks.append(Table(["effect", "why not"], rows, "Not testable with this data"))
-    seen = [
-        [
-            words(r["effect"]),
-            f"{brief(t['smallest_visible'])} {_plain_unit(t.get('unit'))}".rstrip(),
-        ]
-        for r in ranking
-        if r["status"] != "not_testable"
-        and (t := r.get("testability"))
-        and t.get("smallest_visible") is not None
-    ]
-    if seen:
-        header = ["effect", "smallest strength seen half the time"]
-        caption = "How strong an effect must be for this data to show it"
-        blocks.append(Table(header, seen, caption, numbers=(1,)))
     ties = {
-        frozenset((r["effect"], c["effect"])): f"{words(r['effect'])} and {words(c['effect'])}: "
+        frozenset((r["effect"], c["effect"])): f"{listed([r['effect'], c['effect']])}: "
         f"{number(c.get('similarity'), 2)}"
         for r in ranking
         for c in r.get("confounded_with") or []
     }
     if ties:
-        blocks.append(Text("What acts alike on this data (1 is exactly alike):", [*ties.values()]))
+        text = Text(
+            "Cosine of what they do to the predictions; 1 is exactly alike:", [*ties.values()]
+        )
+        blocks.append(Details(f"{len(ties)} pairs of effects act alike on this data", [text]))
     return blocks
 
 
@@ -233,17 +275,19 @@ def next_blocks(document: Mapping[str, Any]) -> list[Block]:
     rows = [
         [_settings(p.get("settings") or {}), listed(p["separates"], "from")
          if p.get("separates") else "", str(p.get("runs", "-")),
-         _percent(p.get("expected_power"))]
+         per_cent(p.get("expected_power"))]
         for p in proposals
     ]  # fmt: skip
-    if not rows:
-        return []
-    header = ["settings", "tells apart", "runs", "chance to decide"]
-    blocks: list[Block] = [Table(header, rows, numbers=(2, 3))]
-    said = [str(p["text"]) for p in proposals if p.get("text")]
-    if said:
-        blocks.append(Text(items=said))
-    return blocks
+    blocks: list[Block] = []
+    if rows:
+        header = ["settings", "tells apart", "runs", "chance to decide"]
+        blocks.append(Table(header, rows, numbers=(2, 3)))
+    steps = [
+        f"{effect_words(r['effect'])}: {r['next_step']}"
+        for r in document.get("ranking") or []
+        if r["status"] in ("significant", "confounded") and r.get("next_step")
+    ]
+    return blocks + ([Text("To be sure of what is suspected:", steps)] if steps else [])
 
 
 def _settings(settings: Mapping[str, Any]) -> str:
@@ -255,7 +299,7 @@ def _setting(name: str, value: object) -> str:
         return " to ".join(dict.fromkeys(_setting(name, v) for v in value))
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return str(value)
-    shown = display(name, _SETTING_UNITS.get(name, ""))
+    shown = display(name, unit_of(name))
     return f"{brief(value * shown.scale)} {shown.unit}".rstrip()
 
 

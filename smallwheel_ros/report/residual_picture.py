@@ -10,12 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.compare.scores import UNITS, levels
-from smallwheel_ros.compare.smoothing import smooth
-from smallwheel_ros.diagnosis.candidates import settings_of
-from smallwheel_ros.diagnosis.held_out import Errors
+from smallwheel_ros.measurements.parts import levels
+from smallwheel_ros.pictures.smoothing import smooth
 from smallwheel_ros.display import column_display, display, words
-from smallwheel_ros.fitting.observations import Observations
+from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, style
 
@@ -29,7 +28,7 @@ _PANELS = 3
 class Shown(NamedTuple):
     """Held-out errors of one model, and how they are drawn."""
 
-    errors: Errors
+    errors: CvErrors
     colour: str
     label: str
 
@@ -49,16 +48,15 @@ def failing_settings(
 
 def residual_panels(
     measurements: Measurements,
-    observations: Observations,
     shown: Sequence[Shown],
     pairs: Sequence[tuple[str, str]],
 ) -> Figure:
     """A panel for each of the first few pairs of channel and setting; over load if there are none."""
-    pairs = list(pairs[:_PANELS]) or [(name, "load") for name in observations.channels]
+    pairs = list(pairs[:_PANELS]) or [(name, "load") for name in shown[0].errors.error]
     figure = new_figure(3.4 * len(pairs) + 0.4, 3.0)
     panels = figure.subplots(1, len(pairs), squeeze=False)[0]
     for axes, (channel, setting) in zip(panels, pairs, strict=True):
-        draw_residuals(axes, measurements, observations, shown, channel, setting)
+        draw_residuals(axes, measurements, shown, channel, setting)
         axes.set_title(words(channel), fontsize=9.5, loc="left")
     legend(figure, panels[0], shown)
     return figure
@@ -74,20 +72,20 @@ def legend(figure: Figure, axes: Axes, shown: Sequence[Shown]) -> None:
 def draw_residuals(
     axes: Axes,
     measurements: Measurements,
-    observations: Observations,
     shown: Sequence[Shown],
     channel: str,
     setting: str,
 ) -> None:
     """Points, smooth and 95 % band (bootstrap over runs) of each model's held-out errors."""
-    rows = rows_of(observations, channel)
-    how, across = display(channel, UNITS[channel]), column_display(measurements, setting)
-    x = settings_of(observations)[setting][observations.row[rows]] * across.scale
+    how, across = display(channel, CHANNEL_UNITS[channel]), column_display(measurements, setting)
+    rows = rows_of(shown[0].errors, channel)
+    rows = rows[np.isfinite(measurements.conditions[setting][rows])]  # what is pressed has no slip
+    x = measurements.conditions[setting][rows] * across.scale
     axes.axhline(0.0, color=GREY, linewidth=0.9)
     low, high = 0.0, 0.0
     for one in shown:
-        y = one.errors.error[rows] * how.scale
-        low, high = min(low, float(y.min())), max(high, float(y.max()))
+        y = one.errors.error[channel][rows] * how.scale
+        low, high = min([low, *y]), max([high, *y])
         _curve(axes, x, y, one.errors.run[rows], one.colour)
     margin = 0.08 * max(high - low, 1e-9)
     axes.set_ylim(low - margin, high + margin)  # of the points: where few are the band runs far out
@@ -108,9 +106,9 @@ def _curve(axes: Axes, x: Array, y: Array, run: NDArray[np.intp], colour: str) -
         axes.vlines(curve.x, curve.low, curve.high, color=colour, linewidth=1.3)
 
 
-def rows_of(observations: Observations, channel: str) -> NDArray[np.intp]:
-    """The observations of a channel, or as many of them as a picture can show."""
-    rows = np.flatnonzero(observations.of_channel(channel))
+def rows_of(errors: CvErrors, channel: str) -> NDArray[np.intp]:
+    """The rows that have an error of a channel, or as many of them as a picture can show."""
+    rows = np.flatnonzero(np.isfinite(errors.error[channel]))
     if rows.size <= _MOST_POINTS:
         return rows
     return np.sort(np.random.default_rng(0).choice(rows, _MOST_POINTS, replace=False))

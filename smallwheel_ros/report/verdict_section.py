@@ -1,20 +1,26 @@
-"""What a diagnosis found, in a few sentences."""
+"""What a diagnosis found, in a few sentences; and how its numbers and names are said everywhere."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.compare.scores import UNITS
-from smallwheel_ros.display import display, number, sentence, words
+from smallwheel_ros.display import brief, display, number, sentence, words
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.report.page import Callout
 
-_TINY = 1e-6  # a smaller p says more of the test's assumptions than of the data
+
+def effect_words(name: str) -> str:
+    """An effect in words; `unknown:slip@sinkage` is a curve without a name."""
+    if not name.startswith("unknown:"):
+        return "nothing more" if name == "none" else words(name)
+    setting, _, stage = name.removeprefix("unknown:").partition("@")
+    return f"something that follows {words(setting)}" + (f" (at the {stage})" if stage else "")
 
 
 def listed(names: Sequence[str], last: str = "and") -> str:
     """Join names in words: `a, b and c`."""
-    shown = [words(name) for name in names]
+    shown = [effect_words(name) for name in names]
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
 
 
@@ -45,22 +51,21 @@ def verdict_block(document: Mapping[str, Any]) -> Callout:
             lines.append(f"For a further effect these are rivals: {listed(rivals)}.")
     elif verdict == "indistinguishable" and rivals:
         headline = f"Something is missing: {listed(rivals, 'or')}"
-        lines.append("This data cannot tell which of them: see what to measure next.")
+        lines.append("This data cannot tell which of them.")
     elif verdict == "adequate":
         lines.append(
-            "What the data could have shown, and what not, is below under what this data cannot "
-            "tell: an effect that is not testable may still be there."
+            "An effect that is not testable with this data, or too weak to show, may still be there."
         )
-    elif verdict == "unknown_effect":
-        lines.append("Where it fails, below, says which condition the error follows.")
+    faults = [r["effect"] for r in document.get("ranking") or [] if r.get("kind") == "instrument"]
+    faults = [name for name in (*named, *rivals) if name in faults]
+    if faults:
+        lines.append(said(f"{listed(faults)}: an error of the instrument, not of the soil"))
     reason = document.get("reason")
     if reason:
         lines.append(said(str(reason)))
     p = (document.get("lack_of_fit") or {}).get("p_value")
     if p is not None:
-        lines.append(
-            f"Test of whether anything is missing at all: p {'' if p < _TINY else '= '}{p_text(p)}."
-        )
+        lines.append(f"Test of whether anything is missing at all: p = {p_text(p)}.")
     return Callout(headline, lines, "result" if verdict in ("missing_effect", "adequate") else
                    "warning")  # fmt: skip
 
@@ -68,7 +73,7 @@ def verdict_block(document: Mapping[str, Any]) -> Callout:
 def _fall(document: Mapping[str, Any]) -> list[str]:
     steps = document.get("steps") or []
     lines = []
-    for channel in UNITS:
+    for channel in CHANNEL_UNITS:
         errors = [step["held_out_rmse"].get(channel) for step in steps]
         known = [e for e in errors if e is not None]
         if len(known) > 1:
@@ -82,14 +87,25 @@ def shown_value(channel: str, value: float | None) -> str:
     """Show a value of a channel with its unit, "-" for none."""
     if value is None:
         return "-"
-    shown = display(channel, UNITS.get(channel, ""))
+    shown = display(channel, CHANNEL_UNITS.get(channel, ""))
     return f"{number(value * shown.scale)} {shown.unit}".rstrip()
 
 
 def p_text(p: float | None) -> str:
-    """Show a p value: three digits, one where it is small, a limit where it is tiny."""
-    if p is None:
-        return "-"
-    if p < _TINY:
-        return f"under {_TINY:g}"
-    return f"{p:.1g}" if p < 0.001 else f"{p:.3f}"
+    """Show a p value with two digits: it is a count of simulations, and has no more."""
+    return "-" if p is None else f"{p:.2g}"
+
+
+def per_cent(share: float | None) -> str:
+    """Show a share in whole per cent, "-" for none; never "-0 %"."""
+    return "-" if share is None else f"{round(100 * share)} %"
+
+
+def parameter_cells(
+    unit: str, value: float | None, std: float | None, published: Sequence[float] | None
+) -> list[str]:
+    """Value, deviation, unit and published range of a fitted number, in degrees and millimetres."""
+    how = display("", unit)
+    shown = [number(None if v is None else v * how.scale, d) for v, d in ((value, 4), (std, 3))]
+    known = "-" if not published else " to ".join(brief(v * how.scale) for v in published)
+    return [*shown, how.unit.replace(" ", "\u00a0"), known]

@@ -1,0 +1,87 @@
+"""Pictures of a diagnosis that need more than its document; its report with them."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from smallwheel_ros.diagnosis.competitors import settings_of
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.output import OutputError, write_bytes
+from smallwheel_ros.pictures.comparison import resistance_ratio
+from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase, unknown_curves
+from smallwheel_ros.report.diagnosis_report import diagnosis_report
+from smallwheel_ros.report.page import Picture
+from smallwheel_ros.report.residual_picture import (
+    AFTER,
+    BEFORE,
+    Shown,
+    failing_settings,
+    residual_panels,
+)
+from smallwheel_ros.report.verdict_section import listed
+
+
+def residual_figure(diagnosis: Diagnosis) -> Figure | None:
+    """Held-out errors over the settings at which the model fails, before and after what was added."""
+    if not diagnosis.steps:
+        return None
+    first, *added = diagnosis.steps
+    shown = [Shown(first.errors, BEFORE, "base model")]
+    if added:
+        names = [step.added for step in added if step.added is not None]
+        shown.append(Shown(added[-1].errors, AFTER, f"with {listed(names)}"))
+    settings = settings_of(diagnosis.problem.points)
+    pairs = failing_settings(diagnosis.document, settings)
+    return residual_panels(diagnosis.measurements, shown, pairs)
+
+
+def residual_pictures(diagnosis: Diagnosis) -> list[Picture]:
+    """The same as a picture of a report; none where nothing was held out."""
+    figure = residual_figure(diagnosis)
+    caption = "Held-out errors with a smooth and its 95 % band (bootstrap over runs)."
+    return [] if figure is None else [Picture(figure, caption)]
+
+
+def figures(diagnosis: Diagnosis) -> dict[str, Figure]:
+    """Every picture by name."""
+    unknown = diagnosis.document["verdict"] == "unknown_effect"
+    found = {
+        "resistance_ratio": resistance_ratio(diagnosis.measurements),
+        "residuals": residual_figure(diagnosis),
+        "ranking": ranking_bars(diagnosis.document),
+        "curves": unknown_curves(diagnosis.document) if unknown else None,
+        "staircase": staircase(diagnosis.document),
+    }
+    return {name: figure for name, figure in found.items() if figure is not None}
+
+
+def report_page(diagnosis: Diagnosis) -> str:
+    """The diagnosis as one self-contained HTML page."""
+    pictures = {"where_it_fails": residual_pictures(diagnosis)}
+    ratio = resistance_ratio(diagnosis.measurements)
+    if ratio is not None:
+        caption = (
+            "A check free of k: compaction alone gives R/W along the curves; points above are a missing "
+            "resistance, whatever k, n and m are."
+        )
+        pictures["data"] = [Picture(ratio, caption)]
+    return diagnosis_report(diagnosis.document, pictures, source=diagnosis.measurements.source)
+
+
+def write_pictures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
+    """Write every picture as PNG. Raises OutputError where it cannot."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    written = []
+    for name, figure in figures(diagnosis).items():
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=150)
+        path = folder / f"{name}.png"
+        write_bytes(path, picture.getvalue())
+        written.append(path)
+    return written
