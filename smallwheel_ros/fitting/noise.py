@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 Source = Literal["repeats", "declared", "residuals"]
 
 _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
-_MOST_OUTLIERS = 0.10  # share of the rows above which they are no outliers: the noise is heavy
+_MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
 _NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
 _FEWEST = 3  # rows of a point from which its middle is told from an outlier
 
@@ -86,7 +86,7 @@ def outlier_rows(points: Points) -> Index:
         limit = OUTLIER * max(deviation, 1e-6)
         worst = [int(rows[np.argmax(np.abs(o))]) for rows, o, s in
                  zip(members, off, size, strict=True) if np.max(np.abs(o)) / s > limit]  # fmt: skip
-        if len(worst) <= _MOST_OUTLIERS * len(members):
+        if len(worst) <= max(1.0, _MOST_OUTLIERS * len(members)):
             found += worst
     return np.unique(np.array(found, dtype=np.intp))
 

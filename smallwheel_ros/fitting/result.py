@@ -256,9 +256,8 @@ def _notes(
                 )
     if outliers.size:
         lines = ", ".join(str(line) for line in points.measurements.line[outliers][:20])
-        notes.append(
-            f"{outliers.size} rows lie far off the others of their run and were left out: lines {lines}"
-        )
+        few = "1 row lies" if outliers.size == 1 else f"{outliers.size} rows lie"
+        notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
     if not settings_repeated(points):
         notes.append(
             "no setting was repeated in another run: lack of fit of the law and scatter from run to "
