@@ -25,7 +25,6 @@ from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector
-from smallwheel_ros.fitting.variance import Scatter
 
 Array = NDArray[np.float64]
 
@@ -144,9 +143,9 @@ class Screen:
             white = solve_triangular(factor, stacked, lower=True, check_finite=False)
             self._parts.append((factor, level, white, white.T @ white))
         capped = np.minimum(fit.scatter.log_deviation, medians + _HIDE * SPREAD)
-        self._null = model.covariance(Scatter(capped, fit.scatter.log_length), kernels)
+        self._null = model.covariance(replace(fit.scatter, log_deviation=capped), kernels)
         usual = np.minimum(fit.scatter.log_deviation, medians)
-        quiet = model.covariance(Scatter(usual, fit.scatter.log_length), kernels) + spread
+        quiet = model.covariance(replace(fit.scatter, log_deviation=usual), kernels) + spread
         white = solve_triangular(np.linalg.cholesky(quiet), stacked, lower=True, check_finite=False)
         self._shown = white.T @ white
 

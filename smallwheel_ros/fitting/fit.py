@@ -105,7 +105,7 @@ class Fitter:
         Raises FittingError where the model cannot be evaluated at the start.
         """
         theta = np.clip(vector.start if start is None else start, vector.low, vector.high)
-        scatter = scatter or self.variance.start
+        scatter = self.variance.start if scatter is None else self.variance.suited(scatter)
         predicted, slopes = self.predictor.with_slopes(vector, theta)
         last = -np.inf
         for turn in range(max(turns, 1)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, STRENGTH_PARAMETERS, FreeParameter
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.variance import Scatter, settings_repeated
+from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -130,7 +130,7 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     size = len(root)
     total = np.zeros((free.size, free.size))
     for column in np.sqrt(size) * np.hstack([root, -root]).T:
-        at = Scatter(fit.scatter.log_deviation + column, fit.scatter.log_length)
+        at = replace(fit.scatter, log_deviation=fit.scatter.log_deviation + column)
         white = np.linalg.solve(np.linalg.cholesky(model.covariance(at, kernels)), slopes)
         total += inverse(white.T @ white + precision) / (2 * size)
     full = np.zeros((fit.theta.size, fit.theta.size))

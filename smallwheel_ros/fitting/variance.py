@@ -46,6 +46,7 @@ _LENGTHS = np.log([0.1, 0.25, 0.6])  # correlation length along a curve, of its 
 class Scatter:
     """The components' deviations, as ln. length: of what is correlated along a curve, ln of a share."""
 
+    names: tuple[str, ...]
     log_deviation: Array
     log_length: float
 
@@ -115,7 +116,19 @@ class VarianceModel:
     @property
     def start(self) -> Scatter:
         """The priors' medians."""
-        return Scatter(np.log(np.array(self.medians)), float(_LENGTHS[1]))
+        return Scatter(tuple(self.names), np.log(np.array(self.medians)), float(_LENGTHS[1]))
+
+    def suited(self, scatter: Scatter) -> Scatter:
+        """The components that these points have, where a scatter of other points knows them.
+
+        Some runs of a table may repeat no setting though the whole does, and have no lack of fit then.
+        """
+        if scatter.names == tuple(self.names):
+            return scatter
+        known = dict(zip(scatter.names, scatter.log_deviation.tolist(), strict=True))
+        middle = zip(self.names, np.log(np.array(self.medians)).tolist(), strict=True)
+        values = np.array([known.get(name, value) for name, value in middle])
+        return Scatter(tuple(self.names), values, scatter.log_length)
 
     def kernels(self, stiffness: Array, log_length: float) -> list[Array]:
         """Covariance of each component at unit deviation. stiffness: df / d ln k, shape (values,)."""
@@ -150,7 +163,7 @@ class VarianceModel:
             kernels = self.kernels(stiffness, float(length))
             found, value = self._climb(error, spread, kernels, start.log_deviation)
             if best is None or value > best[0]:
-                best = value, Scatter(found, float(length))
+                best = value, Scatter(tuple(self.names), found, float(length))
         assert best is not None
         return best[1]
 
