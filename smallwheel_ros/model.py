@@ -32,6 +32,7 @@ from smallwheel_ros.stages import Stages, guarded
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
+_DEEPEST_PLATE = 10.0  # of its diameter: no plate is pressed deeper
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
 
 
@@ -179,13 +180,13 @@ def _layered_sinkage(
     plate = stages.conditions.plate
 
     def load_at(z: Array) -> Array:
+        on_plate = np.pi / 4.0 * diameter**2 * modulus * z**n * factor(z) if plate.any() else load
+        if plate.all():
+            return on_plate
         on_wheel = layered_load(z, diameter, width, modulus, n, factor)
-        if not plate.any():
-            return on_wheel
-        on_plate = np.pi / 4.0 * diameter**2 * modulus * z**n * factor(z)
         return np.where(plate, on_plate, on_wheel)
 
-    return solve_layered(load, 0.5 * diameter, load_at)
+    return solve_layered(load, np.where(plate, _DEEPEST_PLATE, 0.5) * diameter, load_at)
 
 
 def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Conditions) -> None:
@@ -243,7 +244,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
             if effect.overrides("sinkage") or effect.overrides("compaction_sinkage"):
                 deeper = stages.call(effect, "compaction_sinkage", compacted, compacted)
                 compacted = np.where(rolling, deeper, compacted)
-    if stages.layered:
+    if stages.layered and rolling.any():
         work = layered_work(compacted, modulus, n, stages.pressure_factor)
         compaction = conditions.width * work
     else:

@@ -190,8 +190,8 @@ def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
     others += [columns["load"]] if "load" in columns and name != "load" else []
     if not others:
         return False
-    y = _ranks(columns[name])
-    scaled = [_ranks(c) for c in others]
+    met = np.unique(np.column_stack([columns[name], *others]), axis=0)  # once, not once a channel
+    y, *scaled = [_ranks(column) for column in met.T]
     if any(abs(float(np.corrcoef(y, x)[0, 1])) > _SAME_ORDER for x in scaled):
         return True
     terms = [np.ones(y.size), *scaled]

@@ -110,7 +110,7 @@ def diagnose(
         return _too_little(problem, field, reason)
     progress("testing each effect")
     found = search(judged.fitter, judged.fit, field, seed=seed)
-    verdict = decide(found)
+    verdict = _with_scatter(found, decide(found))
     progress("held-out error of each step")
     verdict, steps = _steps(problem, found, verdict)
     progress("ranking")
@@ -199,6 +199,24 @@ def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, 
     ]
 
 
+def _with_scatter(found: Search, verdict: Verdict) -> Verdict:
+    """What runs of one setting differ by, where that is more than soil does that was prepared.
+
+    Beyond the prior's usual range it is said; beyond twice that, something unknown differs.
+    """
+    tau = found.ordered[0].fit.scatter.as_dict(found.fitter.variance)["tau"]
+    if tau <= SOIL_SCATTER * np.exp(SPREAD):
+        return verdict
+    said = (
+        f"runs differ by {100 * tau:.0f} % of k, more than most prepared soil: something that is not "
+        "recorded differs from run to run"
+    )
+    word = verdict.word
+    if word == "adequate" and tau > SOIL_SCATTER * np.exp(2.0 * SPREAD):
+        word = "unknown_effect"
+    return replace(verdict, word=word, reasons=(*verdict.reasons, said))
+
+
 def _added(models: list[CandidateFit], step: int) -> str | None:
     if step == 0:
         return None
@@ -255,11 +273,6 @@ def _document(
     floors = expected_error(judged.fitter, best.fit)
     reasons = list(verdict.reasons)
     scatter = best.fit.scatter.as_dict(judged.fitter.variance)
-    if scatter["tau"] > SOIL_SCATTER * np.exp(SPREAD):
-        reasons.append(
-            f"runs of one setting differ by {100 * scatter['tau']:.0f} % of k, more than most prepared "
-            "soil: something that is not recorded differs from run to run"
-        )
     document = _document_head(verdict.word, "; ".join(reasons), problem.measurements)
     alone = _alone(judged, found, verdict)
     alike = {} if found.screen is None else written.similar(*found.screen.cosines())

@@ -5,7 +5,8 @@ deviation does to the predictions) has
 
     ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
 
-averaged over V taken smaller by a few factors, since a missing effect inflates the scatter. The same
+averaged over V on the way from the fitted scatter to the usual one, since a missing effect inflates the
+scatter. The same
 arithmetic on data drawn from the null model gives the law of the statistic "is anything missing".
 """
 
@@ -28,7 +29,7 @@ from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector
 
 Array = NDArray[np.float64]
 
-_SHRINK = (1.0, 0.5, 0.25, 0.1, 0.04, 0.01)  # of the scatter's variance
+_WAY = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 _HIDE = 2.0  # prior deviations of ln phi: the null's scatter is at most what soils and rigs show
 
@@ -123,23 +124,24 @@ class Screen:
         self.fitter, self.fit, self.columns = fitter, fit, list(columns)
         model = fitter.variance
         kernels = model.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
-        full = model.covariance(fit.scatter, kernels)
         spread = fit.slopes @ np.linalg.solve(fit.vector.precision(fit.theta), fit.slopes.T)
         medians = np.log(np.array(model.medians))
         away = fit.scatter.log_deviation - medians
         self._parts = []
         stacked = (
-            np.hstack([c.shift for c in self.columns]) if self.columns else np.zeros((len(full), 0))
+            np.hstack([c.shift for c in self.columns])
+            if self.columns
+            else np.zeros((len(spread), 0))
         )
         ends = np.cumsum([0] + [c.shift.shape[1] for c in self.columns])
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
         self._single = np.array([p.size == 1 for p in self._places], dtype=bool)
         self._first = np.array([p[0] for p in self._places], dtype=np.intp)
-        for share in _SHRINK:
-            inside = model.base + share * (full - model.base) + spread
+        for share in _WAY:
+            at = replace(fit.scatter, log_deviation=medians + np.minimum(away, share * away))
+            inside = model.covariance(at, kernels) + spread
             factor = np.asarray(np.linalg.cholesky(inside), dtype=float)
-            moved = (away + 0.5 * np.log(share)) / SPREAD
-            level = -np.log(np.diag(factor)).sum() - 0.5 * float(moved @ moved)
+            level = -np.log(np.diag(factor)).sum() + model.log_prior(at)
             white = solve_triangular(factor, stacked, lower=True, check_finite=False)
             self._parts.append((factor, level, white, white.T @ white))
         capped = np.minimum(fit.scatter.log_deviation, medians + _HIDE * SPREAD)

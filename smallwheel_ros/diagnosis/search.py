@@ -149,8 +149,11 @@ def _candidate(
     near: Fit,
     turns: int,
 ) -> CandidateFit | None:
+    # A missing effect inflates the scatter, under which no effect is needed: start without.
+    usual, scatter = fitter.variance.start.log_deviation, fitter.variance.suited(near.scatter)
+    scatter = replace(scatter, log_deviation=np.minimum(scatter.log_deviation, usual))
     try:
-        fit = fitter.fit(vector, theta, near.scatter, turns=turns)
+        fit = fitter.fit(vector, theta, scatter, turns=turns)
     except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     odds = sum(float(np.log(c.share)) for c in competitors)

@@ -12,16 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
+from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import ALARM, NAMED, TIE, TIED
-from smallwheel_ros.fitting.fit import Fitter
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Word = Literal[
@@ -205,19 +206,17 @@ def _tied(search: Search, best: CandidateFit, name: str) -> list[str]:
     law = next((c for c in best.competitors if c.family == name), None)
     if law is None or law.effect is None or not law.drivers:
         return []
-    driver = law.drivers[0]
-    points = search.fitter.points
-    columns = search.field.columns
-    if driver not in points.conditions.covariates or driver not in columns:
+    driver, columns = law.drivers[0], search.field.columns
+    if driver not in columns:
         return []
     rivals = []
     for other, column in columns.items():
         r = _correlation(columns[driver], column) if other != driver else 0.0
-        if r * r < TIED or not _does_as_well(search, best, driver, other):
+        if r * r < TIED or not _does_as_well(search, best, law, other):
             continue
         known = [c.family for c in search.field.competitors
                  if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip
-        rivals.append(known[0] if known else f"unknown:{other}@{law.part.id}")
+        rivals.append(known[0] if known else f"unknown:{other}@{law.effect.stage}")
     return rivals
 
 
@@ -227,18 +226,41 @@ def _correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def _does_as_well(search: Search, best: CandidateFit, driver: str, other: str) -> bool:
-    """Whether the model keeps its evidence when its setting is put together from another one."""
-    fitter = search.fitter
-    conditions = fitter.points.conditions
+class _Driven:
+    """A law that reads another setting in the place of its own, by the line that ties the two."""
+
+    def __init__(self, law: Effect, driver: str, other: str, line: Array, ends: Array) -> None:
+        self._law, self._names, self._line, self._ends = law, (driver, other), line, ends
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._law, name)
+        if name not in STAGES:
+            return found
+        return lambda *arguments: found(*arguments[:-1], self._swapped(arguments[-1]))
+
+    def _swapped(self, conditions: Conditions) -> Conditions:
+        driver, other = self._names
+        column = np.clip(np.polyval(self._line, conditions[other]), *self._ends)
+        if driver in conditions.covariates:
+            return replace(conditions, covariates={**conditions.covariates, driver: column})
+        return replace(conditions, **{driver: column})
+
+
+def _does_as_well(search: Search, best: CandidateFit, law: Competitor, other: str) -> bool:
+    """Whether the model keeps its evidence when a law reads another setting, put in its own's place."""
+    conditions, driver = search.fitter.points.conditions, law.drivers[0]
     column, source = conditions[driver], conditions[other]
     line = np.polyfit(source, column, 1)
-    covariates = dict(conditions.covariates)
-    covariates[driver] = np.clip(np.polyval(line, source), column.min(), column.max())
-    points = replace(fitter.points, conditions=replace(conditions, covariates=covariates))
-    swapped = Fitter(points, fitter.level, fitter.repeats)
+    ends = np.array([column.min(), column.max()])
+
+    def build(numbers: Mapping[str, Any]) -> Effect:
+        return cast(Effect, _Driven(law.part.build(numbers), driver, other, line, ends))
+
+    vector = best.fit.vector
+    parts = [replace(p, build=build) if p.id == law.part.id else p for p in vector.parts]
+    swapped = replace(vector, parts=tuple(parts))
     try:
-        fit = swapped.fit(best.fit.vector, best.fit.theta, best.fit.scatter)
+        fit = search.fitter.fit(swapped, best.fit.theta, best.fit.scatter)
     except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
         return False
     return fit.evidence > best.fit.evidence - TIE

@@ -95,7 +95,7 @@ TIED = _constant("share of a setting's variance that another predicts, in a tie"
 REPLICATES = int(_constant("draws of the null distribution", 199, "p down to 1/200"))
 OUTLIER = _constant(
     "deviations of a row from its run that make it an outlier", 6.0,
-    "one in 10^9 rows of Gaussian noise; robust deviations of few repeats are half as sure",
+    "one in 10^9 rows of Gaussian noise; with few repeats as many by Student's t",
 )  # fmt: skip
 DETERMINED = _constant(
     "posterior over prior deviation of a determined parameter", 0.5,

@@ -232,7 +232,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
 def first_levels(points: Points) -> Array:
     """The size of each value before any fit: as measured, a curve by its own power law of the load."""
-    level = np.abs(points.value)
+    level = _of_setting(points)
     loads = points.column("load")
     for channel in range(len(points.channels)):
         mine = points.channel == channel
@@ -245,6 +245,18 @@ def first_levels(points: Points) -> Array:
                 line = np.polyfit(np.log(loads[curve]), np.log(points.value[curve]), 1)
                 level[curve] = np.exp(np.polyval(line, np.log(loads[curve])))
     return _floored(points, level)
+
+
+def _of_setting(points: Points) -> Array:
+    """Mean size of the values of one setting and channel, shape (values,); of a curve each its own.
+
+    Not each value's own: relative errors of a model that predicts nothing would all be one.
+    """
+    size = np.maximum(np.abs(points.value), 1e-12)
+    key = points.setting * len(points.channels) + points.channel
+    code = np.unique(key, return_inverse=True)[1].reshape(-1)
+    mean = np.exp(np.bincount(code, np.log(size)) / np.bincount(code))
+    return np.where(points.swept, size, mean[code])
 
 
 def _floored(points: Points, level: Array) -> Array:
@@ -273,12 +285,13 @@ def shrunken_levels(points: Points, fitter: Fitter, fit: Fit) -> Array:
     prior = fitter.variance.start
     kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), prior.log_length)
     noise = np.diag(fitter.variance.covariance(prior, kernels)) / fitter.level**2
+    measured = first_levels(points)
     for channel, name in enumerate(points.channels):
         mine = points.channel == channel
         good = mine & (points.value > 0) & (fit.predicted > 0)
         if name == "drawbar_pull" or not good.any():
             continue
-        apart = np.log(points.value[good] / fit.predicted[good])
+        apart = np.log(measured[good] / fit.predicted[good])
         share = max(0.0, 1.0 - float(np.mean(noise[good]) / max(np.mean(apart**2), 1e-30)))
         level[good] = fit.predicted[good] * np.exp(share * apart)
     return _floored(points, level)

@@ -13,6 +13,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from smallwheel_ros.fitting.constants import OUTLIER, ROW_NOISE
 from smallwheel_ros.fitting.points import Points
@@ -67,8 +69,9 @@ def _apart(values: Array, swept: bool) -> tuple[Array, int]:
 def outlier_rows(points: Points) -> Index:
     """Rows that lie grossly off the others of their point, a few at most.
 
-    Deviations from the point's median over the channel's robust deviation; only the worst row of a
-    point, since it pulls the others.
+    Deviations from the point's median over the channel's robust deviation, which a few repeats hardly
+    know: the limit is as unlikely by Student's t as `OUTLIER` deviations are for Gaussian noise. Only
+    the worst row of a point, since it pulls the others.
     """
     found: list[int] = []
     for name in points.channels:
@@ -83,7 +86,8 @@ def outlier_rows(points: Points) -> Index:
         shares = np.concatenate([np.delete(np.abs(o), np.argmin(np.abs(o))) / s
                                  for o, s in zip(off, size, strict=True)])  # fmt: skip
         deviation = _NORMAL * float(np.median(shares))
-        limit = OUTLIER * max(deviation, 1e-6)
+        freedom = sum(rows.size - 1 for rows in members) / 2  # a median knows about half as much
+        limit = float(student.isf(norm.sf(OUTLIER), freedom)) * max(deviation, 1e-6)
         worst = [int(rows[np.argmax(np.abs(o))]) for rows, o, s in
                  zip(members, off, size, strict=True) if np.max(np.abs(o)) / s > limit]  # fmt: skip
         if len(worst) <= max(1.0, _MOST_OUTLIERS * len(members)):

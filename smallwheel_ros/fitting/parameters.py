@@ -284,10 +284,10 @@ class ParameterVector:
                 numbers[name] = np.repeat(column, rows) if many else float(column[0])
                 j += 1
             effect = part.build(numbers)
-            if part.replaces:
-                at = next(i for i, e in enumerate(effects) if e.id == part.replaces)
-                effects[at] = effect
-            else:
+            held = [i for i, e in enumerate(effects) if e.id == part.replaces]
+            if held:
+                effects[held[0]] = effect
+            else:  # new, or what it replaces was a part itself and is gone
                 effects.append(effect)
         return Model(soils, self.geometry, effects, self.thrust_form)
 
