@@ -181,24 +181,33 @@ def _without_a_law(
 
 
 def _by_library(search: Search, best: CandidateFit, named: list[str]) -> CandidateFit:
-    """The best model with laws of the library for exactly what is named."""
+    """The best model with laws of the library for exactly what is named, of all their forms."""
     wanted = frozenset(named)
-    fitted = [m for m in search.ordered if m.families == wanted]
-    if fitted:
-        return fitted[0]
     model = best
     for competitor in best.competitors:
         family = family_of(search, competitor)
-        if competitor.family == family or family not in wanted:
-            continue
-        forms = [c for c in search.field.competitors if c.family == family]
-        made = [exchanged(search, model, competitor, form) for form in forms]
-        good = [m for m in made if m is not None]
-        if good:
-            model = max(good, key=lambda m: m.weight)
-    if wanted <= model.families:
-        return model
-    return next((m for m in search.ordered if wanted & m.families), best)
+        if competitor.family != family and family in wanted - model.families:
+            model = _best_form(search, model, competitor, family)
+    listed = [model, *search.ordered]
+    model = next((m for m in listed if m.families == wanted), None) or next(
+        (m for m in listed if wanted & m.families), best
+    )
+    for competitor in model.competitors:
+        if competitor.kind != "unknown":
+            model = _best_form(search, model, competitor, competitor.family)
+    return model
+
+
+def _best_form(search: Search, model: CandidateFit, out: Competitor, family: str) -> CandidateFit:
+    """The model with the family's best form in the place of a competitor."""
+    forms = [c for c in search.field.competitors if c.family == family and c.key != out.key]
+    made = [exchanged(search, model, out, form) for form in forms]
+    for one in made:
+        search.add(one)
+    good = [m for m in made if m is not None]
+    if out.family == family:
+        good.append(model)
+    return max(good, key=lambda m: m.weight, default=model)
 
 
 def _tied(search: Search, best: CandidateFit, name: str) -> list[str]:
