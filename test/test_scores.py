@@ -3,56 +3,69 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.compare.scores import difference_std, levels, parts, score, varied
+from smallwheel_ros.compare.scores import difference, score
+from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.measurements.parts import levels, parts
+from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 
+def errors(values: np.ndarray, run: np.ndarray) -> CvErrors:
+    return CvErrors({"sinkage": values}, run)
+
+
 def test_rmse_and_bias_of_known_residuals() -> None:
-    found = score(np.array([3.0, -1.0, np.nan, 1.0]), np.array([0, 0, 1, 2]))
+    made = errors(np.array([3.0, -1.0, np.nan, 1.0]), np.array([0, 0, 1, 2]))
+    found = score(made, "sinkage")
     assert found is not None
     assert (found.rows, found.runs) == (3, 2)
     assert found.rmse == pytest.approx(np.sqrt(11 / 3))
     assert found.bias == pytest.approx(1.0)
     assert found.rmse_std is None  # two runs say nothing of the spread between runs
+    some = score(made, "sinkage", np.array([True, False, True, False]))
+    assert some is not None
+    assert (some.rows, some.rmse) == (1, 3.0)
 
 
 def test_nothing_to_score_is_none() -> None:
-    assert score(np.full(3, np.nan), np.arange(3)) is None
+    empty = errors(np.full(3, np.nan), np.arange(3))
+    assert score(empty, "sinkage") is None
+    assert score(empty, "resistance") is None
+    assert score(errors(np.ones(3), np.arange(3)), "sinkage", np.zeros(3, dtype=bool)) is None
+    assert difference(errors(np.ones(3), np.arange(3)), empty, "sinkage") is None
 
 
-def test_standard_error_is_that_of_repeated_experiments() -> None:
-    """Rows of a run share their error, so it is the number of runs that counts."""
-    rng = np.random.default_rng(5)
-    run = np.repeat(np.arange(40), 5)
-
-    def residual() -> np.ndarray:
-        return rng.normal(0, 1.0, 40)[run] + rng.normal(0, 0.2, run.size)
-
-    rmse = [np.sqrt(np.mean(residual() ** 2)) for _ in range(400)]
-    claimed = [score(residual(), run).rmse_std for _ in range(40)]  # type: ignore[union-attr]
-    assert np.median(claimed) == pytest.approx(np.std(rmse), rel=0.2)
-
-
-def test_models_with_the_same_errors_differ_by_nothing() -> None:
+def test_a_difference_is_paired_over_runs() -> None:
+    """Two models that share their error are told apart by far less than the error itself."""
     rng = np.random.default_rng(6)
     run, noise = np.repeat(np.arange(30), 3), rng.normal(0, 1.0, 90)
-    assert difference_std(noise, noise, run) == 0.0
-    # paired: a common error cancels, so the difference is far better known than each error
-    apart = difference_std(noise + 0.01, noise, run)
-    alone = score(noise, run)
-    assert apart is not None
-    assert alone is not None
-    assert alone.rmse_std is not None
-    assert apart < 0.1 * alone.rmse_std
-    assert difference_std(noise, noise, np.zeros(90, dtype=int)) is None
+    same = difference(errors(noise, run), errors(noise, run), "sinkage")
+    assert same is not None
+    assert (same.increase, same.z_score, same.worse) == (0.0, 0.0, False)
+    longer = difference(errors(noise, run), errors(1.1 * noise, run), "sinkage")
+    assert longer is not None
+    assert longer.increase == pytest.approx(0.1)
+    assert longer.worse
+    other = difference(errors(noise, run), errors(rng.permutation(noise), run), "sinkage")
+    assert other is not None
+    assert not other.worse
+
+
+def test_a_difference_is_of_the_rows_that_both_predict() -> None:
+    one, run = np.array([1.0, 1.0, 9.0, 9.0]), np.arange(4)
+    half = np.array([2.0, 2.0, np.nan, np.nan])
+    found = difference(errors(one, run), errors(half, run), "sinkage")
+    assert found is not None
+    assert found.increase == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
     ("values", "answer"),
     [
         (np.full(5, 0.1), False),
-        (np.array([0.00998, 0.01001]), False),
+        (np.array([0.0098, 0.0102]), False),
+        (np.array([0.0095, 0.0101]), True),
         (np.array([0.01, 0.02]), True),
         (np.array([-1.0, 1.0]), True),
         (np.zeros(4), False),
@@ -60,7 +73,7 @@ def test_models_with_the_same_errors_differ_by_nothing() -> None:
     ],
 )
 def test_what_is_meant_to_be_constant_does_not_vary(values: np.ndarray, answer: bool) -> None:
-    assert varied(values) is answer
+    assert varies(values) is answer
 
 
 def test_few_values_are_levels_and_many_are_not() -> None:
@@ -80,6 +93,7 @@ def test_parts_cover_each_row_once_by_each_column() -> None:
             0.1,
             soil=np.where(np.arange(rows) % 2 == 0, "sand", "loam"),
             slip=np.full(rows, 0.2),
+            torque=rng.uniform(1, 2, rows),
             moisture=np.where(np.arange(rows) < 5, np.nan, rng.uniform(0, 1, rows)),
         ),
         {"sinkage": rng.uniform(0, 0.01, rows)},
@@ -88,6 +102,7 @@ def test_parts_cover_each_row_once_by_each_column() -> None:
         np.arange(rows),
     )
     found = parts(data)
+    # torque is what the wheel answers, and slip was the same in all rows
     assert {part.by for part in found} == {"soil", "wheel", "load", "diameter", "moisture"}
     for by in ("soil", "wheel", "load", "diameter"):
         times = np.sum([part.rows for part in found if part.by == by], axis=0)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.compare.smoothing import smooth
+from smallwheel_ros.pictures.smoothing import smooth
 
 
 def test_a_straight_line_stays_straight() -> None:

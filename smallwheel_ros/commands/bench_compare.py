@@ -13,7 +13,7 @@ from tqdm import tqdm
 from smallwheel_ros.commands.inputs import warn
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.comparison import compare as compare_models
-from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.compare.contenders import STANDARD, Contender
 from smallwheel_ros.compare.document import comparison_document
 from smallwheel_ros.compare.text import comparison_text
 from smallwheel_ros.effects.registry import load_effects
@@ -56,9 +56,10 @@ def compare(
 ) -> None:
     """Compare models with the measurements in DATA (CSV or Parquet).
 
-    Bekker's and the paper's closed forms and the contact integral are fitted to the data, and
-    judged on runs that were held out of the fit. A model file stands as it is. Errors are given for
-    each channel, soil, wheel and range of conditions, beside the noise floor of repeated rows.
+    The closed forms of Bekker and of Meirion-Griffith & Spenko and the contact integral are fitted to
+    the data, and judged on runs that were held out of the fit. A model file stands as it is. Errors
+    are given for each channel, soil, wheel and range of conditions, beside the noise floor: the error
+    that a true model would leave.
     """
     check_targets([html, json_file], [data, *models, effects_file])
     check_folder_target(plots)
@@ -93,7 +94,7 @@ def standing_contenders(
     found: list[Contender] = []
     for path in models:
         read = read_model(path, user)
-        names = [c.name for c in found]
+        names = [*STANDARD, *(c.name for c in found)]
         name = path.stem if path.stem not in names else str(path)
         effects = ", ".join(effect.id for effect in read.model.effects)
         about = f"model file {path}: {read.model.geometry}, " + (effects or "no effects")

@@ -8,82 +8,76 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.effects.width_dependent_modulus import Bekker
-from smallwheel_ros.fitting import SoilPrior, fit_model
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.fitting.parameters import ParameterVector, part_of
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.soils import one_diameter, parameter_vector, soil_names
 from smallwheel_ros.model import Model
 from smallwheel_ros.physics.conditions import PLATE
-from smallwheel_ros.physics.soil import Soil
+
+# Names of the standard contenders; the fit of the last tells what a true model would leave.
+STANDARD = ("bekker", "meirion_griffith_spenko", "contact_integral")
 
 
 @dataclass(frozen=True)
 class Contender:
     """A model to compare: one that is fitted to the data, or one that stands as it is.
 
-    fit: makes the model from measurements; None for a model that stands. file, fitted_to: where a
-    standing model came from, and the SHA-256 of the data that it was fitted to, "" if unknown.
+    vector: gives the free parameters of a fit to some points; None for a model that stands. file,
+    fitted_to: where a standing model came from, and the SHA-256 of the data that it was fitted to,
+    "" if unknown.
     """
 
     name: str
     description: str
-    fit: Callable[[Measurements], Model] | None = None
+    vector: Callable[[Points], ParameterVector] | None = None
     model: Model | None = None
     file: str = ""
     fitted_to: str = ""
 
 
-def _bekker(measurements: Measurements) -> Model:
-    # Bekker's law knows no diameter: m is held at 0 by a prior without any width there, and is as
-    # loose as in any other fit elsewhere.
-    covariance = np.diag([9.0, 0.36, 1e-12])
-    names = [str(name) or "soil" for name in np.unique(measurements.soil)]
-    known = {
-        name: SoilPrior(Soil(name, 1e6, 0.9).with_parameters(10.5, 0.9, 0.0), covariance)
-        for name in names
-    }
-    effects = [Bekker()] if _widths(measurements) > 1 else []
-    return fit_model(measurements, effects, "closed_form", priors=known).model
+def standard_contenders(points: Points) -> list[Contender]:
+    """Bekker's law, that of Meirion-Griffith & Spenko and the contact integral."""
+    widths = _widths(points)
 
+    def bekker(training: Points) -> ParameterVector:
+        # Over several widths K = kc/b + kphi: its share of kc is a parameter of the effect.
+        parts = [part_of(Bekker())] if widths > 1 else []
+        return parameter_vector(training, (), "closed_form", parts=parts, fixed_m=0.0)
 
-def _proposed(measurements: Measurements) -> Model:
-    return fit_model(measurements, geometry="closed_form").model
+    def meirion_griffith_spenko(training: Points) -> ParameterVector:
+        return parameter_vector(training, (), "closed_form")
 
+    def contact_integral(training: Points) -> ParameterVector:
+        return parameter_vector(training, (), "contact_integral")
 
-def _contact_integral(measurements: Measurements) -> Model:
-    return fit_model(measurements, geometry="contact_integral").model
-
-
-def _widths(measurements: Measurements) -> int:
-    """How many widths the wheels have; plates have none."""
-    wheel = measurements.conditions.contact != PLATE
-    return int(np.unique(np.round(measurements.conditions.width[wheel], 4)).size)
-
-
-def standard_contenders(measurements: Measurements) -> list[Contender]:
-    """Bekker's and the paper's closed forms and the contact integral, each fitted to the data."""
-    widths = _widths(measurements)
     if widths > 1:
         modulus = f"kc and kphi of K = kc/b + kphi fitted over {widths} widths"
     else:
         modulus = "with one width only K = kc/b + kphi is determined, not kc and kphi"
-    sizes = np.unique(np.round(measurements.conditions.diameter, 6)).size
-    exponent = "" if sizes > 1 else "; with one diameter only k D^m is determined, not m"
-    same = "" if sizes > 1 else ", and the curve is the one of bekker"
+    exponent = same = ""
+    if all(one_diameter(points, soil) for soil in soil_names(points)):
+        exponent = "; with one diameter only k D^m is determined, not m"
+        same = ", and the law is that of bekker" if widths == 1 else ""
     return [
         Contender(
-            "bekker",
+            STANDARD[0],
             f"Bekker 1956, closed form (eq. 7), P = K z^n without diameter; {modulus}",
-            _bekker,
+            bekker,
         ),
         Contender(
-            "proposed",
-            "Meirion-Griffith and Spenko 2011, closed form (eq. 10), P = k z^n D^m"
-            + exponent
-            + same,
-            _proposed,
+            STANDARD[1],
+            "Meirion-Griffith & Spenko 2011, closed form (eq. 10), P = k z^n D^m" + exponent + same,
+            meirion_griffith_spenko,
         ),
         Contender(
-            "contact_integral",
+            STANDARD[2],
             "P = k z^n D^m with the exact contact integral in place of eq. 10" + exponent,
-            _contact_integral,
+            contact_integral,
         ),
     ]
+
+
+def _widths(points: Points) -> int:
+    """How many widths the wheels have; plates have none."""
+    wheel = points.conditions.contact != PLATE
+    return int(np.unique(np.round(points.conditions.width[wheel], 4)).size)

@@ -3,26 +3,32 @@
     {"schema": 1,
      "data": {"source", "sha256", "rows", "runs", "runs_given", "channels": {channel: rows measured},
               "left_out": [{"reason", "rows", "lines": [first 20]}], "warnings": [], "notes": []},
-     "folds": parts that the runs were dealt into for the held-out error, 0 where there are too few,
-     "noise_floor": {channel: {"value", "std", "source": "repeats" | "declared" | null, "reason"}},
+     "folds": parts that the runs were dealt into for the held-out error, 0 where there is one run,
+     "noise_floor": {channel: {"value", "source": "repeats" | "declared" | null, "reason",
+                               "repeatability"}},
      "models": [{"name", "description", "fitted": whether to this data, "file", "notes": [],
                  "soils": [{"name", "k", "n", "m", "cohesion", "friction_angle", "shear_displacement"}],
                  "effects": [{"id", "form", "parameters": {name: value}}],
                  "channels": {channel: {"in_sample": SCORE | null, "held_out": SCORE | null}},
                  "not_predicted": [{"reason", "rows", "lines": [first 20]}],
-                 "parts": [{"by", "label", "channel", "in_sample", "held_out"}]}]}
+                 "parts": [{"by", "label", "channel", "in_sample", "held_out"}]}],
+     "differences": [{"channel", "best", "other", "increase", "z_score", "within_standard_error"}]}
 
-SCORE is {"rows", "runs", "rmse", "rmse_std", "bias"}; bias is the mean of measured minus predicted.
+SCORE is {"rows", "runs", "rmse", "rmse_std", "bias"}; bias is the mean of measured less predicted.
+noise_floor is the held-out error that a true model would leave, repeatability what rows of one run
+differ by. Of differences, increase is the relative one of the held-out rmse over the best model's on
+the rows of both; z_score is of the difference over its standard error, negative where other is worse.
 """
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
-from smallwheel_ros.compare.comparison import Comparison, ModelResult
-from smallwheel_ros.compare.scores import Index, Mask, Score
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.results import Index, ModelResult
+from smallwheel_ros.compare.scores import Score
+from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.model import Model
 
 _SHOWN_LINES = 20
@@ -31,13 +37,12 @@ _SHOWN_LINES = 20
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """The comparison in the form above, ready for json.dump(..., allow_nan=False)."""
     data = comparison.measurements
-    left_out = sum(lines.size for _, lines in comparison.left_out)
     return {
         "schema": 1,
         "data": {
             "source": data.source,
             "sha256": data.sha256,
-            "rows": len(data) + left_out,
+            "rows": len(data),
             "runs": int(data.runs.size),
             "runs_given": data.runs_given,
             "channels": {name: int(data.channel_rows(name).size) for name in data.channels},
@@ -46,12 +51,30 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
             "notes": [*data.notes, *comparison.notes],
         },
         "folds": comparison.folds,
-        "noise_floor": {
-            name: {"value": f.value, "std": f.std, "source": f.source, "reason": f.reason}
-            for name, f in comparison.noise.items()
-        },
+        "noise_floor": {name: asdict(floor) for name, floor in comparison.noise.items()},
         "models": [_model(comparison, result) for result in comparison.models],
+        "differences": [
+            difference
+            for channel in comparison.channels
+            for difference in _differences(comparison, channel)
+        ],
     }
+
+
+def _differences(comparison: Comparison, channel: str) -> list[dict[str, Any]]:
+    best = comparison.best(channel)
+    return [
+        {
+            "channel": channel,
+            "best": best.contender.name,
+            "other": name,
+            "increase": change.increase,
+            "z_score": change.z_score,
+            "within_standard_error": not change.worse,
+        }
+        for name, change in comparison.differences(channel).items()
+        if best is not None
+    ]
 
 
 def _reason(why: str, lines: Index) -> dict[str, Any]:
@@ -60,21 +83,17 @@ def _reason(why: str, lines: Index) -> dict[str, Any]:
 
 def _model(comparison: Comparison, result: ModelResult) -> dict[str, Any]:
     contender, line = result.contender, comparison.measurements.line
-    predicted = [result.in_sample, *([result.held_out] if result.held_out else [])]
-    reasons: dict[str, Index] = {}
-    for why, rows in (pair for part in predicted for pair in part.reasons):
-        reasons[why] = np.union1d(reasons.get(why, rows), rows)
     return {
         "name": contender.name,
         "description": contender.description,
-        "fitted": contender.fit is not None,
+        "fitted": contender.vector is not None,
         "file": contender.file or None,
         "notes": list(result.notes),
         **_parameters(result.model),
         "channels": {
             name: _scores(comparison, result, name) for name in comparison.measurements.channels
         },
-        "not_predicted": [_reason(why, line[rows]) for why, rows in reasons.items()],
+        "not_predicted": [_reason(why, line[rows]) for why, rows in result.not_predicted],
         "parts": [
             {"by": part.by, "label": part.label, "channel": channel}
             | _scores(comparison, result, channel, part.rows)
@@ -84,9 +103,7 @@ def _model(comparison: Comparison, result: ModelResult) -> dict[str, Any]:
     }
 
 
-def _parameters(model: Model | None) -> dict[str, Any]:
-    if model is None:
-        return {"soils": [], "effects": []}
+def _parameters(model: Model) -> dict[str, Any]:
     names = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
     return {
         "geometry": model.geometry,
@@ -111,12 +128,4 @@ def _scores(
 
 
 def _score(score: Score | None) -> dict[str, Any] | None:
-    if score is None:
-        return None
-    return {
-        "rows": score.rows,
-        "runs": score.runs,
-        "rmse": score.rmse,
-        "rmse_std": score.rmse_std,
-        "bias": score.bias,
-    }
+    return None if score is None else asdict(score)

@@ -2,41 +2,60 @@
 
 from __future__ import annotations
 
-from smallwheel_ros.compare.comparison import Comparison, ModelResult
-from smallwheel_ros.compare.scores import UNITS
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.display import display, number, sentence, words
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.tables import text_table
+
+BEST, WITHIN = "best", "within s.e."
+_LEGEND = (
+    "+-: standard error over runs",
+    f"{WITHIN}: worse than the best model by no more than the standard error of the difference",
+)
 
 
 def comparison_text(comparison: Comparison) -> str:
     """The comparison in tables of a line for each model; details are in the JSON and the report."""
     data = comparison.measurements
-    left_out = sum(lines.size for _, lines in comparison.left_out)
-    lines = [f"{data.source}: {len(data) + left_out} rows, {data.runs.size} runs"]
+    lines = [f"{data.source}: {len(data)} rows, {data.runs.size} runs, {comparison.folds} folds"]
     lines += [f"{rows.size} rows left out: {why}" for why, rows in comparison.left_out]
     for channel in comparison.channels:
         lines += ["", *_channel(comparison, channel)]
     if not comparison.channels:
         lines += ["", "No model could predict any of the measurements."]
-    notes = [
+    notes: list[str] = [*_LEGEND] if comparison.channels else []
+    notes += dict.fromkeys(f"noise floor: {f.reason}" for f in comparison.noise.values())
+    notes += [
         f"{m.contender.name}, {rows.size} rows not predicted: {why}"
         for m in comparison.models
-        for why, rows in m.in_sample.reasons
+        for why, rows in m.not_predicted
     ]
     notes += [f"{m.contender.name} {note}" for m in comparison.models for note in m.notes]
     notes += comparison.notes
-    return "\n".join([*lines, *([""] if notes else []), *(sentence(note) for note in notes)])
+    return "\n".join([*lines, "", *(sentence(note) for note in notes)])
+
+
+def against_best(comparison: Comparison, channel: str, model: ModelResult) -> str:
+    """The best model, no clear difference to it, or how much larger the error is; "-" unknown."""
+    change = comparison.differences(channel).get(model.contender.name)
+    if model is comparison.best(channel):
+        return BEST
+    if change is None:
+        return "-"
+    return f"{100.0 * change.increase:+.0f} %" if change.worse else WITHIN
 
 
 def _channel(comparison: Comparison, channel: str) -> list[str]:
-    shown = display(channel, UNITS[channel])
+    shown = display(channel, CHANNEL_UNITS[channel])
     floor = comparison.noise[channel]
-    level = (
-        "unknown" if floor.value is None else f"{number(floor.value * shown.scale)} {shown.unit}"
-    )
+    title = f"{words(channel)} [{shown.unit}]"
+    for name, value in (("noise floor", floor.value), ("repeatability", floor.repeatability)):
+        level = "unknown" if value is None else f"{number(value * shown.scale)} {shown.unit}"
+        title += f", {name} {level}"
     rows = [_row(comparison, model, channel, shown.scale) for model in comparison.models]
-    header = ["model", "rows", "held-out RMSE", "+-", "bias", "in-sample RMSE", "bias"]
-    title = f"{words(channel)} [{shown.unit}], noise floor {level} ({floor.reason})"
+    header = ["model", "rows", "held-out RMSE", "+-", "bias", "in-sample RMSE", "bias",
+              "against the best"]  # fmt: skip
     return [title, *(f"  {line}" for line in text_table(header, rows).splitlines())]
 
 
@@ -49,4 +68,4 @@ def _row(comparison: Comparison, model: ModelResult, channel: str, scale: float)
         for name in names:
             value = None if score is None else getattr(score, name)
             cells.append("-" if value is None else number(value * scale))
-    return cells
+    return [*cells, against_best(comparison, channel, model)]

@@ -32,7 +32,8 @@ Index = NDArray[np.intp]
 
 LOAD_TOLERANCE = 0.10  # of ln load
 DIAMETER_TOLERANCE = 0.02  # of ln diameter
-_OF_RANGE = 0.04
+VARIES = 0.05  # of a setting's largest value: one that spans less was not varied
+OF_RANGE = 0.04
 _OF_SIZE = 0.02
 # Numbers that differ by less are equal but for the rounding of a unit's conversion.
 _EXACT = 1e-9
@@ -43,6 +44,26 @@ def set_columns(measurements: Measurements) -> tuple[str, ...]:
     answers = measurements.responses
     names = measurements.conditions.covariates
     return tuple(name for name in names if name not in answers and not is_bookkeeping(name))
+
+
+def setting_columns(measurements: Measurements) -> dict[str, Array]:
+    """Settings by name: load, diameter, width and every covariate that was set, shape (rows,)."""
+    names = ("load", "diameter", "width", *set_columns(measurements))
+    return {name: measurements.conditions[name] for name in names}
+
+
+def varies(column: Array) -> bool:
+    """Whether a setting was varied: it spans over `VARIES` of its largest value. NaN is no value."""
+    known = column[np.isfinite(column)]
+    size = float(np.max(np.abs(known), initial=0.0))
+    return size > 0.0 and float(np.ptp(known)) > VARIES * size
+
+
+def varied_settings(measurements: Measurements) -> dict[str, Array]:
+    """The settings that were varied, by name, shape (rows,)."""
+    return {
+        name: column for name, column in setting_columns(measurements).items() if varies(column)
+    }
 
 
 def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
@@ -59,7 +80,7 @@ def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
         if name != "pass_number" and known.size:
             # Of a temperature in kelvin the zero is far away: its size says nothing.
             size = 0.0 if measurements.units.get(name) == "K" else np.max(np.abs(known))
-            same = max(same, _OF_RANGE * float(np.ptp(known)), _OF_SIZE * float(size))
+            same = max(same, OF_RANGE * float(np.ptp(known)), _OF_SIZE * float(size))
         found.append((c[name], same))
     return found
 

@@ -7,15 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from smallwheel_ros.compare.comparison import Comparison, ModelResult
-from smallwheel_ros.compare.scores import UNITS, drivers, levels
-from smallwheel_ros.compare.smoothing import smooth
-from smallwheel_ros.display import Display, column_display, display, words
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.results import ModelResult
+from smallwheel_ros.display import Display, column_display, display, number, words
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.parts import levels
+from smallwheel_ros.measurements.settings import varied_settings
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import ROLLING, Array
 from smallwheel_ros.physics.contact import shape_integral
+from smallwheel_ros.pictures.smoothing import smooth
 
 # Okabe and Ito's colours: told apart by colour-blind readers and in grey print.
 COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#444444")
@@ -82,7 +86,7 @@ def error_bars(comparison: Comparison) -> Figure:
     names = [result.contender.name for result in comparison.models]
     at = np.arange(len(names))
     for axes, channel in zip(panels, channels, strict=True):
-        shown = display(channel, UNITS[channel])
+        shown = display(channel, CHANNEL_UNITS[channel])
         for i, (result, colour) in enumerate(
             zip(comparison.models, _colours(comparison), strict=True)
         ):
@@ -113,7 +117,7 @@ def error_bars(comparison: Comparison) -> Figure:
 
 def measured_against_predicted(comparison: Comparison, channel: str) -> Figure:
     """Measured over predicted, a panel for each model, with the line of a perfect model."""
-    shown = display(channel, UNITS[channel])
+    shown = display(channel, CHANNEL_UNITS[channel])
     able = [m for m in comparison.models if np.isfinite(comparison.residual(m, channel)).any()]
     figure, panels = _grid(len(able), 3.1, 3.0)
     measured = comparison.measurements.channels[channel] * shown.scale
@@ -121,22 +125,24 @@ def measured_against_predicted(comparison: Comparison, channel: str) -> Figure:
                          strict=True))  # fmt: skip
     low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
     margin = 0.06 * max(high - low, 1e-9)
-    floor = comparison.noise[channel].value
+    repeats = comparison.noise[channel].repeatability
     for axes, result in zip(panels, able, strict=True):
         residual, held_out = _residual(comparison, result, channel)
         rows = _thinned(np.flatnonzero(np.isfinite(residual)))
         predicted = measured - residual * shown.scale
         ends = np.array([low - margin, high + margin])
-        if floor is not None:
-            band = 2.0 * floor * shown.scale
+        if repeats is not None:
+            band = 2.0 * repeats * shown.scale
             axes.fill_between(ends, ends - band, ends + band, color="#e3e6ea", linewidth=0)
         axes.plot(ends, ends, color=GREY, linewidth=1.0)
         colour = colour_of[result.contender.name]
         axes.scatter(predicted[rows], measured[rows], s=10, alpha=0.65, linewidth=0, color=colour,
                      rasterized=rows.size > 500)  # fmt: skip
         found = comparison.score(result, channel, held_out)
-        error = "" if found is None else f"   RMSE {found.rmse * shown.scale:.3g} {shown.unit}"
-        kind = "held out" if held_out else "in sample" if result.contender.fit else "as it stands"
+        error = "" if found is None else f"   RMSE {number(found.rmse * shown.scale)} {shown.unit}"
+        kind = (
+            "held out" if held_out else "in sample" if result.contender.vector else "as it stands"
+        )
         style(axes, f"predicted {shown.label}", f"measured {shown.label}",
               f"{result.contender.name}\n{kind}{error}")  # fmt: skip
         axes.set_ylim(*ends)
@@ -151,18 +157,18 @@ def residuals(comparison: Comparison, channel: str, focus: int = -1) -> Figure |
     focus: index of that model (default the last); the others are thin lines. None where nothing
     varies.
     """
-    columns = drivers(comparison.measurements)
+    columns = varied_settings(comparison.measurements)
     result = comparison.models[focus]
     if not columns or not np.isfinite(comparison.residual(result, channel)).any():
         return None
-    shown = display(channel, UNITS[channel])
+    shown = display(channel, CHANNEL_UNITS[channel])
     figure, panels = _grid(len(columns), 3.1, 2.6)
-    floor = comparison.noise[channel].value
+    repeats = comparison.noise[channel].repeatability
     colours = _colours(comparison)
     for axes, (name, column) in zip(panels, columns.items(), strict=True):
         across = column_display(comparison.measurements, name)
-        if floor is not None:
-            level = 2.0 * floor * shown.scale
+        if repeats is not None:
+            level = 2.0 * repeats * shown.scale
             axes.axhspan(-level, level, color="#eceef1", linewidth=0)
         axes.axhline(0.0, color=GREY, linewidth=0.9)
         for i, other in enumerate(comparison.models):
@@ -174,13 +180,16 @@ def residuals(comparison: Comparison, channel: str, focus: int = -1) -> Figure |
     figure.suptitle(
         _plain(
             f"{words(channel)}, {result.contender.name}{' held out' if held_out else ''}: points, "
-            "smooth and 95 % band over runs; thin: other models; grey: ±2 noise floor"
+            "smooth and 95 % band over runs; thin: other models; grey: ±2 repeatability"
         ),
         fontsize=8.5,
         color=INK,
         x=0.01,
         ha="left",
     )
+    lines = [Line2D([], [], color=colour, linewidth=1.8) for colour in colours]
+    names = [_plain(m.contender.name) for m in comparison.models]
+    figure.legend(lines, names, loc="outside lower left", ncols=4, fontsize=8, frameon=False)
     return figure
 
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.compare.comparison import Comparison, ModelResult
-from smallwheel_ros.compare.scores import UNITS, Part, Score, difference_std
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.results import ModelResult
+from smallwheel_ros.compare.scores import Score
+from smallwheel_ros.compare.text import against_best
 from smallwheel_ros.display import brief, column_display, display, number, words
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.parts import Part
 from smallwheel_ros.pictures.comparison import (
     error_bars,
     measured_against_predicted,
@@ -18,7 +22,7 @@ from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section
 
 _WORST = 8  # parts shown before the rest is folded away
 _SCORE_HEADER = ("model", "rows", "held-out RMSE", "± s.e.", "held-out bias", "in-sample RMSE",
-                 "in-sample bias", "rows not predicted")  # fmt: skip
+                 "in-sample bias", "against the best")  # fmt: skip
 _CLEAR = 2.0  # times its standard error that a bias must be to be called one
 
 
@@ -40,35 +44,8 @@ def compare_report(comparison: Comparison) -> str:
     )
 
 
-def _best(comparison: Comparison, channel: str) -> tuple[ModelResult, Score, bool] | None:
-    """The model with the smallest error: held out if any is, else as it stands."""
-    for held_out in (True, False):
-        scores = [(m, comparison.score(m, channel, held_out)) for m in comparison.models]
-        known = [(m, s) for m, s in scores if s is not None]
-        if known:
-            model, best = min(known, key=lambda pair: pair[1].rmse)
-            return model, best, held_out
-    return None
-
-
-def _ties(comparison: Comparison, best: ModelResult, channel: str, held_out: bool) -> list[str]:
-    """Names of the models whose error is within two standard errors of the best one's."""
-    names = []
-    one = comparison.residual(best, channel, held_out)
-    for model in comparison.models:
-        other = comparison.residual(model, channel, held_out)
-        both = np.isfinite(one) & np.isfinite(other)
-        if model is best or not both.any():
-            continue
-        gap = np.sqrt(np.mean(other[both] ** 2)) - np.sqrt(np.mean(one[both] ** 2))
-        error = difference_std(other, one, comparison.run)
-        if error is None or gap <= 2.0 * error + 1e-12:
-            names.append(model.contender.name)
-    return names
-
-
 def _value(channel: str, value: float | None) -> str:
-    shown = display(channel, UNITS[channel])
+    shown = display(channel, CHANNEL_UNITS[channel])
     return "-" if value is None else f"{number(value * shown.scale)} {shown.unit}"
 
 
@@ -83,18 +60,21 @@ def summary(comparison: Comparison) -> list[str]:
     """Say which model is best, one sentence a channel."""
     sentences = []
     for channel in comparison.channels:
-        found = _best(comparison, channel)
-        if found is None:
+        model = comparison.best(channel)
+        if model is None:
             continue
-        model, best, held_out = found
+        held_out = model.held_out is not None
+        best = comparison.score(model, channel, held_out)
+        assert best is not None
         kind = "held-out" if held_out else "remaining"
         line = (
             f"{words(channel).capitalize()}: {model.contender.name} has the smallest {kind} error, "
             f"{_value(channel, best.rmse)} RMSE over {best.rows} rows"
         )
-        ties = _ties(comparison, model, channel, held_out)
+        changes = comparison.differences(channel)
+        ties = [name for name, change in changes.items() if not change.worse]
         if ties:
-            line += f" (no clear difference to {', '.join(ties)})"
+            line += f" (the difference to {', '.join(ties)} is within its standard error)"
         floor = comparison.noise[channel]
         if floor.value:
             line += (
@@ -118,10 +98,9 @@ def model_blocks(comparison: Comparison) -> list[Block]:
             )
         )
     for channel in comparison.channels:
-        shown = display(channel, UNITS[channel])
-        found = _best(comparison, channel)
+        shown = display(channel, CHANNEL_UNITS[channel])
         rows = [_score_row(comparison, model, channel) for model in comparison.models]
-        best = [i for i, m in enumerate(comparison.models) if found and m is found[0]]
+        best = [i for i, m in enumerate(comparison.models) if m is comparison.best(channel)]
         caption = f"{words(channel).capitalize()} [{shown.unit}]; bias is measured minus predicted"
         blocks.append(Table(_SCORE_HEADER, rows, caption, range(1, 8), best))
     reasons = _reasons(comparison)
@@ -134,10 +113,9 @@ def model_blocks(comparison: Comparison) -> list[Block]:
 
 
 def _score_row(comparison: Comparison, model: ModelResult, channel: str) -> list[str]:
-    scale = display(channel, UNITS[channel]).scale
+    scale = display(channel, CHANNEL_UNITS[channel]).scale
     inside = comparison.score(model, channel)
     outside = comparison.score(model, channel, held_out=True)
-    measured = comparison.measurements.channel_rows(channel).size
     shown = outside or inside
 
     def cell(score: Score | None, name: str) -> str:
@@ -153,20 +131,17 @@ def _score_row(comparison: Comparison, model: ModelResult, channel: str) -> list
         cell(outside, "bias"),
         cell(inside, "rmse"),
         cell(inside, "bias"),
-        str(measured - rows),
+        against_best(comparison, channel, model),
     ]
 
 
 def _reasons(comparison: Comparison) -> list[str]:
-    lines = []
-    for model in comparison.models:
-        for kind, predicted in (("", model.in_sample), (" (held out)", model.held_out)):
-            for why, rows in () if predicted is None else predicted.reasons:
-                if kind and any(why == known for known, _ in model.in_sample.reasons):
-                    continue
-                place = f"{rows.size} rows (first in line {comparison.measurements.line[rows[0]]})"
-                lines.append(f"{model.contender.name}{kind}, {place}: {why}.")
-    return lines
+    line = comparison.measurements.line
+    return [
+        f"{m.contender.name}, {rows.size} rows (first in line {line[rows[0]]}): {why}."
+        for m in comparison.models
+        for why, rows in m.not_predicted
+    ]
 
 
 def scatter_blocks(comparison: Comparison) -> list[Block]:
@@ -175,7 +150,7 @@ def scatter_blocks(comparison: Comparison) -> list[Block]:
         Picture(
             measured_against_predicted(comparison, channel),
             f"{words(channel).capitalize()}: a perfect model lies on the line; the band is twice "
-            "the noise floor, where it is known.",
+            "the repeatability, where it is known.",
         )
         for channel in comparison.channels
     ]
@@ -209,7 +184,7 @@ def failure_blocks(comparison: Comparison) -> list[Block]:
         )
         rows = _part_rows(comparison, focus, channel)
         if rows:
-            unit = display(channel, UNITS[channel]).unit
+            unit = display(channel, CHANNEL_UNITS[channel]).unit
             header = ["where", "rows", f"RMSE [{unit}]", f"bias [{unit}]", "RMSE elsewhere", ""]
             caption = f"{words(channel).capitalize()}, {focus.contender.name}, worst first"
             blocks.append(Table(header, rows[:_WORST], caption, numbers=(1, 2, 3, 4)))
@@ -220,7 +195,7 @@ def failure_blocks(comparison: Comparison) -> list[Block]:
 
 
 def _part_rows(comparison: Comparison, model: ModelResult, channel: str) -> list[list[str]]:
-    scale = display(channel, UNITS[channel]).scale
+    scale = display(channel, CHANNEL_UNITS[channel]).scale
     held_out = model.held_out is not None
     found: list[tuple[float, list[str]]] = []
     for part in comparison.parts:

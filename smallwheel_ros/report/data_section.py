@@ -2,46 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.scores import UNITS, drivers
 from smallwheel_ros.display import brief, column_display, display, number, sentence
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.settings import setting_columns, varies
 from smallwheel_ros.report.page import Block, Callout, Details, Table, Text
 
 
-def data_blocks(
-    comparison: Comparison, repeatability: Mapping[str, float] | None = None
-) -> list[Block]:
-    """What was measured, over which ranges, how well it repeats, and what is odd about it.
-
-    repeatability: what repeats of one run differ by, by channel in SI, where the comparison's noise
-    floor is more than that.
-    """
-    repeats = repeatability or {}
-    apart = ["repeats differ by"] if repeats else []
+def data_blocks(comparison: Comparison) -> list[Block]:
+    """What was measured, over which ranges, how well it repeats, and what is odd about it."""
     data = comparison.measurements
-    left_out = sum(lines.size for _, lines in comparison.left_out)
     runs = f"{data.runs.size} runs" if data.runs_given else "no runs named: each row is its own"
-    lines = f"{len(data) + left_out} rows, {runs}."
+    lines = f"{len(data)} rows, {runs}."
     rows = [
-        [column_display(data, name).label, *_range(comparison, name), "varied"]
-        for name in drivers(data)
-    ]
-    fixed = [name for name in ("load", "diameter", "width", *data.conditions.covariates)
-             if name not in drivers(data)]  # fmt: skip
-    rows += [[column_display(data, name).label, *_range(comparison, name), "one value"]
-             for name in fixed]  # fmt: skip
+        [column_display(data, name).label, *_range(comparison, name),
+         "varied" if varies(values) else "one value"]
+        for name, values in setting_columns(data).items()
+    ]  # fmt: skip
     blocks: list[Block] = [
         Text(lines),
         Table(["condition", "from", "to", ""], rows, "Conditions", numbers=(1, 2)),
         Table(
-            ["channel", "rows", "from", "to", *apart, "noise floor", "known from"],
-            [_channel_row(comparison, name, repeats) for name in data.channels],
+            ["channel", "rows", "from", "to", "repeats differ by", "noise floor", "known from"],
+            [_channel_row(comparison, name) for name in comparison.noise],
             "Measured channels",
-            numbers=range(1, 5 + len(apart)),
+            numbers=range(1, 6),
         ),
     ]
     odd = [f"{lines.size} rows left out: {why} (first in line {lines[0]})."
@@ -65,17 +52,12 @@ def _range(comparison: Comparison, name: str) -> list[str]:
     return [brief(scale * known.min()), brief(scale * known.max())]
 
 
-def _channel_row(comparison: Comparison, name: str, repeats: Mapping[str, float]) -> list[str]:
-    shown = display(name, UNITS[name])
+def _channel_row(comparison: Comparison, name: str) -> list[str]:
+    shown = display(name, CHANNEL_UNITS[name])
     values = comparison.measurements.channels[name]
     known = values[np.isfinite(values)]
     floor = comparison.noise[name]
-    level = None if floor.value is None else floor.value * shown.scale
-    ends = (
-        [number(v * shown.scale) for v in (known.min(), known.max())] if known.size else ["-"] * 2
-    )
+    found = [known.min(), known.max(), floor.repeatability, floor.value]
+    cells = [number(None if v is None else v * shown.scale) for v in found]
     source = {"repeats": "repeated rows", "declared": "the table's own figures", None: "unknown"}
-    spread = repeats.get(name)
-    apart = [number(None if spread is None else spread * shown.scale)] if repeats else []
-    return [shown.label, str(known.size), *ends, *apart, number(level),
-            f"{source[floor.source]}: {floor.reason}"]  # fmt: skip
+    return [shown.label, str(known.size), *cells, f"{source[floor.source]}: {floor.reason}"]

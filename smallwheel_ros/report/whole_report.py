@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.measurements.noise_floor import NoiseFloor
+from smallwheel_ros.compare.results import Floor
 from smallwheel_ros.report.compare_report import (
     caveats,
     failure_blocks,
@@ -28,10 +28,12 @@ from smallwheel_ros.report.diagnosis_report import (
 from smallwheel_ros.report.page import Picture, Section, Text, page
 from smallwheel_ros.report.verdict_section import verdict_block
 
+_FLOOR = "with the scatter of the soil from run to run"
 _NO_FLOOR = "the diagnosis could not tell noise from misfit: repeat runs"
 _TWICE = (
-    "Comparison and diagnosis each deal the runs into parts of their own, and the diagnosis counts "
-    "on a scatter from run to run: their held-out errors of the same base model differ a little."
+    "Comparison and diagnosis hold out the same runs. The comparison fits each model with noise of "
+    "the size that its own predictions have, the diagnosis all models with one size, so that they can "
+    "be ranked: their held-out errors of the same base model differ a little."
 )
 
 
@@ -47,7 +49,6 @@ def whole_report(
     """
     check_diagnosis(document)
     data = comparison.measurements
-    repeats = _repeatability(comparison, document)
     comparison = replace(comparison, noise=_floors(comparison, document))
     more = pictures or {}
     said = dict.fromkeys([*caveats(comparison), *diagnosis_caveats(document), _TWICE])
@@ -55,7 +56,7 @@ def whole_report(
         "Models, measurements, and what is missing",
         [
             Section("In short", [verdict_block(document), Text(items=summary(comparison))]),
-            Section("The data", data_blocks(comparison, repeats)),
+            Section("The data", data_blocks(comparison)),
             Section("Models side by side",
                     [*model_blocks(comparison), *scatter_blocks(comparison)]),
             Section("Where the model fails",
@@ -73,28 +74,16 @@ def whole_report(
     )  # fmt: skip
 
 
-def _repeatability(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, float]:
-    """What repeats of one run differ by, by channel; none where nothing was repeated."""
-    known = document.get("channels") or {}
-    found = {}
-    for name, floor in comparison.noise.items():
-        if floor.source == "repeats":
-            value = known.get(name, {}).get("repeatability")
-            found[name] = float(floor.value or 0.0) if value is None else float(value)
-    return found
-
-
-def _floors(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, NoiseFloor]:
-    """The diagnosis' noise floor in place of what repeats differ by: one floor in all pictures."""
+def _floors(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, Floor]:
+    """The diagnosis' noise floor in place of the comparison's: one floor in all pictures."""
     known = document.get("channels") or {}
     floors = {}
-    for name, repeats in comparison.noise.items():
+    for name, floor in comparison.noise.items():
         channel = known.get(name, {})
-        value = channel.get("noise_floor")
+        value, repeats = channel.get("noise_floor"), channel.get("repeatability")
+        repeats = floor.repeatability if repeats is None else repeats
         if value is None:
-            floors[name] = NoiseFloor(None, None, 0, _NO_FLOOR)
+            floors[name] = Floor(None, None, _NO_FLOOR, repeats)
         else:
-            source = channel.get("noise_floor_source")
-            reason = f"{repeats.reason}, and the scatter of the soil from run to run"
-            floors[name] = NoiseFloor(float(value), source, repeats.freedom, reason)
+            floors[name] = Floor(float(value), channel.get("noise_floor_source"), _FLOOR, repeats)
     return floors

@@ -1,0 +1,189 @@
+"""What each model of a comparison says of the measurements: fitted and held out, or as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.fitting import fit_points
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import (
+    CvErrors,
+    cross_validate,
+    in_sample,
+    row_errors,
+    rows_of,
+)
+from smallwheel_ros.fitting.noise import Repeats
+from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.fitting.points import Points, filled
+from smallwheel_ros.fitting.result import expected_error
+from smallwheel_ros.fitting.variance import settings_repeated
+from smallwheel_ros.measurements.columns import Mask
+from smallwheel_ros.measurements.noise_floor import repeatability
+from smallwheel_ros.measurements.settings import runs_of_rows
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Model, ModelError, predict
+
+Index = NDArray[np.intp]
+Reasons = tuple[tuple[str, Index], ...]
+_TRUE = "the held-out error that a true model would leave"
+_AT_MOST = (
+    _TRUE + ", at most: no two runs have one setting, so misfit passes for scatter of the soil"
+)
+Progress = Callable[[int, int], object]  # fits done, fits needed
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Noise floor of a channel: the held-out error that a true model would leave, m or N.
+
+    value, source: None where it is not known. reason: how it was found, or why it was not.
+    repeatability: what rows of one run differ by, None where nothing was repeated.
+    """
+
+    value: float | None
+    source: str | None
+    reason: str
+    repeatability: float | None = None
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """One model of a comparison.
+
+    model: with the parameters of a fit to all rows. in_sample: errors of that model. held_out: of
+    each run by a fit without it, None for a model that stands as it is and where there is one run.
+    unseen: errors on runs that the model was not fitted to, None where that is not known.
+    not_predicted: rows that it has no prediction for, with the reason. floors: as this fit sees the
+    noise, by channel; empty for a model that stands.
+    """
+
+    contender: Contender
+    model: Model
+    in_sample: CvErrors
+    held_out: CvErrors | None = None
+    unseen: CvErrors | None = None
+    not_predicted: Reasons = ()
+    notes: tuple[str, ...] = ()
+    floors: Mapping[str, Floor] = field(default_factory=dict)
+
+
+def results_of(
+    contenders: Sequence[Contender], points: Points, folds: int, progress: Progress
+) -> list[ModelResult]:
+    """Fit or take each model as it is. Raises FittingError where there are too few values."""
+    needed = (1 + folds) * sum(c.vector is not None for c in contenders)
+    done = 0
+    progress(done, needed)
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        progress(done, needed)
+
+    return [
+        _standing(c, points) if c.vector is None else _fitted(c, c.vector, points, folds, count)
+        for c in contenders
+    ]
+
+
+def _fitted(
+    contender: Contender,
+    vector: Callable[[Points], ParameterVector],
+    points: Points,
+    folds: int,
+    count: Callable[[], None],
+) -> ModelResult:
+    fitter, fit = fit_points(points, vector(points))
+    count()
+    model = fit.vector.model(fit.theta)
+
+    def choose(training: Points) -> list[Model]:
+        fold = _refit(fitter, fit, training, vector(training))
+        count()
+        return [fold.vector.model(fold.theta)]
+
+    held_out = cross_validate(points, choose, 1)[0] if folds else None
+    errors = in_sample(points, model)
+    floors = _floors(fitter, expected_error(fitter, fit))
+    return ModelResult(contender, model, errors, held_out, held_out, floors=floors)
+
+
+def _floors(fitter: Fitter, expected: Mapping[str, float]) -> dict[str, Floor]:
+    repeats = repeatability(fitter.points.measurements)
+    repeated = settings_repeated(fitter.points)
+    found = {}
+    for name in fitter.points.channels:
+        value = expected.get(name)
+        source = None if value is None else fitter.repeats.channels[name].source
+        why = _TRUE if repeated else _AT_MOST
+        if value is None:
+            why = f"how well a row repeats is not known: repeat a few runs, or state {name}_std"
+        found[name] = Floor(value, source, why, repeats.get(name))
+    return found
+
+
+def _refit(fitter: Fitter, fit: Fit, training: Points, vector: ParameterVector) -> Fit:
+    """The fit of some runs, under the levels and the repeatability of the whole table."""
+    keep = np.isin(fitter.points.run, np.unique(training.run))
+    known = fitter.repeats
+    repeats = Repeats(known.channels, known.variance[keep], known.stated[keep])
+    mine = Fitter(training, fitter.level[keep], repeats)
+    values = dict(zip(fit.vector.names, fit.theta, strict=True))
+    start = np.array([values.get(p.name, p.start) for p in vector.free])
+    # Without some runs a component may have nothing to act on: then all start at their priors.
+    same = mine.variance.names == fitter.variance.names
+    return mine.fit(vector, start, fit.scatter if same else None, turns=2)
+
+
+def _standing(contender: Contender, points: Points) -> ModelResult:
+    assert contender.model is not None
+    model, data = contender.model, points.measurements
+    able, reasons = _known_soil(model, data)
+    rows = {name: index[able[index]] for name, index in rows_of(points).items()}
+    rows = {name: index for name, index in rows.items() if index.size}
+    error = {}
+    try:
+        error = row_errors(data, model, rows) if rows else {}
+    except ModelError as refused:
+        reasons.append((str(refused), np.unique(np.concatenate(list(rows.values())))))
+    errors = CvErrors(error, runs_of_rows(data)[1])
+    notes = [_origin(contender, data)]
+    if error:
+        used = np.unique(np.concatenate(list(rows.values())))
+        sunk = int(predict(model, filled(data.conditions).take(used)).immobilised.sum())
+        if sunk:
+            notes.append(
+                f"sinks to the axle in {sunk} rows: there it has no prediction but a continuation, "
+                "whose error counts"
+            )
+    other = bool(contender.fitted_to) and contender.fitted_to != data.sha256
+    return ModelResult(
+        contender, model, errors, None, errors if other else None, tuple(reasons), tuple(notes)
+    )
+
+
+def _origin(contender: Contender, data: Measurements) -> str:
+    if contender.fitted_to and contender.fitted_to == data.sha256:
+        return "was fitted to this very file: its error is in sample, nothing was held out"
+    if contender.fitted_to:
+        return "was fitted to another file and stands as it is: nothing had to be held out"
+    return "stands as it is; what it was fitted to is not known, so nothing is called held out"
+
+
+def _known_soil(model: Model, data: Measurements) -> tuple[Mask, list[tuple[str, Index]]]:
+    """The rows whose soil the model has, and why not the others; of one soil all rows are."""
+    known = [soil.name for soil in model.soils]
+    able = np.isin(data.soil, known) | (len(known) == 1)
+    reasons = []
+    for name in np.unique(data.soil[~able]):
+        why = f"the model has no soil '{name}'"
+        if not name:
+            why = f"the rows name no soil, expected one of {', '.join(known)}"
+        reasons.append((why, np.flatnonzero(~able & (data.soil == name))))
+    return able, reasons
