@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smallwheel_ros.cli import main
+from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
@@ -94,6 +95,27 @@ def test_warnings_go_to_standard_error(tmp_path: Path) -> None:
     assert "warning:" not in result.stdout
 
 
+def test_a_model_file_keeps_apart_from_the_standard_models_and_may_lack_a_column(
+    tmp_path: Path,
+) -> None:
+    rows = [f"r{i},{20 + 5 * i},0.2,0.1,{0.004 + 0.0005 * i}" for i in range(6)]
+    (tmp_path / "plain.csv").write_text(
+        "run,load,diameter,width,sinkage\n" + "\n".join(rows) + "\n"
+    )
+    model = Model(Soil("sand", 1e6, 0.9)) + effect("slip_sinkage")
+    file = tmp_path / "bekker.yaml"
+    write_model(file, CalibratedModel(model))
+    result = smallwheel(tmp_path / "plain.csv", "--model", file, "--json", "-")
+    assert result.exit_code == 0, result.output
+    models = json.loads(result.stdout)["models"]
+    names = [m["name"] for m in models]
+    assert names == ["bekker", "meirion_griffith_spenko", "contact_integral", str(file)]
+    (why,) = models[-1]["not_predicted"]
+    assert "needs the column 'slip'" in why["reason"]
+    assert (why["rows"], why["lines"]) == (6, [2, 3, 4, 5, 6, 7])
+    assert models[-1]["channels"]["sinkage"] == {"in_sample": None, "held_out": None}
+
+
 def test_an_effect_of_your_own_needs_its_file(tmp_path: Path, folder: Path) -> None:
     from smallwheel_ros.effects.registry import load_effects
 
@@ -107,8 +129,8 @@ def test_an_effect_of_your_own_needs_its_file(tmp_path: Path, folder: Path) -> N
     given = smallwheel(folder / "rig.csv", "--model", tmp_path / "own.yaml", "--effects",
                        tmp_path / "sticky.py", "--json", "-")  # fmt: skip
     assert given.exit_code == 0, given.output
-    (effect,) = json.loads(given.stdout)["models"][-1]["effects"]
-    assert effect == {"id": "sticky", "form": "plain", "parameters": {"drag": 2.0}}
+    (used,) = json.loads(given.stdout)["models"][-1]["effects"]
+    assert used == {"id": "sticky", "form": "plain", "parameters": {"drag": 2.0}}
 
 
 @pytest.mark.parametrize(
