@@ -146,7 +146,7 @@ def test_a_click_draws_everything_anew(server: ExploreServer, tmp_path: Path) ->
         "document.querySelector('main').innerText.includes('With sinkage offset and slip sinkage')"
     )
     assert browser.run("location.search") == (
-        "?effects=sinkage_offset&effects=slip_sinkage&over=load"
+        "?effects=slip_sinkage&effects=sinkage_offset&over=load"
     )
     blue = np.array([0x00, 0x72, 0xB2]) / 255
     drawn = [int((np.abs(p - blue).max(axis=-1) < 0.02).sum()) for p in (before, after)]

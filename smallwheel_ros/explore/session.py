@@ -104,9 +104,10 @@ class Session:
         found: dict[tuple[str, ...], int] = {}
         names = set(self.chosen)
         for i, step in enumerate(self.diagnosis.steps):
-            if step.added is not None and step.added not in self.forms:
-                break
-            names |= {step.added} - {None}
+            if step.added is not None:
+                if step.added not in self.forms:
+                    break
+                names.add(step.added)
             found.setdefault(self.choose(names), i)
         return found
 
@@ -183,7 +184,8 @@ class Session:
         Always from the base and in one order: what was looked at before must not matter. And, by
         effect, the forms within `WINDOW` of the best, from which each fold chooses.
         """
-        model, near = CandidateFit((), judged.fit, judged.fit.evidence), []
+        model = CandidateFit((), judged.fit, judged.fit.evidence)
+        near: list[Forms] = []
         for name in names:
             forms = [(c, np.array([v for _, v, *_ in c.part.parameters])) for c in self.forms[name]]
             made = _extended(judged.fitter, model, forms, 4)

@@ -81,10 +81,14 @@ def ranking_bars(document: Mapping[str, Any]) -> Figure | None:
             bar.set(hatch="////", edgecolor="white", linewidth=0)
     style(axes, "probability")
     axes.grid(visible=False, axis="y")
-    axes.set_yticks(at, [_plain(words(row["effect"]).removeprefix("unknown:")) for row in rows])
+    axes.set_yticks(at, [_plain(_label(row["effect"])) for row in rows])
     axes.set_xlim(0.0, 1.0)
     axes.invert_yaxis()
     return figure
+
+
+def _label(effect: str) -> str:
+    return words(effect.replace("unknown:", "something over ").replace("@", " at "))
 
 
 def unknown_curves(document: Mapping[str, Any]) -> Figure | None:

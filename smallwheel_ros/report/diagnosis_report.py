@@ -178,7 +178,7 @@ def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table
 
 def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     rows = []
-    for row in ranking:
+    for row in (r for r in ranking if r.get("kind") != "unknown"):  # a curve is drawn
         for name, p in (row.get("parameters") or {}).items():
             plausible = {True: "yes", False: "no", None: "-"}[p.get("plausible")]
             cells = parameter_cells(str(p.get("unit") or ""), p.get("value"), p.get("std"),
@@ -222,7 +222,8 @@ def _left_blocks(document: Mapping[str, Any]) -> list[Block]:
     left = document.get("residuals_left") or []
     if document["verdict"] not in ("unknown_effect", "adequate"):
         return []
-    rows, strong = [], []
+    rows: list[list[str]] = []
+    strong = []
     for entry in left:
         name, parts = str(entry.get("setting") or entry.get("group")), entry["parts"]
         if any(p["std"] and abs(p["mean"]) > _TOLD * p["std"] for p in parts):

@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.parts import levels
-from smallwheel_ros.pictures.smoothing import smooth
 from smallwheel_ros.display import column_display, display, words
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.parts import levels
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, style
+from smallwheel_ros.pictures.smoothing import smooth
 
 Array = NDArray[np.float64]
 

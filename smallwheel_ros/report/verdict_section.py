@@ -59,7 +59,7 @@ def verdict_block(document: Mapping[str, Any]) -> Callout:
     faults = [r["effect"] for r in document.get("ranking") or [] if r.get("kind") == "instrument"]
     faults = [name for name in (*named, *rivals) if name in faults]
     if faults:
-        lines.append(said(f"{listed(faults)}: an error of the instrument, not of the soil"))
+        lines.append(said(f"{listed(faults)}: the instrument, not the soil"))
     reason = document.get("reason")
     if reason:
         lines.append(said(str(reason)))
