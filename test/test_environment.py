@@ -49,7 +49,7 @@ def make_env(checkout: Path, *options: str, **environment: str) -> tuple[int, li
         env=variables | environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
     )
     lines = [line for line in result.stderr.splitlines() if not line.startswith("make: ")]
     return result.returncode, lines

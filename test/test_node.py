@@ -218,7 +218,7 @@ def test_bad_parameters_end_it_with_one_message(tmp_path: Path, text: str, words
         [*command, "--ros-args", "--params-file", str(path)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
     )
     assert done.returncode == 2
     assert len(re.findall(words, done.stderr)) == 1, done.stderr

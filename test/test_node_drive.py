@@ -301,7 +301,7 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
         [*command, "--distance", "3", "--seed", "3", "--rate", "8"],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     for name in ("drive.png", "mobility.csv", "soil.csv"):

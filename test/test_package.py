@@ -26,7 +26,7 @@ MESSAGES = {"WheelSinkage", "SoilEstimate", "MobilityEstimate"}
 
 
 def run(
-    *command: str | Path, cwd: Path, timeout: float = 60.0, **environment: str
+    *command: str | Path, cwd: Path, timeout: float = 300.0, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     """Run a command in another folder, with the environment variables of the tests."""
     return subprocess.run(

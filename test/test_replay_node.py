@@ -149,7 +149,7 @@ def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(bag: Path, tmp_pa
             assert process.poll() is None, process.communicate()
         offered = node.get_publishers_info_by_topic("/latched")[0].qos_profile
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=120)
     finally:
         process.kill()
         node.destroy_node()
