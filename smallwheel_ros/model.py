@@ -32,7 +32,7 @@ from smallwheel_ros.stages import Stages, guarded
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
-_DEEPEST_PLATE = 10.0  # of its diameter: no plate is pressed deeper
+_DEEPEST_PLATE = 3.0  # of its diameter: no plate is pressed deeper
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.compare.contenders import Contender
-from smallwheel_ros.fitting import fit_points
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fit import Fit, Fitter, make_fitter
 from smallwheel_ros.fitting.held_out import (
     CvErrors,
     cross_validate,
@@ -99,7 +98,7 @@ def _fitted(
     folds: int,
     count: Callable[[], None],
 ) -> ModelResult:
-    fitter, fit = fit_points(points, vector(points))
+    fitter, fit = make_fitter(points, vector(points))
     count()
     model = fit.vector.model(fit.theta)
 

@@ -28,7 +28,14 @@ from smallwheel_ros.diagnosis.curves import (
 )
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, INSTRUMENT
+from smallwheel_ros.fitting.constants import (
+    ANSWERS,
+    EXPECTED_EFFECTS,
+    FEWEST_VALUES,
+    INSTRUMENT,
+    SAME_ORDER,
+    WAVERS,
+)
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, with_values
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.settings import cluster, set_columns
@@ -39,10 +46,6 @@ Kind = Literal["soil", "instrument", "unknown"]
 
 _VARIES = 0.05  # of a setting's largest value: less is no setting that was varied
 _ONE_RANK = 0.01  # of a column's range
-_PREDICTED = 0.75  # share of a column's variance that other settings predict: it answers them
-_SAME_ORDER = 0.98  # rank correlation: the same setting in other units
-_WAVERS = 0.05  # share of a load's variance within runs: a load that is set repeats better
-_FEWEST_VALUES = 8  # runs with different values that an unlisted column must have
 # Settings that have effects of their own: any other column is one that nobody has a law for.
 SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
 _MOST_TERMS = 3
@@ -162,6 +165,7 @@ def independent(points: Points) -> dict[str, Array]:
         if name in (*SETTINGS, "diameter", "width")
         or (name == "load" and not wavers)
         or not follows_others(name, columns)
+        if not (name == "load" and points.swept.all())  # depth by another name
     }
 
 
@@ -177,7 +181,7 @@ def _wavers(points: Points) -> bool:
     if not freedom:
         return False
     total = float(np.var(np.concatenate([load[rows] for rows in steady])))
-    return within / freedom > _WAVERS * total
+    return within / freedom > WAVERS * total
 
 
 def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
@@ -192,7 +196,7 @@ def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
         return False
     met = np.unique(np.column_stack([columns[name], *others]), axis=0)  # once, not once a channel
     y, *scaled = [_ranks(column) for column in met.T]
-    if any(abs(float(np.corrcoef(y, x)[0, 1])) > _SAME_ORDER for x in scaled):
+    if any(abs(float(np.corrcoef(y, x)[0, 1])) > SAME_ORDER for x in scaled):
         return True
     terms = [np.ones(y.size), *scaled]
     terms += [a * b for i, a in enumerate(scaled) for b in scaled[i:]]
@@ -201,7 +205,7 @@ def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
     if spare < design.shape[1]:
         return False
     left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    return 1.0 - float(left @ left) / spare / max(float(y.var(ddof=1)), 1e-300) > _PREDICTED
+    return 1.0 - float(left @ left) / spare / max(float(y.var(ddof=1)), 1e-300) > ANSWERS
 
 
 def _ranks(column: Array) -> Array:
@@ -290,17 +294,19 @@ def _why_not(
         if need not in known:
             return f"the data has no column '{need}'"
         if need == "load" and need not in columns and varies(known[need]):
-            return "the load was not set: it wavers within runs and follows the other settings"
+            return (
+                "the load was not set: it was swept, or wavers within runs and follows the settings"
+            )
         values = known[need]
         if need not in ("load", "width", "diameter"):
             values = values[rolling]
         if values.size == 0 or np.ptp(values) <= 1e-3 * float(np.max(np.abs(values))):
             shown = f" ({values[0]:.4g} in every row)" if values.size else ""
             return f"{need} never varies in this data{shown}"
-        if family.startswith("covariate:") and np.unique(values).size < _FEWEST_VALUES:
+        if family.startswith("covariate:") and np.unique(values).size < FEWEST_VALUES:
             return (
                 f"{need} has {np.unique(values).size} different values: at least "
-                f"{_FEWEST_VALUES} are needed to tell it from the scatter of the runs"
+                f"{FEWEST_VALUES} are needed to tell it from the scatter of the runs"
             )
     return kind.never_acts(points.conditions.take(np.unique(points.row)))
 
@@ -359,8 +365,6 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
     stages = _stages(points)
     names = ["load", "diameter", "width", *SETTINGS, *free]
     for name in (n for n in names if n in columns):
-        if name == "load" and points.swept.all():
-            continue  # depth by another name
         for span in spans_of(name, columns[name]):
             terms = min(_MOST_TERMS, distinct(columns[name], span))
             if terms < 1:

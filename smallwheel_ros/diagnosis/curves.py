@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, WheelState
+from smallwheel_ros.fitting.constants import CURVE_SIZE
 from smallwheel_ros.fitting.parameters import EffectPart, Prior
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import compaction_resistance
@@ -25,7 +26,6 @@ Array = NDArray[np.float64]
 # Where a setting does nothing to a rolling wheel.
 ANCHORS = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0, "grouser_height": 0.0}
 _LARGEST = 5.0  # of ln factor: e^5 is two decades
-_CENTRE = 0.4  # deviation of ln factor: a half to twice
 _FALLS = (1.0, 0.5, 0.375)  # of the higher terms: curves are smooth
 
 
@@ -144,9 +144,9 @@ GENERALISES = {
 def curve_part(name: str, stage: str, span: Span, first: int, terms: int) -> EffectPart:
     """A curve as a part of a fit, with terms of degree `first` on."""
     kind = STAGES[stage]
-    deviations = [_CENTRE * fall for fall in _FALLS]
+    deviations = [CURVE_SIZE * fall for fall in _FALLS]
     if first == 0:
-        deviations = [_CENTRE, *deviations]
+        deviations = [CURVE_SIZE, *deviations]
     listed = tuple(
         (f"c{first + i}", 0.0, "1", Prior(0.0, deviations[i], -_LARGEST, _LARGEST))
         for i in range(terms)

@@ -189,6 +189,8 @@ def _reason(
         said += "; this data cannot tell it from the other candidates"
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
+    if status == "not_significant" and probability > 0.5:
+        said += ": more likely than not, and under what a name needs"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]
     if outside and status != "not_significant":
         said += f"; {', '.join(outside)} outside the published range"

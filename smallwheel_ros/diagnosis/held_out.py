@@ -24,10 +24,10 @@ _SHORTLIST = 4  # models of the whole search that a fold judges beside those it 
 def in_order(found: Search, verdict: Verdict) -> list[CandidateFit]:
     """The base and the models with one, two, ... of what is named, the one that says most first."""
     named = [c for c in verdict.best.competitors if c.family in verdict.named]
-    return chain(found, verdict.best, named)
+    return staircase(found, verdict.best, named)
 
 
-def chain(found: Search, best: CandidateFit, remaining: list[Competitor]) -> list[CandidateFit]:
+def staircase(found: Search, best: CandidateFit, remaining: list[Competitor]) -> list[CandidateFit]:
     """The base, and models with one more of these competitors each, by their evidence."""
     models = [found.none]
     while remaining:
@@ -60,11 +60,12 @@ def _with(
     return made
 
 
-def nested(problem: Problem, found: Search, steps: int) -> list[CvErrors]:
-    """Held-out errors of the base, and of it with one, two, ... effects, chosen anew in each fold.
+def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list[CvErrors]:
+    """Held-out errors of the base and of each step, chosen anew in each fold.
 
-    Of each size a fold takes its most probable model, by its own runs alone: of those that its own
-    search finds and of a shortlist of the search of all runs.
+    chain: families of each step. Of the last step's size a fold takes its most probable model, by its
+    own runs alone: of those that its own search finds and of a shortlist of the search of all runs.
+    A step on the way has the families that it is called by; their forms are chosen anew.
     """
     columns = [] if found.screen is None else found.screen.columns
     columns = [c for c in columns if c.competitor.kind != "unknown"]
@@ -72,18 +73,22 @@ def nested(problem: Problem, found: Search, steps: int) -> list[CvErrors]:
     def choose(training: Points) -> list[Model]:
         fitter, base, keep = _training(problem, training)
         models = [base.vector.model(base.theta)]
-        if steps > 1:
+        if len(chain) > 1:
             shorter = [Column(c.competitor, c.shift[keep], c.start) for c in columns]
             here = search(fitter, base, found.field, budget=FOLD, replicates=0, columns=shorter)
-            for size in range(1, steps):
-                listed = [m for m in _laws(found) if len(m.competitors) == size][:_SHORTLIST]
+            for size, wanted in enumerate(chain[1:], start=1):
+                listed = [m for m in _laws(found) if len(m.competitors) == size]
+                named = [m for m in listed[_SHORTLIST:] if m.families == wanted]
+                listed = [*listed[:_SHORTLIST], *named[:_SHORTLIST]]
                 for model in listed:
                     here.add(refitted(fitter, model))
-                fits = [m.fit for m in here.ordered if len(m.competitors) == size]
-                models += [f.vector.model(f.theta) for f in fits[:1]]
+                fits = [m for m in here.ordered if len(m.competitors) == size]
+                if size < len(chain) - 1:
+                    fits = [m for m in fits if m.families == wanted] or fits
+                models += [m.fit.vector.model(m.fit.theta) for m in fits[:1]]
         return models
 
-    return cross_validate(problem.points, choose, steps)
+    return cross_validate(problem.points, choose, len(chain))
 
 
 def _laws(found: Search) -> list[CandidateFit]:

@@ -20,7 +20,14 @@ from smallwheel_ros.diagnosis.verdict import Verdict, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult
-from smallwheel_ros.fitting.constants import ALARM, FEWEST_RUNS, SOIL_SCATTER, SPREAD
+from smallwheel_ros.fitting.constants import (
+    ALARM,
+    FEWEST_RUNS,
+    LEAST_POWER,
+    SOIL_SCATTER,
+    SPREAD,
+    THRUST_LAW,
+)
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import expected_error
@@ -177,7 +184,7 @@ def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, 
     judged = problem.judged
     models = in_order(found, verdict) if verdict.named else [found.none]
     models = models[: len(verdict.named) + 1]
-    errors = nested(judged, found, len(models))
+    errors = nested(judged, found, [m.families for m in models])
     if len(models) > 1:
         change = compare_cv(errors[0], errors[-1])
         if change.worse and not change.better:
@@ -192,6 +199,9 @@ def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, 
             said = f"the held-out error of {' and '.join(change.worse)} rises with what is named"
             verdict = replace(verdict, reasons=(*verdict.reasons, said))
     errors = _with_pull(problem, models, errors)
+    if "drawbar_pull" in compare_cv(errors[0], errors[-1]).worse and problem.judged is not problem:
+        said = "the held-out error of drawbar pull rises with what is named: its law is crude"
+        verdict = replace(verdict, reasons=(*verdict.reasons, said))
     named = [_added(models, i) for i in range(len(models))]
     verdict = replace(verdict, named=tuple(n for n in named if n is not None) or verdict.named)
     return verdict, [
@@ -300,7 +310,7 @@ def _document(
         *problem.result(model.vector, model.theta).notes,
         *problem.measurements.notes,
         *([f"after the best explanation {worst}"] if worst else []),
-        *_about_pull(problem, found, verdict, seed),
+        *_about_pull(problem, found, steps[-1].errors, seed),
     ]
     return document
 
@@ -314,13 +324,20 @@ def _alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErro
     return {f: e for (f, _), e in zip(listed, errors, strict=True)}
 
 
-def _about_pull(problem: Problem, found: Search, verdict: Verdict, seed: int) -> list[str]:
-    """Whether drawbar pull would say something else of the effects, in words."""
+def _about_pull(problem: Problem, found: Search, errors: CvErrors, seed: int) -> list[str]:
+    """Whether drawbar pull would say something else of the effects, in words. errors: held out."""
     if problem.judged is problem:
         return []
     with_pull = search(problem.fitter, problem.fit, found.field, seed=seed,
                        budget=Budget(0, 0, 0, 0))  # fmt: skip
     said = "drawbar pull did not decide: its law is known to about 30 % of the load only"
+    share = errors.error["drawbar_pull"] / problem.measurements.conditions.load
+    off = float(np.sqrt(np.nanmean(share**2)))
+    if off > 2.0 * THRUST_LAW:
+        said += (
+            f". It is off by {100 * off:.0f} % of the load, more than any such law: the two channels "
+            "disagree; check its sign, its zero and what else pulls"
+        )
     if with_pull.p <= ALARM < found.p:
         first = min(with_pull.p_values, key=lambda f: with_pull.p_values[f])
         said += (
@@ -356,7 +373,7 @@ def _proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal
             made = propose(found.fitter, one, other, names, hints[0] if hints else "", limits)
         except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
             continue
-        if made is not None:
+        if made is not None and made.power > LEAST_POWER:
             proposals.append(made)
     return proposals[:_MOST_PROPOSALS]
 

@@ -23,7 +23,7 @@ from scipy.special import logsumexp
 
 from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, SPREAD
+from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector
 
@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 
 _WAY = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
-_HIDE = 2.0  # prior deviations of ln phi: the null's scatter is at most what soils and rigs show
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ class Screen:
             level = -np.log(np.diag(factor)).sum() + model.log_prior(at)
             white = solve_triangular(factor, stacked, lower=True, check_finite=False)
             self._parts.append((factor, level, white, white.T @ white))
-        capped = np.minimum(fit.scatter.log_deviation, medians + _HIDE * SPREAD)
+        capped = np.minimum(fit.scatter.log_deviation, medians + HIDE * SPREAD)
         self._null = model.covariance(replace(fit.scatter, log_deviation=capped), kernels)
         usual = np.minimum(fit.scatter.log_deviation, medians)
         quiet = model.covariance(replace(fit.scatter, log_deviation=usual), kernels) + spread

@@ -213,11 +213,16 @@ def _testable(
     fitter: Fitter, base: Fit, field: Field, columns: list[Column], screen: Screen
 ) -> tuple[Field, list[Column], Screen]:
     """Without the families that no data of this design could show."""
-    power: dict[str, float] = {c.family: 0.0 for c in field.competitors}
+    power: dict[str, float] = {}
     for column, size in zip(columns, screen.testability(), strict=True):
         family = column.competitor.family
-        power[family] = max(power[family], size)
+        power[family] = max(power.get(family, 0.0), size)
     blind = {
+        c.family: "its law gives no finite prediction on this data, or fails"
+        for c in field.competitors
+        if c.family not in power
+    }
+    blind |= {
         family: "the base model imitates it: with these settings no strength that is likely would show"
         for family, size in power.items()
         if size < TESTABLE

@@ -21,17 +21,13 @@ from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.constants import ALARM, NAMED, TIE, TIED
+from smallwheel_ros.fitting.constants import ALARM, APART, BEATS, MENTIONED, NAMED, TIE, TIED
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Word = Literal[
     "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
 ]
-
-_MENTIONED = 0.02  # probability under which a family is no rival
-_APART = 0.7  # of a rival's probability lies in models without the other: they exclude each other
-_BEATS = 1.0  # nats by which a law must do better than none to stand for its free curve
 
 
 @dataclass(frozen=True)
@@ -75,10 +71,10 @@ def decide(search: Search) -> Verdict:
     if search.p > ALARM:
         return _nothing(search, probability, none)
     named = [f for f in ordered if probability[f] >= NAMED]
-    rest = [f for f in ordered if f not in named and probability[f] >= _MENTIONED]
+    rest = [f for f in ordered if f not in named and probability[f] >= MENTIONED]
     groups = _rival_groups(rest, probability, members, share)
     if not named and not groups and none < 1.0 - NAMED:
-        groups = [[f for f in ordered if probability[f] >= _MENTIONED]]
+        groups = [[f for f in ordered if probability[f] >= MENTIONED]]
     if not named and not groups:
         return _nothing(search, probability, none)
     best = search.ordered[0]
@@ -144,7 +140,7 @@ def _rival_groups(
             if sum(share[k] for k in covered) >= NAMED and probability[other] < 1.0 - NAMED:
                 break
             new = {k for k, m in members.items() if other in m} - covered
-            if sum(share[k] for k in new) >= _APART * probability[other]:
+            if sum(share[k] for k in new) >= APART * probability[other]:
                 group.append(other)
                 covered |= new
         if sum(share[k] for k in covered) >= NAMED:
@@ -173,7 +169,7 @@ def _without_a_law(
             if name in m.families and {c.key for c in rest} <= set(m.key) and len(m.key) == len(rest) + 1
         ]  # fmt: skip
         least = -np.inf if without is None else without.fit.evidence
-        if any(m.fit.evidence > least + _BEATS for m in laws):
+        if any(m.fit.evidence > least + BEATS for m in laws):
             kept.append(name)
         else:
             unknown.append(curves[0].family)

@@ -46,8 +46,8 @@ CURVE_CORRELATED = _constant(
     "layers and grains below a plate; as large as a channel's own scatter",
 )  # fmt: skip
 CURVE_SHAPE = _constant(
-    "shape: the power law itself over depth, of the level", 0.05,
-    "measured plate curves stray by 5 % from any power of depth",
+    "shape: discrepancy of the power law over depth, of the level", 0.05,
+    "measured plate curves stray by 5 % from any power of depth; fixed, as that of thrust",
 )  # fmt: skip
 SPREAD = _constant(
     "log-deviation of each of these priors", 0.7,
@@ -73,7 +73,7 @@ ROW_NOISE = _constant(
 # Statistical.
 STUDENT = _constant(
     "degrees of freedom of the priors of effects", 3.0,
-    "a published range is a guide: a strength four half-widths outside costs 4 nats, not 8",
+    "a published range is a guide: a strength four half-widths from its middle costs 4 nats, not 8",
 )  # fmt: skip
 EXPECTED_EFFECTS = _constant(
     "effects expected to be missing, before the data",
@@ -101,6 +101,42 @@ DETERMINED = _constant(
     "posterior over prior deviation of a determined parameter", 0.5,
     "at half, three quarters of what is known is data",
 )  # fmt: skip
+
+MENTIONED = _constant("probability under which a family is no rival", 0.02, "50 to 1")
+APART = _constant(
+    "share of a rival's probability in models without the other", 0.7,
+    "two effects that are both there would have most of it in models with both",
+)  # fmt: skip
+BEATS = _constant(
+    "nats by which a law beats none, to stand for its free curve", 1.0, "a factor of e"
+)
+ANSWERS = _constant(
+    "share of a column's variance that settings predict, from which it is an answer", 0.75,
+    "designed settings predict each other by less than half",
+)  # fmt: skip
+SAME_ORDER = _constant(
+    "rank correlation of one setting in other units", 0.98, "rim speed and slip at one speed"
+)
+WAVERS = _constant(
+    "share of a load's variance within runs, from which it was not set", 0.05,
+    "a load that is set repeats to a few per cent, and was varied by a factor",
+)  # fmt: skip
+FEWEST_VALUES = int(
+    _constant("runs with different values of a column that nobody has a law for", 8,
+              "fewer are explained by the scatter of as many runs")
+)  # fmt: skip
+HIDE = _constant(
+    "prior deviations of ln phi that the null's scatter is capped at", 2.0,
+    "95 % of prepared soils and rigs scatter less: what is beyond may be the effect itself",
+)  # fmt: skip
+CURVE_SIZE = _constant(
+    "deviation of ln factor of a curve without a name", 0.4, "half to twice; higher terms fall off"
+)
+LEAST_POWER = _constant(
+    "chance to decide from which a measurement is proposed",
+    0.2,
+    "one in five: else it is no advice",
+)
 
 # Search budget: larger costs time only.
 CURVE_POINTS = int(

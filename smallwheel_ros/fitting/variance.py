@@ -11,10 +11,14 @@
 and for swept runs
 
       + along^2 L L' exp(-|d path| / l)   within a run         what neighbours along a curve share
-      + shape^2 L L' exp(-|d ln L|)       over all runs        no soil's law is a power of depth
-      + body^2  L L'                      within one body      no law of size is a power either
 
-Drawbar pull has the fixed discrepancy (0.3 W)^2 exp(-|d slip| / 0.3) within each wheel. L is the size
+Two laws are wrong by an amount that is given, not fitted: where it is fitted, any effect gains by
+shrinking it. A curve strays from a power of depth, over all runs and once more within each body (plate
+or wheel), and no law of size is a power either:
+
+      + shape^2 L L' [(1 + same body) exp(-|d ln L|) + same body]
+
+Drawbar pull has (0.3 W)^2 exp(-|d slip| / 0.3) within each wheel. L is the size
 of each value (`levels`). phi = (tau, own, ...) have log-normal priors; ln phi is found by maximising
 
     ln N(e; 0, V + J P^-1 J') + ln p(ln phi)
@@ -108,10 +112,8 @@ class VarianceModel:
         code = np.unique(body, axis=0, return_inverse=True)[1].reshape(-1)
         same = code[:, None] == code[None, :]
         near = np.exp(-np.abs(depth[:, None] - depth[None, :]))
-        shape = np.where(both, self._sizes * (1.0 + same) * near, 0.0)
-        self._add("shape", shape, constants.CURVE_SHAPE)
-        if code.max() > 0:
-            self._add("body", np.where(both & same, self._sizes, 0.0), constants.CURVE_SHAPE)
+        law = (1.0 + same) * near + (same if code.max() > 0 else 0.0)
+        self.base += constants.CURVE_SHAPE**2 * np.where(both, self._sizes * law, 0.0)
 
     @property
     def start(self) -> Scatter:

@@ -154,13 +154,19 @@ def solve_layered(
     Regula falsi (Illinois) in ln W over ln z, in which a pressure law is nearly a straight line.
     """
     target = np.log(load)
-    low, high = np.log(upper) - 25.0, np.log(upper)
+    with np.errstate(all="ignore"):  # a law may overflow at depths that no root is at
+        return _regula_falsi(target, np.log(upper) - 25.0, np.log(upper), load_at)
+
+
+def _regula_falsi(
+    target: Array, low: Array, high: Array, load_at: Callable[[Array], Array]
+) -> tuple[Array, NDArray[np.bool_]]:
     f_low, f_high = (np.log(load_at(np.exp(x))) - target for x in (low, high))
     sunk = f_high < 0.0
-    side = np.zeros(load.shape)
+    side = np.zeros(target.shape)
     for _ in range(80):
-        with np.errstate(invalid="ignore", divide="ignore"):  # of rows that are sunk or met already
-            x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
+        # of rows that are sunk or met already the quotient is not used
+        x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
         f = np.log(load_at(np.exp(x))) - target
         if np.all((np.abs(f) < 1e-12) | sunk | (high - low < 1e-13)):
             break
