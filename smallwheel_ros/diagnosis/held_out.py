@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,13 +70,14 @@ def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list
     """
     columns = [] if found.screen is None else found.screen.columns
     columns = [c for c in columns if c.competitor.kind != "unknown"]
+    budget = replace(FOLD, most=len(chain) - 1)
 
     def choose(training: Points) -> list[Model]:
         fitter, base, keep = _training(problem, training)
         models = [base.vector.model(base.theta)]
         if len(chain) > 1:
             shorter = [Column(c.competitor, c.shift[keep], c.start) for c in columns]
-            here = search(fitter, base, found.field, budget=FOLD, replicates=0, columns=shorter)
+            here = search(fitter, base, found.field, budget=budget, replicates=0, columns=shorter)
             for size, wanted in enumerate(chain[1:], start=1):
                 listed = [m for m in _laws(found) if len(m.competitors) == size]
                 named = [m for m in listed[_SHORTLIST:] if m.families == wanted]

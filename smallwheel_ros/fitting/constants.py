@@ -148,9 +148,9 @@ MOST_POINTS = int(
 WINDOW = _constant(
     "nats below the best model that are searched on", 7.0, "1000 to 1 (Occam's window)"
 )
-PARENTS = int(_constant("models that are extended at each size", 4, "search budget"))
+PARENTS = int(_constant("models that are extended at each size", 3, "search budget"))
 FIRST_REFITS = int(_constant("single effects that are refitted", 16, "search budget"))
-REFITS = int(_constant("extensions of each model that are refitted", 7, "search budget"))
+REFITS = int(_constant("extensions of each model that are refitted", 6, "search budget"))
 MOST_EFFECTS = int(_constant("effects of the largest model", 4, "search budget"))
 FOLDS = int(
     _constant("folds of the held-out error", 6, "up to twice as many runs are left out one by one")
