@@ -200,7 +200,11 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
 
     with BagReader(bag) as reader:
         expected = {topic.name: topic.message_count for topic in reader.topics}
-        first, last = reader.start_time, reader.end_time
+        # At most 100 Hz of the bag's time.
+        ticks: list[int] = []
+        for raw in reader.raw_messages():
+            if not ticks or raw.log_time >= ticks[-1] + 10_000_000:
+                ticks.append(raw.log_time)
     kinds = {"load": WrenchStamped, "sinkage": WheelSinkage, "odom": Odometry}
     received: Counter[str] = Counter()
     clocks: list[int] = []
@@ -230,9 +234,12 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
             QoSProfile(depth=5000),
         )
         total = sum(expected.values())
-        deadline = time.monotonic() + 120.0
-        while received.total() < total and process.poll() in (None, 0):
-            assert time.monotonic() < deadline, f"{dict(received)} of {expected}"
+        deadline = time.monotonic() + 300.0
+        while (received.total() < total or len(clocks) < len(ticks)) and process.poll() in (
+            None,
+            0,
+        ):
+            assert time.monotonic() < deadline, f"{received} of {expected}, {len(clocks)} ticks"
             rclpy.spin_once(node, timeout_sec=0.05)
         out, err = process.communicate(timeout=60)
     finally:
@@ -244,13 +251,7 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
     assert "not confirmed" not in err
     assert f"{total} messages published" in out
     assert dict(received) == expected
-    assert clocks == sorted(clocks)
-    assert first is not None
-    assert last is not None
-    assert first <= clocks[0]
-    assert clocks[-1] <= last
-    # at most 100 Hz of the bag's time, and no long holes
-    assert 50 < len(clocks) / ((last - first) / 1e9) <= 101
+    assert clocks == ticks
 
 
 def test_player_waits_for_some_listener_and_names_what_nobody_hears(

@@ -137,7 +137,12 @@ class Player:
         }
         self._clock = None
         if self.settings.clock and "/clock" not in self.topics:
-            self._clock = node.create_publisher(Clock, "/clock", _RELIABLE)
+            self._clock = node.create_publisher(
+                Clock,
+                "/clock",
+                _RELIABLE,
+                event_callbacks=PublisherEventCallbacks(matched=self._on_clock_match),
+            )
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
 
@@ -163,6 +168,10 @@ class Player:
 
     def _on_match(self, topic: str, event: QoSPublisherMatchedInfo) -> None:
         self._listeners[topic] = event.current_count
+        self._newest_match = time.monotonic()
+
+    def _on_clock_match(self, _: QoSPublisherMatchedInfo) -> None:
+        # Who listens to the clock need not listen to the bag, but is to have the clock's beginning.
         self._newest_match = time.monotonic()
 
     def _begin_at(self) -> float:
@@ -204,9 +213,10 @@ class Player:
         Those of best effort confirm nothing, and are not waited for.
         """
         deadline = time.monotonic() + _CONFIRM
+        clock = {} if self._clock is None else {"/clock": self._clock}
         return [
             name
-            for name, publisher in self.publishers.items()
+            for name, publisher in (self.publishers | clock).items()
             if not publisher.wait_for_all_acked(
                 Duration(seconds=max(deadline - time.monotonic(), 0.0))
             )
