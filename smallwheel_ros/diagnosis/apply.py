@@ -53,6 +53,7 @@ def add_effect(
     Raises EffectError where there is no such effect or the data does not have what it needs.
     """
     known = registry or default_registry()
+    forms_of(effect, Problem.of(measurements, base), known)  # refused before the work, not after it
     judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
     problem = judged.problem
     forms = forms_of(effect, problem, known)

@@ -15,7 +15,7 @@ from smallwheel_ros.diagnosis.leads import curve_shown, residuals_left, worst_le
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
 from smallwheel_ros.diagnosis.problem import Base, Problem
 from smallwheel_ros.diagnosis.regions import where_it_fails
-from smallwheel_ros.diagnosis.search import Budget, CandidateFit, Search, search
+from smallwheel_ros.diagnosis.search import Budget, CandidateFit, Search, exchanged, search
 from smallwheel_ros.diagnosis.verdict import Verdict, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
@@ -180,23 +180,18 @@ def _too_little(problem: Problem, field: Field, reason: str) -> Diagnosis:
 
 
 def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, list[Step]]:
-    """Held-out errors of the base and of it with each name; a name that predicts worse is no name."""
+    """Held-out errors of the base and of it with each name; a channel that gets worse is said."""
     judged = problem.judged
     models = in_order(found, verdict) if verdict.named else [found.none]
     models = models[: len(verdict.named) + 1]
     errors = nested(judged, found, [m.families for m in models])
     if len(models) > 1:
-        change = compare_cv(errors[0], errors[-1])
-        if change.worse and not change.better:
+        worse = compare_cv(errors[0], errors[-1]).worse
+        if worse:
             said = (
-                f"{' and '.join(verdict.named)} would be named (p {found.p:.2g}), but runs that the "
-                "choice never saw are predicted no better: a weak sign, measure more runs"
+                f"on runs that the choice never saw, the error of {' and '.join(worse)} rises with what "
+                "is named: its law does not carry over to settings outside those measured"
             )
-            verdict = replace(verdict, word="adequate", named=(), rivals=(), best=found.none,
-                              reasons=(said,))  # fmt: skip
-            models, errors = models[:1], errors[:1]
-        elif change.worse:
-            said = f"the held-out error of {' and '.join(change.worse)} rises with what is named"
             verdict = replace(verdict, reasons=(*verdict.reasons, said))
     errors = _with_pull(problem, models, errors)
     if "drawbar_pull" in compare_cv(errors[0], errors[-1]).worse and problem.judged is not problem:
@@ -358,7 +353,7 @@ def _proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal
     first = ordered[0] if verdict.word != "missing_effect" else verdict.best
     pairs: list[tuple[CandidateFit, CandidateFit]] = []
     if verdict.rivals:
-        models = [next((m for m in ordered if r in m.families), None) for r in verdict.rivals]
+        models = [_explained_by(found, verdict, rival) for rival in verdict.rivals]
         known = [m for m in models if m is not None]
         pairs += [(known[0], other) for other in known[1:]]
     pairs += [(first, m) for m in ordered if m.families != first.families][:_MOST_PROPOSALS]
@@ -376,6 +371,18 @@ def _proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal
         if made is not None and made.power > LEAST_POWER:
             proposals.append(made)
     return proposals[:_MOST_PROPOSALS]
+
+
+def _explained_by(found: Search, verdict: Verdict, rival: str) -> CandidateFit | None:
+    """The best model with a rival. One that is only tied was not fitted: it takes the name's place."""
+    known = next((m for m in found.ordered if rival in m.families), None)
+    named = next((m for m in found.ordered if verdict.rivals[0] in m.families), None)
+    if known is not None or named is None:
+        return known
+    tied = next(c for c in named.competitors if c.family == verdict.rivals[0])
+    forms = [c for c in found.field.competitors if c.family == rival]
+    made = [exchanged(found, named, tied, form) for form in forms]
+    return max((m for m in made if m is not None), key=lambda m: m.weight, default=None)
 
 
 def _told_apart(one: CandidateFit, other: CandidateFit) -> tuple[str, str] | None:
