@@ -1,84 +1,83 @@
-"""What a diagnosis costs: 96 rows on one core, and a record of 10^5 rows against plain fits of it.
+"""What a diagnosis costs: processor time on one core, by table.
 
     python benchmarks/diagnosis_cost.py
 
-The peer for the long record is the usual way: for each effect one scipy least_squares fit with
-numerical Jacobian over all rows, through the same model.
+96 simulated rows, 54 rows of a real rig (where ../shared/data is) from soil known by indentation, and
+4000 rows of plate curves.
 """
 
 from __future__ import annotations
 
-import argparse
+import os
+import sys
 import tempfile
 import time
-import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-from scipy.optimize import least_squares
-from tqdm import tqdm
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from smallwheel_ros.diagnosis import diagnose
-from smallwheel_ros.diagnosis.candidates import Form, list_families
-from smallwheel_ros.fitting.layout import make_layout
-from smallwheel_ros.fitting.observations import Observations, observe
+import numpy as np
+import pandas as pd
+
+# As a script this file finds its neighbours, as a module of the repository its package.
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks._world_curves import curves
+from smallwheel_ros.diagnosis import Base, base_of, diagnose
+from smallwheel_ros.fitting import fit_model
+from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.measurements.table import Measurements, read_measurements
-from smallwheel_ros.model import predict
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
+REPEATS = 3
+ROOT = Path(__file__).resolve().parent.parent
+RIG = Path(os.environ.get("SMALLWHEEL_SHARED", ROOT.parent / "shared")) / "data" / "cmu_wheel_rig"
 
-def simulated(settings: RigSettings, runs_named: bool) -> Measurements:
-    table = simulate_rig(settings).table
-    if not runs_named:
-        table = table.drop(columns=["run"])
+
+def read(table: pd.DataFrame) -> Measurements:
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "rig.csv"
+        path = Path(folder) / "table.csv"
         write_table(table, path)
         return read_measurements(path)
 
 
-def plain_fit(observations: Observations, form: Form) -> float:
-    """Seconds of one least_squares fit of soil and effect to every row."""
-    layout = make_layout(observations, (form.effect,))
-    size = np.abs(observations.value) + 0.05 * np.median(np.abs(observations.value))
+def thousands_of_rows() -> Measurements:
+    tables = []
+    for seed in range(2):
+        table = curves(seed, 0, "plate", 300)
+        tables.append(table.assign(run=[f"{seed}_{name}" for name in table["run"]]))
+    return read(pd.concat(tables, ignore_index=True).iloc[:4000])
 
-    def residual(theta: np.ndarray) -> np.ndarray:
-        model = layout.model_at(np.clip(theta, layout.low, layout.high))
-        predicted = observations.pick(predict(model, observations.conditions))
-        return (observations.value - predicted) / size
 
-    started = time.perf_counter()
-    least_squares(residual, layout.start, bounds=(layout.low - 1e-9, layout.high + 1e-9))
-    return time.perf_counter() - started
+def cases() -> Iterator[tuple[str, Measurements, Base, float]]:
+    """Name, table, base, and the limit in seconds."""
+    for hidden in ((), ("slip_sinkage",)):
+        table = simulate_rig(RigSettings(seed=1, hidden=hidden)).table
+        yield f"simulated, {'+'.join(hidden) or 'nothing hidden'}", read(table), Base(), 3.0
+    if RIG.is_dir():
+        whole = read_measurements(RIG / "indentation.csv")
+        pressed = whole.take(whole.conditions.contact == "pressed")
+        rolling = read_measurements(RIG / "rolling_smooth_wheel.csv")
+        some = rolling.take(np.abs(rolling.conditions["slip_angle"]) < np.radians(16.0))
+        base = base_of(calibrated(fit_model(pressed), pressed), some)
+        yield "real rig, slip angle 0 and 15 deg", some, base, 6.0
+    yield "plate curves", thousands_of_rows(), Base(), 20.0
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rows", type=int, default=100_000)
-    options = parser.parse_args()
-    warnings.simplefilter("ignore", RuntimeWarning)
-    small = simulated(RigSettings(seed=1, hidden=("slip_sinkage",)), True)
-    diagnose(small)  # imports and caches
-    seconds = []
-    for _ in range(5):
-        started = time.process_time()
-        diagnose(small)
-        seconds.append(time.process_time() - started)
-    print(f"96 rows: median {np.median(seconds):.2f} s of processor time (limit 10 s)")
-
-    runs = options.rows // 37
-    large = simulated(
-        RigSettings(seed=1, hidden=("slip_sinkage",), runs=runs, rows_per_run=37), False
+    print(
+        "| table | rows | verdict | s of processor time | limit, s |\n| --- | --- | --- | --- | --- |"
     )
-    started = time.perf_counter()
-    found = diagnose(large).document
-    own = time.perf_counter() - started
-    observations = observe(large)
-    families = [f for f in list_families(observations) if not f.blocked]
-    plain = [plain_fit(observations, f.forms[0]) for f in tqdm(families, disable=None, leave=False)]
-    print(f"{len(large)} rows: diagnosis {own:.1f} s, names {found['missing_effects']}")
-    print(f"  one least_squares fit for each of {len(plain)} effects: {sum(plain):.1f} s")
-    print(f"  ratio {own / sum(plain):.3f} (limit 0.1)")
+    for name, measurements, base, limit in cases():
+        seconds = []
+        for _ in range(REPEATS):
+            started = time.process_time()
+            found = diagnose(measurements, base).document
+            seconds.append(time.process_time() - started)
+        said = ", ".join([found["verdict"], *found["missing_effects"]])
+        print(f"| {name} | {len(measurements)} | {said} | {np.median(seconds):.1f} | {limit:g} |")
 
 
 if __name__ == "__main__":

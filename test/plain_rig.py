@@ -67,6 +67,19 @@ class PlainSoil:
         )
 
 
+def rolled(seed: int, count: int = 20) -> list[dict[str, float]]:
+    """Settings of runs: load, slip, and one of two wheels, drawn apart from each other."""
+    rng = np.random.default_rng(seed)
+    return [
+        {
+            "load": float(20.0 * 6.0 ** rng.uniform()),
+            "slip": float(rng.uniform(0.0, 0.6)),
+            "diameter": float(rng.choice([0.2, 0.3])),
+        }
+        for _ in range(count)
+    ]
+
+
 @dataclass(frozen=True)
 class PlainRig:
     """What is measured and how well.

@@ -1,384 +1,315 @@
-"""The diagnosis as a whole, in process: each verdict, two effects, the next measurement, real data."""
+"""The verdict of a diagnosis: one table for each, faults of instruments, and what the document holds."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from plain_rig import PlainRig, rolled, table
 
-from smallwheel_ros.cli import main
-from smallwheel_ros.diagnosis import add_effect, base_of, diagnose
-from smallwheel_ros.diagnosis.search import plausible
+from smallwheel_ros.diagnosis import Diagnosis, diagnose
+from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.next_measurement import propose
+from smallwheel_ros.diagnosis.problem import Problem
+from smallwheel_ros.diagnosis.search import Budget, search
 from smallwheel_ros.diagnosis.text import diagnosis_text
-from smallwheel_ros.diagnosis.workbench import Base
-from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.fitting import fit_model
-from smallwheel_ros.fitting.files import calibrated
+from smallwheel_ros.effects.registry import default_registry
+from smallwheel_ros.fitting.constants import REPLICATES
+from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.measurements.table import Measurements, read_measurements
-from smallwheel_ros.model_file import read_model
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
-OWN = """
-from dataclasses import dataclass
-import numpy as np
-from smallwheel_ros.effects.base import Effect, parameter
-
-@dataclass(frozen=True)
-class Shaking(Effect):
-    id = "shaking"
-    summary = "A rig that shakes loosens the soil."
-    formula = "k exp(-a s)"
-    source = "this test"
-    needs = ("shake",)
-    a: float = parameter(0.2, (-3.0, 3.0), "loosening")
-
-    def modulus_factor(self, conditions):
-        return np.exp(-self.a * conditions["shake"])
-"""
+REGISTRY = default_registry()
+INSTRUMENTS = {"sinkage_gain", "sinkage_offset", "load_gain", "load_offset", "resistance_gain",
+               "resistance_offset", "rig_friction", "slip_resistance"}  # fmt: skip
 
 
-def table(folder: Path, frame: pd.DataFrame, name: str = "rig.csv") -> Measurements:
-    write_table(frame, folder / name)
-    return read_measurements(folder / name)
+def read(frame: pd.DataFrame, folder: Path) -> Measurements:
+    write_table(frame, folder / "rig.csv")
+    return read_measurements(folder / "rig.csv")
 
 
-def document(folder: Path, frame: pd.DataFrame) -> Mapping[str, Any]:
-    return diagnose(table(folder, frame)).document
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("tables")
 
 
-def test_two_effects_are_found_one_after_the_other(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4001, hidden=("slip_sinkage", "multipass")))
-    found = document(tmp_path, rig.table)
+@cache
+def plain(growth: float, seed: int, without: tuple[str, ...] = ()) -> Diagnosis:
+    return diagnose(PlainRig(slip_growth=growth).measure(rolled(0), seed), without=without)
+
+
+def simulated(folder: Path, **settings: Any) -> Diagnosis:
+    given = {"runs": 20, "form": "published"} | settings
+    return diagnose(read(simulate_rig(RigSettings(**given)).table, folder))
+
+
+# The verdicts
+
+
+def test_nothing_missing_is_adequate() -> None:
+    found = plain(0.0, 2).document
+    assert found["verdict"] == "adequate"
+    assert found["missing_effects"] == found["candidates"] == found["unknown"] == []
+    assert len(found["steps"]) == 1
+    assert found["lack_of_fit"]["p_value"] > 0.05
+
+
+def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise() -> None:
+    found = plain(2.0, 1).document
+    assert found["verdict"] == "missing_effect"
+    assert found["missing_effects"] == ["slip_sinkage"]
+    first, last = (step["held_out_rmse"] for step in found["steps"])
+    for channel, error in last.items():
+        assert error < 0.3 * first[channel]
+        assert error < 1.5 * found["channels"][channel]["noise_floor"]
+    assert "The model lacks slip sinkage" in diagnosis_text(found)
+
+
+def test_two_effects_are_named_and_each_step_falls(folder: Path) -> None:
+    found = simulated(folder, seed=4001, hidden=("slip_sinkage", "multipass"), runs=24).document
     assert set(found["missing_effects"]) == {"slip_sinkage", "multipass"}
+    assert [step["added"] for step in found["steps"]] == [None, *found["missing_effects"]]
     errors = [step["held_out_rmse"]["sinkage"] for step in found["steps"]]
     assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < 1.3 * found["channels"]["sinkage"]["noise_floor"]
-    words = diagnosis_text(found)
-    assert "slip sinkage" in words.splitlines()[0]
-    assert "Not testable with this data" in words
 
 
-def test_a_column_that_nobody_has_a_law_for_is_named(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4002, hidden=("column:density",)))
-    assert document(tmp_path, rig.table)["missing_effects"] == ["covariate:density"]
-
-
-def test_what_follows_nothing_recorded_gets_no_name(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4003, hidden=("unrecorded",), strength=1.5))
-    found = document(tmp_path, rig.table)
-    assert found["missing_effects"] == []
+def test_what_follows_nothing_recorded_is_unknown(folder: Path) -> None:
+    found = simulated(folder, seed=4003, hidden=("unrecorded",), strength=1.5, runs=32).document
     assert found["verdict"] == "unknown_effect"
+    assert found["missing_effects"] == []
     assert "not recorded" in found["reason"]
 
 
-def test_a_rebound_may_be_a_sensor_of_wrong_scale(tmp_path: Path) -> None:
-    """A sensor that reads 20 % too much is no effect of the soil, and nothing in the data says which."""
-    frame = simulate_rig(RigSettings(seed=4040)).table
-    assert "scale" not in document(tmp_path, frame)["reason"]
-    frame["sinkage [mm]"] *= 1.2
-    found = document(tmp_path, frame)
-    assert "elastic_rebound" in [*found["missing_effects"], *found["candidates"]]
-    assert "wrong scale of either sensor" in found["reason"]
-
-
-def test_soil_that_scatters_as_prepared_soils_do_is_adequate(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4014, soil_scatter=0.10))
-    assert document(tmp_path, rig.table)["verdict"] == "adequate"
-
-
-def test_an_error_of_one_channel_over_one_column_is_unknown(tmp_path: Path) -> None:
-    frame = simulate_rig(RigSettings(seed=4004)).table
+def test_a_sensor_that_follows_a_column_of_no_law_is_unknown(folder: Path) -> None:
+    """Of the sinkage alone: no soil does that, and no instrument of the library either."""
+    frame = simulate_rig(RigSettings(seed=4004, runs=24)).table
     rng = np.random.default_rng(0)
-    warmth = dict(zip(frame["run"].unique(), rng.uniform(-1.0, 1.0, 32), strict=True))
+    warmth = dict(zip(frame["run"].unique(), rng.uniform(-1.0, 1.0, 24), strict=True))
     frame["warmth"] = frame["run"].map(warmth)
-    frame["sinkage [mm]"] *= 1.0 + 0.4 * frame["warmth"]  # the sensor drifts; the soil does not
-    found = document(tmp_path, frame)
+    frame["sinkage [mm]"] *= 1.0 + 0.4 * frame["warmth"]
+    found = diagnose(read(frame, folder)).document
     assert found["verdict"] == "unknown_effect"
-    assert "sinkage over warmth" in found["reason"]
-    assert any(region["region"].startswith("warmth") for region in found["where_it_fails"])
+    assert "warmth" in found["reason"]
+    assert any("warmth" in region["region"] for region in found["where_it_fails"])
+    assert [curve["setting"] for curve in found["curves"]] == ["warmth"]
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.06], ids=["of any load", "of the load"])
-def test_what_the_rig_itself_resists_is_no_effect_of_the_soil(
-    tmp_path: Path, friction: float
+def test_a_column_with_a_law_of_its_own_is_named(folder: Path) -> None:
+    found = simulated(folder, seed=4002, hidden=("column:density",), form="own").document
+    assert found["missing_effects"] == ["covariate:density"]
+
+
+def test_settings_driven_together_cannot_be_told_apart_until_the_proposed_runs(
+    folder: Path,
 ) -> None:
-    frame = simulate_rig(RigSettings(seed=4042)).table
-    load, resistance = (next(c for c in frame if c.startswith(n)) for n in ("load", "resistance"))
-    frame[resistance] += friction * frame[load] if friction else 4.0
-    diagnosis = diagnose(table(tmp_path, frame))
-    assert diagnosis.document["verdict"] == "unknown_effect"
-    assert "resistance of the rig itself" in diagnosis.document["reason"]
-    # A curve that was bent as far as it goes is not the one that is there.
-    assert diagnosis.workbench is not None
-    bent = [
-        (explanation, effect.id)
-        for explanation in diagnosis.workbench.known()
-        for slot, frozen in zip(
-            explanation.layout.slots, explanation.fit.solution.frozen, strict=True
-        )
-        if slot.of_effect and frozen
-        for effect in [explanation.layout.model.effects[slot.owner]]
-        if next(p for p in effect.parameters() if p.name == slot.field).neutral is None
-    ]
-    assert bent
-    assert not any(plausible(explanation, name) for explanation, name in bent)
-
-
-@pytest.mark.parametrize("seed", [4020, 4021, 4022])
-def test_soil_that_is_firmest_in_the_middle_of_a_column_is_unknown(
-    tmp_path: Path, seed: int
-) -> None:
-    """Such a soil moves both channels together, as scatter from run to run would."""
-    rig = simulate_rig(RigSettings(seed=seed))
-    frame, n = rig.table, rig.truth.soil.n
-    runs = frame["run"].unique()
-    warmth = dict(zip(runs, np.linspace(-1.0, 1.0, runs.size), strict=True))
-    frame["warmth"] = frame["run"].map(warmth)
-    firmer = 1.0 + 0.4 * (1.0 - frame["warmth"] ** 2)
-    # z ~ k^(-2 / (2 n + 1)) and R ~ k z^(n + 1)
-    frame["sinkage [mm]"] *= firmer ** (-2.0 / (2.0 * n + 1.0))
-    frame["resistance [N]"] *= firmer ** (1.0 - 2.0 * (n + 1.0) / (2.0 * n + 1.0))
-    found = document(tmp_path, frame)
-    assert found["verdict"] == "unknown_effect"
-    assert "soil stiffness over warmth" in found["reason"]
-    assert found["lack_of_fit"]["p_value"] < 0.02
-
-
-@pytest.mark.parametrize("hidden", [(), ("slip_sinkage",)])
-def test_computed_data_without_noise_has_nothing_unknown(
-    tmp_path: Path, hidden: tuple[str, ...]
-) -> None:
-    """What is left of it is how two programs integrate, a millionth of the value."""
-    settings = RigSettings(seed=4023, hidden=hidden, noise=0.0, soil_scatter=0.0)
-    found = document(tmp_path, simulate_rig(settings).table)
-    assert found["missing_effects"] == list(hidden)
-    assert found["verdict"] == ("missing_effect" if hidden else "adequate")
-
-
-def test_a_tie_is_said_and_the_proposed_runs_break_it(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4005, hidden=("slip_sinkage",), tie=("slip", "load")))
-    tied = document(tmp_path, rig.table)
+    settings = RigSettings(seed=4005, hidden=("slip_sinkage",), tie=("slip", "load"), runs=20)
+    rig = simulate_rig(settings)
+    tied = diagnose(read(rig.table, folder)).document
     assert tied["verdict"] == "indistinguishable"
+    check(tied)
     assert {"slip_sinkage", "load_dependent_modulus"} <= set(tied["candidates"])
     proposal = tied["next_measurements"][0]
     assert proposal["expected_power"] > 0.9
     runs = measure(rig.truth, [proposal["settings"]] * proposal["runs"])
-    decided = document(tmp_path, pd.concat([rig.table, runs], ignore_index=True))
-    assert decided["missing_effects"] == ["slip_sinkage"]
+    more = read(pd.concat([rig.table, runs], ignore_index=True), folder)
+    assert diagnose(more).document["missing_effects"] == ["slip_sinkage"]
 
 
-def test_sinkage_alone_cannot_tell_width_from_load(tmp_path: Path) -> None:
-    settings = RigSettings(seed=4006, hidden=("width_dependent_modulus",), channels=("sinkage",))
-    found = document(tmp_path, simulate_rig(settings).table)
-    assert found["verdict"] == "indistinguishable"
-    assert {"width_dependent_modulus", "load_dependent_modulus"} <= set(found["candidates"])
+@pytest.mark.parametrize("runs", [1, 5])
+def test_few_runs_are_insufficient(runs: int) -> None:
+    found = diagnose(PlainRig(slip_growth=2.0).measure(rolled(0, runs), 1, rows=4))
+    assert found.document["verdict"] == "insufficient_data"
+    assert found.document["reason"].startswith(f"{runs} run")
+    assert found.document["missing_effects"] == []
+    assert {row["status"] for row in found.document["ranking"]} == {"not_testable"}
+    assert "nothing was held out" in diagnosis_text(found.document)
+    check(found.document)
 
 
-def test_outliers_neither_make_an_effect_nor_hide_one(tmp_path: Path) -> None:
-    none = simulate_rig(RigSettings(seed=4007, outliers=0.02))
-    found = document(tmp_path, none.table)
-    assert found["missing_effects"] == []
-    assert any("outliers" in note for note in found["notes"])
-    slip = simulate_rig(RigSettings(seed=4007, outliers=0.02, hidden=("slip_sinkage",)))
-    assert document(tmp_path, slip.table)["missing_effects"] == ["slip_sinkage"]
-
-
-def test_everything_constant_is_insufficient(tmp_path: Path) -> None:
-    rows = 12
-    frame = pd.DataFrame(
-        {
-            "run": [f"r{i}" for i in range(rows)],
-            "load": 50.0,
-            "diameter": 0.2,
-            "width": 0.1,
-            "sinkage": np.random.default_rng(1).normal(0.01, 2e-4, rows),
-        }
-    )
-    found = document(tmp_path, frame)
+def test_one_setting_is_insufficient() -> None:
+    sinkage = np.random.default_rng(1).normal(0.01, 2e-4, 12)
+    found = diagnose(table({"sinkage": sinkage}, [f"r{i}" for i in range(12)])).document
     assert found["verdict"] == "insufficient_data"
     assert "vary at least the load" in found["reason"]
-    words = diagnosis_text(found)
-    assert "nothing was held out" in words
-    assert "Held-out error" not in words
 
 
-def test_one_row_is_one_message(tmp_path: Path) -> None:
-    (tmp_path / "one.csv").write_text("load,diameter,width,sinkage\n50,0.2,0.1,0.01\n")
-    written = tmp_path / "one.json", tmp_path / "one.html"
-    arguments = ["--json", str(written[0]), "--html", str(written[1])]
-    result = CliRunner().invoke(main, ["diagnose", str(tmp_path / "one.csv"), *arguments])
-    assert result.exit_code == 0, result.output
-    found = json.loads(written[0].read_text())
-    assert found["verdict"] == "insufficient_data"
-    assert found["reason"].startswith("1 run: ")
-    assert found["steps"] == [{"added": None, "held_out_rmse": {}}]
-    assert {row["status"] for row in found["ranking"]} == {"not_testable"}
-    assert written[1].is_file()
-    assert "nan" not in result.output.lower().split()
+# Instruments
 
 
-def test_a_base_that_has_the_effect_is_adequate(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4008, hidden=("multipass",)))
-    measurements = table(tmp_path, rig.table)
-    named = diagnose(measurements)
-    assert named.document["missing_effects"] == ["multipass"]
-    base = Base(effects=named.fitted(1).model.effects)
-    again = diagnose(measurements, base)
-    assert again.document["verdict"] == "adequate"
+@pytest.mark.parametrize("fault", [
+    "load_offset=4", "load_offset=-4", "sinkage_gain=0.1", "sinkage_gain=-0.1",
+    "rig_friction=0.06", "slip_resistance=0.5",
+])  # fmt: skip
+def test_a_fault_of_an_instrument_is_never_called_soil(folder: Path, fault: str) -> None:
+    found = simulated(folder, seed=6, hidden=(fault,), form="own").document
+    name = fault.partition("=")[0]
+    assert found["verdict"] in ("missing_effect", "indistinguishable")
+    assert set(found["missing_effects"]) <= INSTRUMENTS
+    assert name in [*found["missing_effects"], *found["candidates"]]
+    row = next(r for r in found["ranking"] if r["effect"] == name)
+    assert row["kind"] == "instrument"
+    assert row["next_step"]
 
 
-def test_commands_from_fit_to_the_effect_added(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4009, hidden=("slip_sinkage",)))
-    data, run = tmp_path / "rig.csv", CliRunner()
-    write_table(rig.table, data)
-    model, better = tmp_path / "m.yaml", tmp_path / "m2.yaml"
-    fitted = run.invoke(main, ["fit", str(data), "-o", str(model)])
-    assert fitted.exit_code == 0, fitted.output
-    held_out = read_model(model).provenance["held_out_rmse"]
-    in_sample = fit_model(read_measurements(data)).noise["sinkage"].absolute
-    assert set(held_out) == {"sinkage", "resistance"}
-    assert held_out["sinkage"] > in_sample
-    common = ["--model", str(model), "--data", str(data), "-o", str(better)]
-    added = run.invoke(main, ["add", "slip_sinkage", *common])
-    assert added.exit_code == 0, added.output
-    assert "recommended: the error fell" in added.output
-    assert [e.id for e in read_model(better).model.effects] == ["slip_sinkage"]
-    useless = run.invoke(main, ["add", "penetration_rate", *common])
-    assert useless.exit_code == 0, useless.output
-    assert "not recommended" in useless.output
-    for effect, said in (
-        ("slip_sinkag", "slip_sinkage"),
-        ("grouser", "grouser_height"),
-        ("covariate:speed", "'speed' is a known setting, and those have effects of their own (pen"),
-        ("covariate:load", "(load_dependent_modulus): add one of them"),
-        ("covariate:moistness", "no column 'moistness' of numbers"),
-        ("covariate:sinkage", "'sinkage' is what was measured"),
-        ("covariate:wheel", "'wheel' is text"),
-    ):
-        wrong = run.invoke(main, ["add", effect, *common])
-        assert wrong.exit_code == 2
-        assert said in wrong.output
+# What the document says
 
 
-def test_a_fit_of_one_run_has_no_held_out_error(tmp_path: Path) -> None:
-    frame = simulate_rig(RigSettings(seed=4009)).table
-    write_table(frame[frame["run"] == frame["run"][0]], tmp_path / "one.csv")
-    model = tmp_path / "m.yaml"
-    done = CliRunner().invoke(main, ["fit", str(tmp_path / "one.csv"), "-o", str(model)])
-    assert done.exit_code == 0, done.output
-    assert "held_out_rmse" not in read_model(model).provenance
+def test_without_takes_an_effect_out_and_says_so() -> None:
+    found = plain(2.0, 1, ("slip_sinkage",)).document
+    assert "slip_sinkage" not in [*found["missing_effects"], *found["candidates"]]
+    row = next(r for r in found["ranking"] if r["effect"] == "slip_sinkage")
+    assert row["status"] == "not_testable"
+    assert row["reason"] == "taken out of the competition"
+    assert found["verdict"] == "unknown_effect"
+    assert "slip" in found["reason"]
 
 
-def test_apply_writes_the_model_pictures_and_report(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4010, hidden=("multipass",)))
-    data, model, html, plots = (tmp_path / n for n in ("rig.csv", "m.yaml", "r.html", "plots"))
-    write_table(rig.table, data)
-    arguments = ["diagnose", str(data), "--apply", "-o", str(model)]
-    result = CliRunner().invoke(main, [*arguments, "--html", str(html), "--plots", str(plots)])
-    assert result.exit_code == 0, result.output
-    assert [e.id for e in read_model(model).model.effects] == ["multipass"]
-    assert "held_out_rmse" in read_model(model).provenance
-    assert html.read_text().lstrip().startswith("<!")
-    names = {path.name for path in plots.iterdir()}
-    assert {"staircase.png", "residuals.png", "ranking.png"} <= names
+def test_without_unknown_no_curve_competes() -> None:
+    found = plain(0.0, 2, ("unknown",)).document
+    assert not any(row["effect"].startswith("unknown:") for row in found["ranking"])
+    assert found["unknown"] == []
 
 
-def test_options_that_do_not_go_together(tmp_path: Path) -> None:
-    data = tmp_path / "rig.csv"
-    write_table(simulate_rig(RigSettings(seed=4011)).table, data)
-    for options in (["--apply"], ["-o", str(tmp_path / "m.yaml")]):
-        result = CliRunner().invoke(main, ["diagnose", str(data), *options])
-        assert result.exit_code == 2
-        assert "--apply and -o" in result.output
-    nowhere = str(tmp_path / "no" / "m.yaml")
-    result = CliRunner().invoke(main, ["fit", str(data), "-o", nowhere])
-    assert result.exit_code == 2
-    assert "does not exist" in result.output
+def test_every_entry_has_its_kind_and_the_tested_ones_their_probability() -> None:
+    ranking = plain(2.0, 1).document["ranking"]
+    for row in ranking:
+        assert row["kind"] in ("soil", "instrument", "unknown")
+        assert (row["kind"] == "instrument") == (row["effect"] in INSTRUMENTS)
+        assert (row["kind"] == "unknown") == row["effect"].startswith("unknown:")
+        if row["status"] != "not_testable":
+            assert 0.0 <= row["probability"] <= 1.0 + 1e-9
+    assert ranking[0]["effect"] == "slip_sinkage"
+    assert ranking[0]["probability"] > 0.95
 
 
-def test_an_effect_of_ones_own_is_ranked_and_named(tmp_path: Path) -> None:
-    frame = simulate_rig(RigSettings(seed=4012)).table
-    rng = np.random.default_rng(2)
-    shake = frame["run"].map(
-        dict(zip(frame["run"].unique(), rng.uniform(0.0, 1.0, 32), strict=True))
+@pytest.mark.parametrize("growth", [0.0, 2.0])
+def test_no_p_is_smaller_than_the_draws_allow(growth: float) -> None:
+    found = plain(growth, 2 if growth == 0.0 else 1).document
+    smallest = 1.0 / (REPLICATES + 1)
+    values = [found["lack_of_fit"]["p_value"], *(r.get("p_value") for r in found["ranking"])]
+    assert all(v is None or smallest <= v <= 1.0 for v in values)
+    if growth:
+        assert found["lack_of_fit"]["p_value"] == smallest
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    measured = PlainRig().measure(rolled(0, 10), 2)
+    first, again, other = (
+        json.dumps(diagnose(measured, seed=seed).document).encode() for seed in (0, 0, 1)
     )
-    frame["shake"] = shake
-    # as a softer soil would: sinkage by k^(-1/(n+1/2)), resistance by half of that; n about 0.9
-    frame["sinkage [mm]"] *= np.exp(0.6 * shake / 1.4)
-    frame["resistance [N]"] *= np.exp(0.3 * shake / 1.4)
-    data, own = tmp_path / "rig.csv", tmp_path / "own.py"
-    write_table(frame, data)
-    own.write_text(OWN)
-    result = CliRunner().invoke(main, ["diagnose", str(data), "--effects", str(own)])
-    assert result.exit_code == 0, result.output
-    assert "shaking" in result.stdout.splitlines()[0]
+    assert first == again
+    assert first != other
 
 
-def test_an_effect_that_the_data_cannot_have_is_refused(tmp_path: Path) -> None:
-    measurements = table(tmp_path, simulate_rig(RigSettings(seed=4013)).table)
-    with pytest.raises(EffectError, match="grouser_height"):
-        add_effect("grouser", Base(), measurements)
+def test_proposals_keep_to_what_the_user_can_set() -> None:
+    """Slip rose with load: what can be set decides which runs would tell the two apart."""
+    tied = [{"load": w, "slip": (w - 20.0) / 180.0} for w in np.linspace(20.0, 120.0, 14)]
+    limits = {"slip": [0.0, 0.1, 0.2], "load": [25.0, 30.0]}
+    found = diagnose(PlainRig(slip_growth=2.0).measure(tied, 1), limits=limits).document
+    assert found["verdict"] == "indistinguishable"
+    assert found["next_measurements"]
+    for proposal in found["next_measurements"]:
+        assert all(proposal["settings"][name] in levels for name, levels in limits.items())
+        assert proposal["runs"] == 6
 
 
-@pytest.fixture(scope="module")
-def rig_data(shared_data: Path) -> tuple[Measurements, Base]:
-    folder = shared_data / "cmu_wheel_rig"
-    whole = read_measurements(folder / "indentation.csv")
-    pressed = whole.take(whole.conditions.contact == "pressed")
-    rolling = read_measurements(folder / "rolling_smooth_wheel.csv")
-    rolling = rolling.take(np.abs(rolling.conditions["slip_angle"]) < 0.01)
-    return rolling, base_of(calibrated(fit_model(pressed), pressed), rolling)
+def test_no_setting_is_proposed_that_has_six_runs() -> None:
+    """Of the nine settings that can be set, all have six runs, or all but one."""
+    grid = [{"load": w, "slip": i} for w in (20.0, 70.0, 120.0) for i in (0.0, 0.3, 0.6)]
+    limits = {name: sorted({run[name] for run in grid}) for name in ("load", "slip")}
+    free = {"load": 70.0, "slip": 0.3}
+    for runs, expected in ((grid * 6, None), ([r for r in grid if r != free] * 6, free)):
+        measured = PlainRig(slip_growth=2.0).measure(runs, 3, rows=1)
+        problem = Problem.of(measured)
+        field = field_of(problem.points, problem.vector.model(problem.vector.start), REGISTRY)
+        found = search(problem.fitter, problem.fit, field, budget=Budget(4, 1, 1, 1))
+        first, second = found.ordered[0], found.none
+        proposal = propose(found.fitter, first, second, ("one", "other"), limits=limits)
+        assert (proposal is None) == (expected is None)
+        if proposal is not None and expected is not None:
+            assert {name: proposal.settings[name] for name in expected} == expected
 
 
-def test_recorded_wheel_calibrated_by_pressing_lacks_slip_and_skid(
-    rig_data: tuple[Measurements, Base],
-) -> None:
-    rolling, base = rig_data
-    assert base.priors
-    found = diagnose(rolling, base).document
-    assert set(found["missing_effects"]) == {"slip_sinkage", "skid_sinkage"}
-    errors = [step["held_out_rmse"]["sinkage"] for step in found["steps"]]
-    assert 0.011 < errors[0] < 0.016
-    assert errors[-1] < 0.002
-    blind = {r["effect"]: r["reason"] for r in found["ranking"] if r["status"] == "not_testable"}
-    for name in ("width_dependent_modulus", "load_dependent_modulus", "multipass"):
-        assert name in blind
-    assert any("one wheel diameter" in note for note in found["notes"])
+# The contract of the document (its rules are those of every program that reads it)
 
 
-def test_recorded_wheel_at_all_slip_angles(shared_data: Path) -> None:
-    folder = shared_data / "cmu_wheel_rig"
-    whole = read_measurements(folder / "indentation.csv")
-    pressed = whole.take(whole.conditions.contact == "pressed")
-    rolling = read_measurements(folder / "rolling_smooth_wheel.csv")
-    base = base_of(calibrated(fit_model(pressed), pressed), rolling)
-    found = diagnose(rolling, base).document
-    named = ["slip_angle_sinkage", "skid_sinkage", "slip_sinkage"]
-    assert set(found["missing_effects"]) == set(named)
-    errors = [step["held_out_rmse"]["sinkage"] for step in found["steps"]]
-    assert errors[0] > 0.012
-    assert errors[-1] < 0.003
-    assert any("|slip|" in region["region"] for region in found["where_it_fails"])
-    assert any("deeper than its axle" in note for note in found["notes"])
+def numbers(node: object) -> Iterator[float]:
+    if isinstance(node, Mapping):
+        for value in node.values():
+            yield from numbers(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from numbers(value)
+    elif isinstance(node, float):
+        yield node
 
 
-def test_a_model_with_an_effect_is_diagnosed_and_added_to(tmp_path: Path) -> None:
-    rig = simulate_rig(RigSettings(seed=4015, hidden=("slip_sinkage", "multipass")))
-    data, first, second = (str(tmp_path / n) for n in ("rig.csv", "first.yaml", "second.yaml"))
-    write_table(rig.table, tmp_path / "rig.csv")
-    run = CliRunner()
-    assert run.invoke(main, ["fit", data, "--effects", "multipass", "-o", first]).exit_code == 0
-    added = run.invoke(
-        main, ["add", "slip_sinkage", "--model", first, "--data", data, "-o", second]
-    )
-    assert added.exit_code == 0, added.output
-    assert [e.id for e in read_model(second).model.effects] == ["multipass", "slip_sinkage"]
-    again = run.invoke(main, ["diagnose", data, "--model", first, "--plots", str(tmp_path / "p")])
-    assert again.exit_code == 0, again.output
-    assert "The model lacks slip sinkage." in again.output
+def check(found: Mapping[str, Any]) -> None:
+    """Assert the shape of a diagnosis as JSON."""
+    assert json.loads(json.dumps(found)) == found
+    assert all(math.isfinite(value) for value in numbers(found))
+    named, rivals, verdict = found["missing_effects"], found["candidates"], found["verdict"]
+    assert isinstance(found["schema"], int)
+    assert verdict in ("missing_effect", "adequate", "unknown_effect", "indistinguishable",
+                       "insufficient_data")  # fmt: skip
+    assert bool(named) == (verdict == "missing_effect") or verdict == "indistinguishable"
+    assert len(rivals) >= 2 or verdict != "indistinguishable"
+    number, or_none = (int, float), (int, float, type(None))
+    for name, channel in found["channels"].items():
+        assert name in ("sinkage", "resistance", "drawbar_pull")
+        assert isinstance(channel["rows"], int)
+        assert isinstance(channel["rmse"], number)
+        assert isinstance(channel["bias"], number)
+        assert isinstance(channel["noise_floor"], or_none)
+    assert isinstance(found["lack_of_fit"]["p_value"], or_none)
+    for region in found["where_it_fails"]:
+        assert isinstance(region["region"], str)
+        assert isinstance(region["rows"], int)
+        assert region["channel"] in found["channels"]
+        assert all(isinstance(region[key], number) for key in ("bias", "rmse"))
+        assert all(isinstance(region[key], or_none) for key in ("rmse_elsewhere", "p_value"))
+    for row in found["ranking"]:
+        assert row["status"] in ("significant", "not_significant", "not_testable", "confounded")
+        assert isinstance(row["reason"], str)
+        if row["status"] == "not_testable":
+            continue
+        assert isinstance(row["p_value"], or_none)
+        assert isinstance(row["reduction"], or_none)
+        assert isinstance(row["held_out_rmse"], dict)
+        assert isinstance(row["confounded_with"], list)
+        for one in row["parameters"].values():
+            assert isinstance(one["value"], number)
+            assert isinstance(one["std"], or_none)
+            assert isinstance(one["unit"], str)
+            assert isinstance(one["plausible"], (bool, type(None)))
+    steps = found["steps"]
+    assert steps[0]["added"] is None
+    assert all(isinstance(step["held_out_rmse"], dict) for step in steps)
+    if verdict == "missing_effect":
+        assert [step["added"] for step in steps[1:]] == named
+    assert isinstance(found["next_measurements"], list)
+
+
+@pytest.mark.parametrize("case", [(0.0, 2), (2.0, 1), (2.0, 1, ("slip_sinkage",))])
+def test_the_document_keeps_the_contract(case: tuple[Any, ...]) -> None:
+    check(plain(*case).document)
+
+
+def test_no_channel_gets_worse_unnoticed(folder: Path) -> None:
+    """A resistance that follows slip, where no instrument may be blamed for it."""
+    rig = simulate_rig(RigSettings(seed=5, hidden=("slip_resistance=0.5",), runs=20))
+    measured = read(rig.table, folder)
+    out = (*INSTRUMENTS, "unknown")
+    found = diagnose(measured, without=out)
+    worse = compare_cv(found.steps[0].errors, found.steps[-1].errors).worse
+    assert found.document["missing_effects"]
+    assert worse == ("sinkage",)
+    assert "held-out error of sinkage rises" in found.document["reason"]
