@@ -86,6 +86,21 @@ class DugQuadratic(Quadratic):
 
 
 @dataclass(frozen=True)
+class PartlyDugQuadratic(Quadratic):
+    formula = "z = z0 g, g = 1 + s [(1 - q) |i| + q i^2], i < 0; compaction resistance at z0 g^c"
+    source = (
+        "between the two: of the soil below a skidding wheel some is compacted, some carried away"
+    )
+
+    c: float = parameter(
+        0.5, (0.0, 1.0), "share of the growth (in ln) that costs compaction", neutral=None
+    )
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return np.asarray(sinkage * self.growth(skid(conditions)) ** self.c)
+
+
+@dataclass(frozen=True)
 class FadingQuadratic(DugQuadratic):
     formula = "z = z0 (1 + s [(1 - q) |i| + q i^2] cos^p beta), i < 0; compaction resistance at z0"
     source = "empirical: at a slip angle, skid along the wheel's plane counts for less"
