@@ -312,4 +312,4 @@ def test_no_channel_gets_worse_unnoticed(folder: Path) -> None:
     worse = compare_cv(found.steps[0].errors, found.steps[-1].errors).worse
     assert found.document["missing_effects"]
     assert worse == ("sinkage",)
-    assert "held-out error of sinkage rises" in found.document["reason"]
+    assert "error of sinkage rises" in found.document["reason"]
