@@ -21,7 +21,16 @@ from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.constants import ALARM, APART, BEATS, MENTIONED, NAMED, TIE, TIED
+from smallwheel_ros.fitting.constants import (
+    ALARM,
+    APART,
+    BEATS,
+    MENTIONED,
+    NAMED,
+    TIE,
+    TIED,
+    TOGETHER,
+)
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
@@ -217,7 +226,7 @@ def _tied(search: Search, best: CandidateFit, name: str) -> list[str]:
     rivals = []
     for other, column in columns.items():
         r = _correlation(columns[driver], column) if other != driver else 0.0
-        if r * r < TIED or not _does_as_well(search, best, law, other):
+        if r * r < TIED or (r * r < TOGETHER and not _does_as_well(search, best, law, other)):
             continue
         known = [c.family for c in search.field.competitors
                  if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip

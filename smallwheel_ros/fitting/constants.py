@@ -92,6 +92,10 @@ TESTABLE = _constant(
 )  # fmt: skip
 TIE = _constant("nats within which a tied setting does as well", 3.0, "20 to 1")
 TIED = _constant("share of a setting's variance that another predicts, in a tie", 0.5, "half")
+TOGETHER = _constant(
+    "the same, from which two settings are tied whatever the fit says", 0.95,
+    "what is left is as small as the errors of settings, which the model does not have",
+)  # fmt: skip
 REPLICATES = int(_constant("draws of the null distribution", 199, "p down to 1/200"))
 OUTLIER = _constant(
     "deviations of a row from its run that make it an outlier", 6.0,
