@@ -407,5 +407,5 @@ def test_on_the_rig_every_base_model_leaves_an_error_that_follows_slip() -> None
         assert far is not None
         assert near is not None
         assert far.bias > 5e-3  # a wheel that slips digs itself in
-        assert near.bias < -5e-3
+        assert near.bias < -3 * repeats
         assert far.rmse > 10 * repeats

@@ -52,8 +52,6 @@ def fit_points(
 
     Raises FittingError where there are too few values.
     """
-    if len(points) < 2:
-        raise FittingError("one measurement cannot be fitted: measure at least a few loads")
     fitter, fit = make_fitter(points, vector, start)
     for _ in range(_LEVELS):
         level = levels_from(points, fit.predicted)

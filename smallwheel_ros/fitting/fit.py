@@ -300,7 +300,12 @@ def shrunken_levels(points: Points, fitter: Fitter, fit: Fit) -> Array:
 def make_fitter(
     points: Points, vector: ParameterVector, start: Array | None = None
 ) -> tuple[Fitter, Fit]:
-    """A fitter whose levels suit these points, and the fit of that model with it."""
+    """A fitter whose levels suit these points, and the fit of that model with it.
+
+    Raises FittingError where there are too few values.
+    """
+    if len(points) < 2:
+        raise FittingError("one measurement cannot be fitted: measure at least a few loads")
     level = first_levels(points)
     rough = Fitter(points, level, repeats_of(points, level))
     fit = rough.fit(vector, opening(points, vector) if start is None else start, turns=1)
