@@ -6,8 +6,6 @@ more for ten vectors than for one.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,7 +95,3 @@ class Predictor:
         if not np.isfinite(found).all():
             raise FittingError("the model has no finite prediction for these parameters")
         return found[0], np.asarray((found[1:] - found[0]).T / steps)
-
-    def at(self, conditions: Conditions) -> Predictor:
-        """The same points under other conditions (the settings exchanged, say)."""
-        return Predictor(replace(self.points, conditions=conditions))
