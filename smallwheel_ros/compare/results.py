@@ -17,7 +17,6 @@ from smallwheel_ros.fitting.held_out import (
     row_errors,
     rows_of,
 )
-from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points, filled
 from smallwheel_ros.fitting.result import expected_error
@@ -129,10 +128,7 @@ def _floors(fitter: Fitter, expected: Mapping[str, float]) -> dict[str, Floor]:
 
 def _refit(fitter: Fitter, fit: Fit, training: Points, vector: ParameterVector) -> Fit:
     """The fit of some runs, under the levels and the repeatability of the whole table."""
-    keep = np.isin(fitter.points.run, np.unique(training.run))
-    known = fitter.repeats
-    repeats = Repeats(known.channels, known.variance[keep], known.stated[keep])
-    mine = Fitter(training, fitter.level[keep], repeats)
+    mine = fitter.of_runs(training)
     values = dict(zip(fit.vector.names, fit.theta, strict=True))
     start = np.array([values.get(p.name, p.start) for p in vector.free])
     # Without some runs a component may have nothing to act on: then all start at their priors.

@@ -104,7 +104,7 @@ def held_out_with(problem: Problem, forms: list[Competitor]) -> list[CvErrors]:
     """Held-out errors of the base and of it with the effect, its form chosen anew in each fold."""
 
     def choose(training: Points) -> list[Model]:
-        fitter = problem.training(np.isin(problem.points.run, np.unique(training.run)))
+        fitter = problem.fitter.of_runs(training)
         vector = problem.base.vector(fitter.points)
         start = problem.fit.theta if vector.names == problem.fit.vector.names else None
         fit = fitter.fit(vector, start, problem.fit.scatter, turns=2)
@@ -121,7 +121,7 @@ def held_out_rmse(problem: Problem) -> dict[str, float]:
         return {}
 
     def choose(training: Points) -> list[Model]:
-        fitter = problem.training(np.isin(problem.points.run, np.unique(training.run)))
+        fitter = problem.fitter.of_runs(training)
         fit = fitter.fit(problem.base.vector(fitter.points), None, problem.fit.scatter, turns=2)
         return [fit.vector.model(fit.theta)]
 

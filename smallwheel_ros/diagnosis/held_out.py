@@ -99,9 +99,8 @@ def _laws(found: Search) -> list[CandidateFit]:
 
 
 def _training(problem: Problem, training: Points) -> tuple[Fitter, Fit, NDArray[np.bool_]]:
-    runs = np.unique(training.run)
-    keep = np.isin(problem.points.run, runs)
-    fitter = problem.training(keep)
+    keep = np.isin(problem.points.run, np.unique(training.run))
+    fitter = problem.fitter.of_runs(training)
     vector = problem.base.vector(fitter.points)
     start = problem.fit.theta if vector.names == problem.fit.vector.names else None
     return fitter, fitter.fit(vector, start, problem.fit.scatter, turns=2), keep
@@ -111,8 +110,7 @@ def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]
     """Held-out errors of models as they are, refitted in each fold from where they were."""
 
     def choose(training: Points) -> list[Model]:
-        keep = np.isin(problem.points.run, np.unique(training.run))
-        fitter = problem.training(keep)
+        fitter = problem.fitter.of_runs(training)
         made = []
         for m in models:
             try:

@@ -13,7 +13,6 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting import FitResult, fit_points, result_of, usable_points
 from smallwheel_ros.fitting.files import effect_parts, soil_priors, starting_soils
 from smallwheel_ros.fitting.fit import Fit, Fitter, make_fitter
-from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector, SoilPrior
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.soils import parameter_vector
@@ -24,7 +23,6 @@ from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -105,12 +103,6 @@ class Problem:
     def fit(self) -> Fit:
         """The base, fitted."""
         return self._made[1]
-
-    def training(self, keep: Mask) -> Fitter:
-        """A fitter of some of the values, under the same levels and repeatability."""
-        repeats = self.fitter.repeats
-        part = Repeats(repeats.channels, repeats.variance[keep], repeats.stated[keep])
-        return Fitter(self.points.take(keep), self.fitter.level[keep], part)
 
     @cached_property
     def judged(self) -> Problem:

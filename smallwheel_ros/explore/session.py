@@ -223,7 +223,7 @@ class Session:
         runs = np.unique(training.run)
         key = (id(judged), runs.tobytes())
         if key not in self._fold_fits:
-            fitter = judged.training(np.isin(judged.points.run, runs))
+            fitter = judged.fitter.of_runs(training)
             vector, known = judged.base.vector(fitter.points), judged.fit
             start = known.theta if vector.names == known.vector.names else None
             self._fold_fits[key] = fitter, fitter.fit(vector, start, known.scatter, turns=2)

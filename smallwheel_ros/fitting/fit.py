@@ -91,6 +91,13 @@ class Fitter:
         self.variance = VarianceModel(points, level, repeats.variance, repeats.stated)
         self.predictor = Predictor(points)
 
+    def of_runs(self, training: Points) -> Fitter:
+        """A fitter of some of the runs, under the same levels and repeatability."""
+        keep = np.isin(self.points.run, np.unique(training.run))
+        known = self.repeats
+        part = Repeats(known.channels, known.variance[keep], known.stated[keep])
+        return Fitter(training, self.level[keep], part)
+
     def fit(
         self,
         vector: ParameterVector,
