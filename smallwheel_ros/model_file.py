@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, EffectError
@@ -23,6 +22,7 @@ from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.output import write_bytes
 from smallwheel_ros.physics.soil import Soil, SoilError, nearest
 from smallwheel_ros.physics.traction import ThrustForm
+from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class CalibratedModel:
 
 def write_model(path: str | Path, calibrated: CalibratedModel) -> None:
     """Write a model file, whole or not at all. Raises OutputError where that is not possible."""
-    text = _HEAD + yaml.safe_dump(_document(calibrated), sort_keys=False, allow_unicode=True)
+    text = _HEAD + write_yaml(_document(calibrated))
     write_bytes(path, text.encode())
 
 
@@ -134,19 +134,6 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
     return (*of_soils, *of_effects)
 
 
-class _Loader(yaml.SafeLoader):
-    """The safe loader, which runs nothing, and takes a key that is there twice for a mistake."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
-        for key_node, _ in node.value:
-            if keys.count(key_node.value) > 1:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key '{key_node.value}' is there twice", key_node.start_mark
-                )
-        return dict(super().construct_mapping(node, deep))
-
-
 class _Reader:
     """Takes a parsed document apart; every complaint names file and key."""
 
@@ -169,14 +156,8 @@ class _Reader:
         return value
 
     def number(self, key: str, value: object) -> float:
-        # YAML 1.1 takes 1.6e6 for text, people do not
-        if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-            try:
-                number = float(value)
-            except ValueError:
-                number = np.nan
-            if np.isfinite(number):
-                return number
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value):
+            return float(value)
         raise self.fail(key, value, "a finite number")
 
     def choice(self, key: str, value: object, choices: tuple[str, ...]) -> str:
@@ -259,14 +240,25 @@ class _Reader:
             if len(self.listing(key, row)) != len(names):
                 raise self.fail(key, f"{len(row)} numbers", shape)
             matrix[i] = [self.number(key, v) for v in row]
-        scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-        asymmetry = np.abs(matrix - matrix.T) > 1e-9 * np.outer(scale, scale)
-        unit = np.where(scale > 0, scale, 1.0)
-        correlation = matrix / np.outer(unit, unit)
-        if asymmetry.any() or np.linalg.eigvalsh(correlation).min(initial=0.0) < -1e-9:
+        if not _is_covariance(matrix):
             expected = "symmetric, variances and eigenvalues at least 0"
             raise self.fail("covariance.matrix", "no covariance", expected)
         return names, matrix
+
+
+def _is_covariance(matrix: Array) -> bool:
+    """Whether a matrix is symmetric and positive semidefinite, but for rounding (1e-9)."""
+    variances = np.diag(matrix)
+    if (variances < 0).any():
+        return False
+    deviations = np.sqrt(variances)
+    largest = np.outer(deviations, deviations)  # of a covariance, by Cauchy and Schwarz
+    if (np.abs(matrix - matrix.T) > 1e-9 * largest).any():
+        return False
+    if (np.abs(matrix) > (1 + 1e-9) * largest).any():
+        return False
+    correlation = np.divide(matrix, largest, out=np.zeros_like(matrix), where=largest > 0)
+    return bool(np.linalg.eigvalsh(correlation).min(initial=0.0) >= -1e-9)
 
 
 def read_model(path: str | Path, user: Families | None = None) -> CalibratedModel:
@@ -278,12 +270,9 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
     file = Path(path)
     reader = _Reader(file, user)
     try:
-        document = yaml.load(file.read_text(encoding="utf-8"), _Loader)
-    except OSError as error:
-        raise ModelFileError(f"{file}: cannot be read: {error.strerror or error}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ModelFileError(f"{file}: not YAML text: {reason[:200]}") from error
+        document = read_yaml(file)
+    except PlainYamlError as error:
+        raise ModelFileError(f"{file}: {error}") from error
     if not isinstance(document, dict) or "smallwheel_model" not in document:
         raise ModelFileError(f"{file}: not a model file: it has no key smallwheel_model")
     if document["smallwheel_model"] != VERSION:
@@ -295,6 +284,9 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
     ]
     if not soils:
         raise reader.fail("soils", [], "at least one soil")
+    for at, kind in enumerate(soils):
+        if any(other.name == kind.name for other in soils[:at]):
+            raise ModelFileError(f"{file}: soils[{at}]: soil '{kind.name}' is there twice")
     effects = [
         reader.effect(f"effects[{i}]", entry)
         for i, entry in enumerate(reader.listing("effects", document.get("effects") or []))

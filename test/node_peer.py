@@ -52,6 +52,7 @@ class Peer:
         self.load = self.node.create_publisher(WrenchStamped, "/front/load", 100)
         self.sinkage = self.node.create_publisher(WheelSinkage, "/front/sinkage", 100)
         self._publishers: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
 
     def close(self) -> None:
         self.node.destroy_node()
@@ -218,7 +219,10 @@ class Peer:
     # --- Asking
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
-        client = self.node.create_client(kind, f"/{NODE}/{service}")
+        client = self._clients.get(service)
+        if client is None:
+            client = self.node.create_client(kind, f"/{NODE}/{service}")
+            self._clients[service] = client
         self.spin_until(client.service_is_ready, f"service {service}")
         future = client.call_async(request)
         self.spin_until(future.done, f"answer of {service}")

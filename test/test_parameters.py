@@ -318,8 +318,8 @@ class TestFiles:
             ("other:\n  ros__parameters: {a: 1}\n", "found other, expected a section /\\*\\*:"),
             ("", "found nothing"),
             ("/**:\n  wheels: [a]\n", "section /\\*\\* has no ros__parameters"),
-            ("/**: [", "line 1 is not YAML"),
-            ("a\x00b", "is not YAML"),
+            ("/**: [", "not YAML text: line 1: "),
+            ("a\x00b", "not YAML text"),
         ],
     )
     def test_bad_files(self, tmp_path: Path, text: str, words: str) -> None:
@@ -330,7 +330,7 @@ class TestFiles:
         assert str(path) in str(caught.value)
 
     def test_missing_file(self, tmp_path: Path) -> None:
-        with pytest.raises(ParametersError, match=r"no\.yaml cannot be read: No such file"):
+        with pytest.raises(ParametersError, match=r"no\.yaml: cannot be read: No such file"):
             read_parameters(tmp_path / "no.yaml")
 
     def test_template_is_plain_yaml_too(self) -> None:

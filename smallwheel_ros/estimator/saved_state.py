@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-import tempfile
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,13 +27,17 @@ from smallwheel_ros.estimator.saved_strength import (
     strength_record,
 )
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
+from smallwheel_ros.text_file import read_text_file
 
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
+_BEGIN = f'{{\n "format": "{FORMAT}"'.encode()
 _VERSION = 1
 _TOLERANCE = 1e-9  # relative, of the prior's numbers
 _LAW = 3
+_MOST_ACCEPTED = 2**32 - 1  # what SoilEstimate.msg can hold
+_LARGEST = 1e9  # of any number: loads in N are the largest, and the square of it is finite
 _LARGEST_LOG = 40.0  # of sinkage
 _BEYOND = 0.12  # of q, see `bounded_exponent`
 
@@ -103,50 +107,88 @@ def write_state(
         "strength": strength_content(state.strength),
     }
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    temporary = None
+    draft = path.with_name(f".{path.name}.draft")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", dir=path.parent, prefix=f".{path.name}.", delete=False, encoding="utf-8"
-        ) as stream:
-            temporary = stream.name
+        remove_drafts(path)
+        with draft.open("x", encoding="utf-8") as stream:
             stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(temporary, path)
+        draft.replace(path)
     except OSError as error:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
         raise EstimatorError(
             f"{path}: the soil cannot be saved there: {error.strerror or error}"
         ) from None
+    finally:
+        remove_drafts(path)
+
+
+def remove_drafts(path: Path) -> None:
+    """Remove what a process that was killed while it saved has left beside a file."""
+    # Drafts of 0.1.0 had eight letters of their own.
+    name = re.compile(rf"\.{re.escape(path.name)}\.(draft|[a-z0-9_]{{8}})")
+    try:
+        for file in path.parent.iterdir():
+            if name.fullmatch(file.name) and file.is_file():
+                with file.open("rb") as stream:
+                    begin = stream.read(len(_BEGIN))
+                if _BEGIN.startswith(begin):  # all of it, or what was written of it
+                    file.unlink()
+    except OSError:
+        return  # a folder that cannot be read or written has a message of its own, at the saving
+
+
+def check_may_replace(path: Path) -> None:
+    """Refuse to write over something else than a saved soil. Raises EstimatorError."""
+    try:
+        if not os.path.lexists(path) or _content(path).get("format") == FORMAT:
+            return
+    except (OSError, ValueError, RecursionError):
+        pass
+    raise EstimatorError(
+        f"{path}: there is something that is no saved soil, and it is left as it is; remove it, or"
+        " save under another name"
+    )
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """Read the JSON object in a file. Raises OSError, ValueError or RecursionError."""
+    content = json.loads(read_text_file(path), parse_constant=_no_constant)
+    if not isinstance(content, dict):
+        raise ValueError("not a JSON object")  # noqa: TRY004  # one of the faults of a text
+    return content
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number")
 
 
 def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> SavedState:
     """Read a file. Raises EstimatorError saying what is wrong with it and what to do."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = _content(path)
     except OSError as error:
         raise EstimatorError(
             f"{path}: no saved soil can be read there: {error.strerror or error}"
         ) from None
-    except ValueError as error:  # not UTF-8, or not JSON
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, nested without end
         raise _corrupt(path, str(error)) from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if content.get("format") != FORMAT:
         raise _corrupt(path, f"expected a file of format '{FORMAT}'")
     if content.get("version") != _VERSION:
         raise EstimatorError(
             f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}; "
             "delete the file to begin with the prior"
         )
-    _compare(path, content, _made_with(prior, effects))
     try:
+        _compare(path, content, _made_with(prior, effects))
         variety = Variety(_pair(content["diameters"]), _pair(content["loadings"]))
         accepted = int(content["accepted"])
         soil = None if content["soil"] is None else _soil(content["soil"])
         strength = strength_record(content.get("strength"))  # older files have none
-        if accepted < 0:
-            raise ValueError("accepted is negative")
+        if not 0 <= accepted <= _MOST_ACCEPTED:
+            raise ValueError(f"accepted is {accepted}")
     except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
         raise _corrupt(path, f"{type(error).__name__}: {error}") from None
     return SavedState(soil, variety, accepted, strength)
@@ -197,12 +239,13 @@ def _soil(content: dict[str, Any]) -> SoilRecord:
     )
     if not (reference.shape == mean.shape == deviation.shape == (_LAW,)) or reference.min() <= 0:
         raise ValueError("reference, mean or deviation is no soil")
+    numbers = np.concatenate([reference, mean, deviation, covariance.ravel(), prior.ravel()])
+    if not (np.abs(numbers) <= _LARGEST).all():
+        raise ValueError("a number is not finite, or beyond 1e9")
     for matrix in (covariance, prior):
         if matrix.shape != (_LAW, _LAW) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
             raise ValueError("a covariance is not symmetric, 3 by 3")
         np.linalg.cholesky(matrix)
-    if not np.isfinite(np.concatenate([reference, mean, deviation, covariance.ravel()])).all():
-        raise ValueError("a number is not finite")
     law = mean + deviation
     if np.abs(law[0]) > _LARGEST_LOG or not -_BEYOND < law[1] < 3.0 + _BEYOND or abs(law[2]) > 3.0:
         raise ValueError("its soil is outside of the model's range")

@@ -14,6 +14,7 @@ from smallwheel_ros.estimator.strength_estimate import PullVariety
 Array = NDArray[np.float64]
 
 _SIZE = 4
+_LARGEST = 1e12  # of any number: the squares of forces of a vehicle of 100 t stay below
 _TOLERANCE = 1e-9  # relative, of the prior's numbers
 
 
@@ -71,21 +72,21 @@ def strength_record(content: Any) -> StrengthRecord | None:
     )
     if mean.shape != (_SIZE,) or deviation.shape != (_SIZE,):
         raise ValueError("mean or deviation is no strength")
+    numbers = np.concatenate([mean, deviation, prior.ravel(), covariance.ravel()])
+    if not (np.abs(numbers) <= _LARGEST).all():
+        raise ValueError("a number of the strength is not finite, or beyond 1e12")
     for matrix in (prior, covariance):
         if matrix.shape != (_SIZE, _SIZE) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
             raise ValueError("a covariance of the strength is not symmetric, 4 by 4")
         np.linalg.cholesky(matrix)
-    numbers = np.concatenate([mean, deviation, prior.ravel(), covariance.ravel()])
     exponent, slope = (float(value) for value in content["exponent"])
     square, thrust, load = scattered = [float(value) for value in content["scattered"]]
     area, accepted = float(content["area"]), int(content["accepted"])
-    if (
-        not np.isfinite([*numbers, exponent, slope, square]).all()
-        or not 0.0 <= area < math.inf
-        or accepted < 0
-    ):
-        raise ValueError("a number of the strength is not finite, or negative")
-    if not (0.0 <= thrust < math.inf and 0.0 <= load < math.inf):
+    if not max(abs(exponent), abs(slope), abs(square), area) <= _LARGEST:
+        raise ValueError("a number of the strength is not finite, or beyond 1e12")
+    if area < 0 or accepted < 0:
+        raise ValueError("area or count of the strength is negative")
+    if not (0.0 <= thrust <= _LARGEST and 0.0 <= load <= _LARGEST):
         raise ValueError(f"{scattered!r} is no scatter of the thrust")
     loads, slips = (_range(content[name]) for name in ("loads", "slips"))
     if (loads is None) != (accepted == 0) or (loads is None) != (slips is None):

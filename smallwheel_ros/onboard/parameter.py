@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 Kind = Literal["double", "integer", "string", "bool", "string_array"]
+Form = Literal["any", "topic", "path"]
+Changes = Literal["always", "unconfigured", "at start"]
 Value = float | int | str | bool | list[str]
+
+_TOPIC = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_LONGEST_TOPIC = 200  # DDS takes 255 characters, with a namespace and a prefix of ROS in them
 
 WHEEL = "<wheel>"  # stands for a wheel's name, in names and defaults
 
@@ -19,6 +27,30 @@ _TYPES: dict[str, type] = {
     "string_array": list,
 }
 _NAMES: dict[type, str] = {kind: name for name, kind in _TYPES.items()} | {list: "list"}
+
+
+def _topic_problem(name: str) -> str | None:
+    if _TOPIC.fullmatch(name) and len(name) <= _LONGEST_TOPIC:
+        return None
+    return (
+        f"expected the name of a topic, at most {_LONGEST_TOPIC} letters, digits and _, in parts"
+        " divided by / that do not begin with a digit"
+    )
+
+
+def _path_problem(name: str) -> str | None:
+    try:
+        Path(name).expanduser().exists()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a NUL in it
+        return f"expected the path of a file: {getattr(error, 'strerror', None) or error}"
+    return None
+
+
+_FORMS: dict[Form, Callable[[str], str | None]] = {
+    "any": lambda _: None,
+    "topic": _topic_problem,
+    "path": _path_problem,
+}
 
 
 @dataclass(frozen=True)
@@ -35,20 +67,26 @@ class Parameter:
         Ends of the range, both allowed; None: no end.
     choices
         What a text or an integer may be; empty: anything.
-    read_only
-        Only from a file or the command line, at the node's start.
+    form
+        What a text must be beside a text: the name of a topic or of a file, where it is not empty.
+    changes
+        When it may be changed: while the node runs, only while it is not configured, or only in the
+        file or command line that the node is started with.
+    description
+        What it means.
     """
 
     name: str
     kind: Kind
     default: Value | None
-    unit: str
-    description: str
+    unit: str = ""
     low: float | None = None
     high: float | None = None
     choices: tuple[Value, ...] = ()
+    form: Form = "any"
     required: bool = False
-    read_only: bool = False
+    changes: Changes = "always"
+    description: str = ""
 
     def for_wheel(self, wheel: str) -> Parameter:
         """Return the parameter of that wheel."""
@@ -82,7 +120,10 @@ class Parameter:
             good = good and math.isfinite(value)
             good = good and (self.low is None or value >= self.low)
             good = good and (self.high is None or value <= self.high)
-        return None if good else f"parameter {self.name} is {value!r}, expected {self.expected}"
+        if not good:
+            return f"parameter {self.name} is {value!r}, expected {self.expected}"
+        wrong = _FORMS[self.form](value) if isinstance(value, str) and value else None
+        return f"parameter {self.name} is {value!r}, {wrong}" if wrong else None
 
     def _mend(self, value: object) -> str:
         if self.kind == "double" and type(value) is int:
@@ -96,17 +137,3 @@ class Parameter:
         if isinstance(value, str) and self.kind != "string":
             return ": write it without quotes"
         return ""
-
-
-def double(
-    name: str,
-    default: float | None,
-    unit: str,
-    low: float,
-    high: float,
-    description: str,
-    *,
-    required: bool = False,
-) -> Parameter:
-    """A parameter that is a number in a range."""
-    return Parameter(name, "double", default, unit, description, low, high, required=required)

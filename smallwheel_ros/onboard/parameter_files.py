@@ -10,12 +10,12 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml
 
+_CHANGES = {"always": "", "unconfigured": " *Unconfigured.*", "at start": " *At start.*"}
 _SECTION = "ros__parameters"
 _EXAMPLE_WHEEL = "front_left"
 _EXAMPLES: dict[str, Value] = {
@@ -23,17 +23,6 @@ _EXAMPLES: dict[str, Value] = {
     f"{_EXAMPLE_WHEEL}.diameter": 0.25,
     f"{_EXAMPLE_WHEEL}.width": 0.10,
 }
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-3 is a number."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)$"),
-    list("-+.0123456789"),
-)
 
 
 def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]:
@@ -46,17 +35,10 @@ def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]
     ParametersError
         If the file cannot be read, is not YAML, or has nothing for this node.
     """
-    path = Path(path)
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ParametersError(f"{path} cannot be read: {reason}") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark else ""
-        what = getattr(error, "problem", None) or "unknown reason"
-        raise ParametersError(f"{path}{where} is not YAML: {what}") from error
+        content = read_yaml(path)
+    except PlainYamlError as error:
+        raise ParametersError(f"{path}: {error}") from error
     values: dict[str, Value] = {}
     sections = content if isinstance(content, dict) else {}
     found = False
@@ -143,12 +125,12 @@ def reference() -> str:
         "has the same as a file to start from. In ROS parameter files a number for a `double`",
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",
-        "All of them can be changed while the node runs (`ros2 param set`); a change is checked",
+        "A parameter can be changed while the node runs (`ros2 param set`): the change is checked",
         "together with all other values, refused with a reason or applied at once. What the estimate",
         "starts from and goes by lets the soil start over: `soil.name`, `k`, `n`, `m` and their",
-        "deviations, `model_file`, `effects_file`, `estimator.*`, `noise.sinkage`, `load.source`.",
-        "`cost.*` lets the cost map start over. Those marked *at start* can only come from a file or",
-        "the command line.",
+        "deviations, `estimator.*`, `noise.sinkage`, `load.source`; `cost.*` lets the cost map start",
+        "over. Those marked *Unconfigured* cannot be changed while the node is configured; those",
+        "marked *At start*, and `qos_overrides.*`, only come from a file or the command line.",
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):
@@ -164,7 +146,7 @@ def reference() -> str:
             elif p.low is not None and p.high is not None:
                 span = f"{p.low:g} .. {p.high:g}"
             unit = f" [{p.unit}]" if p.unit else ""
-            start = " *At start.*" if p.read_only else ""
+            start = _CHANGES[p.changes]
             row = (p.name, p.kind, default, span, f"{p.description}{unit}{start}")
             lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))
         lines.append("")

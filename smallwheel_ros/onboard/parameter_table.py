@@ -1,268 +1,269 @@
-"""The one table of the node's parameters: names, defaults, units, ranges, descriptions.
+"""The one table of the node's parameters: name, default, unit, range, and what it means.
 
 It makes the node's ROS descriptors, config/template.yaml, docs/parameters.md and the validation.
-The defaults of estimator, noise and timing are those of their classes.
+Defaults of a group (estimator, noise, timing, digging_in, cost) are those of its settings' class.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+from enum import Enum
+
+from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
-from smallwheel_ros.onboard.parameter import Parameter, double
-from smallwheel_ros.onboard.parameter_table_inputs import INPUTS, PER_WHEEL
-from smallwheel_ros.onboard.parameter_table_outputs import COST, DIGGING_IN
-from smallwheel_ros.onboard.settings import SensorNoise, Timing
+from smallwheel_ros.onboard.parameter import Changes, Form, Parameter
+from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
 
-_TIMING, _NOISE, _ESTIMATOR = Timing(), SensorNoise(), EstimatorSettings()
-__all__ = ["GENERAL", "PER_WHEEL"]
 
+class LoadSource(Enum):
+    """Where the wheels' loads come from."""
+
+    WRENCH = "wrench"
+    JOINT_STATES = "joint_states"
+    STATIC = "static"
+
+
+class SinkageSource(Enum):
+    """What a wheel's sinkage topic carries."""
+
+    SINKAGE = "WheelSinkage"
+    RANGE = "Range"
+
+
+_ESTIMATOR, _NOISE, _TIMING = EstimatorSettings(), SensorNoise(), Timing()
+_DIGGING_IN, _COST = DiggingInRules(), CostSettings()
 _OF_SOIL = "Without it: that of soil.name."
 
-GENERAL: tuple[Parameter, ...] = (
-    Parameter(
-        "wheels",
-        "string_array",
-        None,
-        "",
-        "Names of the wheels. Each has parameters of its own, see <wheel>.",
-        required=True,
-        read_only=True,
+
+def number(
+    name: str, default: float | None, unit: str, low: float, high: float, *, required: bool = False
+) -> Parameter:
+    """A number in a range."""
+    return Parameter(name, "double", default, unit, low, high, required=required)
+
+
+def text(
+    name: str, default: str | None, *, form: Form = "any", changes: Changes = "always"
+) -> Parameter:
+    """A text; empty where there is none."""
+    return Parameter(name, "string", default, form=form, changes=changes)
+
+
+def choice(name: str, default: Enum) -> Parameter:
+    """One of the values of an enumeration."""
+    return Parameter(name, "string", default.value, choices=tuple(c.value for c in type(default)))
+
+
+_GENERAL: dict[Parameter, str] = {
+    Parameter("wheels", "string_array", None, required=True, changes="at start"): (
+        "Names of the wheels. Each has parameters of its own, see <wheel>."
     ),
-    Parameter(
-        "autostart",
-        "bool",
-        True,
-        "",
-        "Configure and activate at the start. False: leave it to a lifecycle manager.",
-        read_only=True,
+    Parameter("autostart", "bool", True, changes="at start"): (
+        "Configure and activate at the start. False: leave it to a lifecycle manager."
     ),
-    *INPUTS,
-    double(
-        "standstill_speed",
-        0.01,
-        "m/s",
-        0.0,
-        1.0,
-        "At or below it vehicle and wheels count as standing: no slip, no travel.",
+    Parameter("load_sign", "integer", 1, choices=(1, -1)): (
+        "1: force.z (or effort) of a load is positive when the wheel presses on the soil (the soil"
+        " pushes the wheel up). -1: negative."
     ),
-    double(
-        "reference_slip",
-        REFERENCE_SLIP,
-        "1",
-        0.02,
-        0.9,
-        "Slip at which mobility margin and steepest slope are worked out, and so the cost map.",
+    text("velocity_topic", "", form="topic"): (
+        "Topic (geometry_msgs/TwistStamped) of a velocity over ground that the wheels do not"
+        " measure: radar, optical flow, visual odometry. Empty: odom's is used."
     ),
-    Parameter(
-        "model_file",
-        "string",
-        "",
-        "",
+    Parameter("odometry_from_wheels", "bool", False): (
+        "Whether odom is made from the wheels. It then cannot show slip: without velocity_topic"
+        " there is no slip, no thrust, no drawbar pull, and that is said."
+    ),
+    choice("load.source", LoadSource.WRENCH): (
+        "Where loads come from. wrench: each wheel's load_topic. joint_states: the effort of each"
+        " wheel's load_joint. static: nobody measures them; load.mass is split over the wheels."
+    ),
+    number("load.mass", None, "kg", 0.01, 1e5): (
+        "Mass of the vehicle; needed by load.source static, which splits it by load_share."
+    ),
+    number("load.static_std", 0.3, "1", 0.01, 1.0): (
+        "Standard deviation of a static load as a share of it: slopes, turns, uneven ground."
+    ),
+    number("load.per_effort", 1.0, "N", 1e-6, 1e6): (
+        "Load per unit of effort with load.source joint_states: 1.0 where efforts are N."
+    ),
+    number("standstill_speed", 0.01, "m/s", 0.0, 1.0): (
+        "At or below it vehicle and wheels count as standing: no slip, no travel."
+    ),
+    number("reference_slip", REFERENCE_SLIP, "1", 0.02, 0.9): (
+        "Slip at which mobility margin and steepest slope are worked out, and so the cost map."
+    ),
+    text("model_file", "", form="path", changes="unconfigured"): (
         "Model file (of fit, add or diagnose --apply): its soil in place of the library's, and its"
-        " effects. Of several soils soil.name says which.",
+        " effects. Of several soils soil.name says which."
     ),
-    Parameter(
-        "effects_file",
-        "string",
-        "",
-        "",
-        "Python file with effects of your own that model_file names. It is run: only yours.",
+    text("effects_file", "", form="path", changes="at start"): (
+        "Python file with effects of your own that model_file names. It is run: only yours."
     ),
-    Parameter(
-        "soil.name",
-        "string",
-        None,
-        "",
+    text("soil.name", None): (
         "Soil that the estimate starts from, its strength included. Of the library"
-        f" ({', '.join(SOILS)}), or of model_file.",
+        f" ({', '.join(SOILS)}), or of model_file."
     ),
-    Parameter(
-        "soil.file",
-        "string",
-        "",
-        "",
+    text("soil.file", "", form="path"): (
         "File that ~/save_soil writes, and that the estimate goes on from at the start where it is"
-        " there. Empty: ~/save_soil has nowhere to write to.",
+        " there. Empty: ~/save_soil has nowhere to write to."
     ),
-    double("soil.k", None, "Pa/m^(n+m)", 1.0, 1e12, f"Modulus k of the start. {_OF_SOIL}"),
-    double("soil.n", None, "1", 0.04, 2.9, f"Exponent of sinkage of the start. {_OF_SOIL}"),
-    double("soil.m", None, "1", -2.9, 2.9, f"Exponent of diameter of the start. {_OF_SOIL}"),
-    double(
-        "soil.log_reference_pressure_std",
-        0.7,
-        "1",
-        1e-3,
-        3.0,
+    number("soil.k", None, "Pa/m^(n+m)", 1.0, 1e12): f"Modulus k of the start. {_OF_SOIL}",
+    number("soil.n", None, "1", 0.04, 2.9): f"Exponent of sinkage of the start. {_OF_SOIL}",
+    number("soil.m", None, "1", -2.9, 2.9): f"Exponent of diameter of the start. {_OF_SOIL}",
+    number("soil.log_reference_pressure_std", 0.7, "1", 1e-3, 3.0): (
         "Standard deviation, at the start, of ln of the pressure at 10 mm sinkage under a wheel of"
-        " 0.2 m: 0.7 is a factor of 2.",
+        " 0.2 m: 0.7 is a factor of 2."
     ),
-    double(
-        "soil.n_std",
-        None,
-        "1",
-        1e-3,
-        3.0,
-        "Standard deviation of n at the start. Without it: 0.3, less near the ends of n's range.",
+    number("soil.n_std", None, "1", 1e-3, 3.0): (
+        "Standard deviation of n at the start. Without it: 0.3, less near the ends of n's range."
     ),
-    double("soil.m_std", 0.4, "1", 1e-3, 3.0, "Standard deviation of m at the start."),
-    double("soil.cohesion", None, "Pa", 0.0, 1e6, f"Cohesion c. {_OF_SOIL}"),
-    double("soil.cohesion_std", 400.0, "Pa", 0.0, 1e6, "Standard deviation of the cohesion."),
-    double("soil.friction_angle", None, "rad", 0.0, 1.5, f"Angle of internal friction. {_OF_SOIL}"),
-    double("soil.friction_angle_std", 0.05, "rad", 0.0, 1.5, "Standard deviation of that angle."),
-    double(
-        "soil.shear_displacement",
-        None,
-        "m",
-        1e-4,
-        1.0,
-        f"Shear deformation modulus kappa of Janosi and Hanamoto. {_OF_SOIL}",
+    number("soil.m_std", 0.4, "1", 1e-3, 3.0): "Standard deviation of m at the start.",
+    number("soil.cohesion", None, "Pa", 0.0, 1e6): f"Cohesion c. {_OF_SOIL}",
+    number("soil.cohesion_std", 400.0, "Pa", 0.0, 1e6): "Standard deviation of the cohesion.",
+    number("soil.friction_angle", None, "rad", 0.0, 1.5): (
+        f"Angle of internal friction. {_OF_SOIL}"
     ),
-    double("soil.shear_displacement_std", 0.005, "m", 0.0, 1.0, "Standard deviation of kappa."),
-    double(
-        "noise.sinkage",
-        _ESTIMATOR.sinkage_std,
-        "m",
-        1e-5,
-        1.0,
-        "Standard deviation of a measured sinkage whose message does not give its variance.",
+    number("soil.friction_angle_std", 0.05, "rad", 0.0, 1.5): ("Standard deviation of that angle."),
+    number("soil.shear_displacement", None, "m", 1e-4, 1.0): (
+        f"Shear deformation modulus kappa of Janosi and Hanamoto. {_OF_SOIL}"
     ),
-    double("noise.load", _NOISE.load, "N", 0.0, 1e5, "Standard deviation of a measured load."),
-    double(
-        "noise.load_relative",
-        _NOISE.load_relative,
-        "1",
-        0.0,
-        1.0,
-        "The same as a share of the load; both together count.",
+    number("soil.shear_displacement_std", 0.005, "m", 0.0, 1.0): ("Standard deviation of kappa."),
+    number("noise.sinkage", _ESTIMATOR.sinkage_std, "m", 1e-5, 1.0): (
+        "Standard deviation of a measured sinkage whose message does not give its variance."
     ),
-    double(
-        "noise.drawbar_pull",
-        _NOISE.drawbar_pull,
-        "N",
-        1e-3,
-        1e5,
-        "Standard deviation of a measured drawbar pull.",
+    number("noise.load", _NOISE.load, "N", 0.0, 1e5): "Standard deviation of a measured load.",
+    number("noise.load_relative", _NOISE.load_relative, "1", 0.0, 1.0): (
+        "The same as a share of the load; both together count."
     ),
-    double(
-        "noise.speed", _NOISE.speed, "m/s", 0.0, 10.0, "Standard deviation of odometry's speed."
+    number("noise.drawbar_pull", _NOISE.drawbar_pull, "N", 1e-3, 1e5): (
+        "Standard deviation of a measured drawbar pull."
     ),
-    double(
-        "noise.wheel_speed_relative",
-        _NOISE.wheel_speed_relative,
-        "1",
-        0.0,
-        1.0,
-        "Standard deviation of a rim's speed as a share of it, effective radius included.",
+    number("noise.speed", _NOISE.speed, "m/s", 0.0, 10.0): (
+        "Standard deviation of odometry's speed."
     ),
-    double(
-        "timing.reorder_time",
-        _TIMING.reorder_time,
-        "s",
-        0.0,
-        5.0,
+    number("noise.wheel_speed_relative", _NOISE.wheel_speed_relative, "1", 0.0, 1.0): (
+        "Standard deviation of a rim's speed as a share of it, effective radius included."
+    ),
+    number("timing.reorder_time", _TIMING.reorder_time, "s", 0.0, 5.0): (
         "How long (by stamps) a sinkage waits for those of other wheels that belong before it."
-        " 0: it waits for nothing, with least delay; results then depend on the order of arrival.",
+        " 0: it waits for nothing, with least delay; results then depend on the order of arrival."
     ),
-    double(
-        "timing.silent_after",
-        _TIMING.silent_after,
-        "s",
-        0.0,
-        60.0,
+    number("timing.silent_after", _TIMING.silent_after, "s", 0.0, 60.0): (
         "A sinkage waits for load, odometry and wheel speed of its instant, unless their topic has"
-        " been silent (by stamps) for so long.",
+        " been silent (by stamps) for so long."
     ),
-    double(
-        "timing.maximum_gap",
-        _TIMING.maximum_gap,
-        "s",
-        1e-3,
-        10.0,
-        "Load, speed and odometry are interpolated or held over at most so long.",
+    number("timing.maximum_gap", _TIMING.maximum_gap, "s", 1e-3, 10.0): (
+        "Load, speed and odometry are interpolated or held over at most so long."
     ),
-    double(
-        "timing.future_tolerance",
-        _TIMING.future_tolerance,
-        "s",
-        0.0,
-        3600.0,
-        "Messages stamped further ahead of the clock are refused.",
+    number("timing.future_tolerance", _TIMING.future_tolerance, "s", 0.0, 3600.0): (
+        "Messages stamped further ahead of the clock are refused."
     ),
-    double(
-        "timing.maximum_age",
-        _TIMING.maximum_age,
-        "s",
-        0.01,
-        1e9,
-        "Messages stamped further behind the clock are refused.",
+    number("timing.maximum_age", _TIMING.maximum_age, "s", 0.01, 1e9): (
+        "Messages stamped further behind the clock are refused."
     ),
-    double(
-        "timing.jump_tolerance",
-        _TIMING.jump_tolerance,
-        "s",
-        0.01,
-        3600.0,
-        "Stamps (and clock) that go back by more reset the estimate; by less, a message is late.",
+    number("timing.jump_tolerance", _TIMING.jump_tolerance, "s", 0.01, 3600.0): (
+        "Stamps (and clock) that go back by more reset the estimate; by less, a message is late."
     ),
-    double(
-        "estimator.reference_sinkage",
-        _ESTIMATOR.reference_sinkage,
-        "m",
-        1e-4,
-        1.0,
-        "Sinkage at which ~/soil gives the reference pressure.",
+    number("estimator.reference_sinkage", _ESTIMATOR.reference_sinkage, "m", 1e-4, 1.0): (
+        "Sinkage at which ~/soil gives the reference pressure."
     ),
-    double(
-        "estimator.reference_diameter",
-        _ESTIMATOR.reference_diameter,
-        "m",
-        1e-3,
-        10.0,
-        "Wheel diameter for which ~/soil gives reference pressure and effective modulus.",
+    number("estimator.reference_diameter", _ESTIMATOR.reference_diameter, "m", 1e-3, 10.0): (
+        "Wheel diameter for which ~/soil gives reference pressure and effective modulus."
     ),
-    double(
-        "estimator.process_noise",
-        _ESTIMATOR.process_noise,
-        "1/sqrt(m)",
-        0.0,
-        10.0,
+    number("estimator.process_noise", _ESTIMATOR.process_noise, "1/sqrt(m)", 0.0, 10.0): (
         "How fast the soil may change: growth of the standard deviation of ln pressure per square"
-        " root of travel.",
+        " root of travel."
     ),
-    double(
-        "estimator.soil_scatter",
-        _ESTIMATOR.soil_scatter,
-        "1",
-        1e-3,
-        3.0,
-        "Standard deviation of ln k from spot to spot of one soil.",
+    number("estimator.soil_scatter", _ESTIMATOR.soil_scatter, "1", 1e-3, 3.0): (
+        "Standard deviation of ln k from spot to spot of one soil."
     ),
-    double(
-        "estimator.scatter_length",
-        _ESTIMATOR.scatter_length,
-        "m",
-        1e-4,
-        1e3,
-        "Travel after which a wheel stands on another spot; for a pressed wheel, new depth.",
+    number("estimator.scatter_length", _ESTIMATOR.scatter_length, "m", 1e-4, 1e3): (
+        "Travel after which a wheel stands on another spot; for a pressed wheel, new depth."
     ),
-    double(
-        "estimator.gate_probability",
-        _ESTIMATOR.gate_probability,
-        "1",
-        0.5,
-        0.999999,
-        "Share of good measurements that the outlier gate lets pass.",
+    number("estimator.gate_probability", _ESTIMATOR.gate_probability, "1", 0.5, 0.999999): (
+        "Share of good measurements that the outlier gate lets pass."
     ),
     Parameter(
-        "estimator.surprises_to_reopen",
-        "integer",
-        _ESTIMATOR.surprises_to_reopen,
-        "",
-        "So many outliers at different spots, with nothing fitting in between, are another soil.",
-        1,
-        1000,
+        "estimator.surprises_to_reopen", "integer", _ESTIMATOR.surprises_to_reopen, low=1, high=1000
+    ): ("So many outliers at different spots, with nothing fitting in between, are another soil."),
+    number("digging_in.slip", _DIGGING_IN.slip, "1", 0.31, 1.0): (
+        "A wheel digs itself in where its slip is at least this, and all that follows holds."
     ),
-    *DIGGING_IN,
-    *COST,
-)
+    number("digging_in.sinkage_rise", _DIGGING_IN.sinkage_rise, "1", 0.01, 10.0): (
+        "Its sinkage is above that of ordinary driving (slip up to 0.3) by this share of it."
+    ),
+    number("digging_in.speed_drop", _DIGGING_IN.speed_drop, "1", 0.01, 1.0): (
+        "Its speed over ground is below that of ordinary driving by this share of it."
+    ),
+    number("digging_in.time", _DIGGING_IN.time, "s", 0.0, 60.0): "All of it for so long.",
+    number("cost.resolution", _COST.resolution, "m", 0.01, 10.0): "Side of a cell of ~/cost.",
+    number("cost.size", _COST.size, "m", 1.0, 2000.0): (
+        "Side of the window of crossed ground that goes along with the robot; what it leaves behind"
+        " is forgotten. At most 4 million cells."
+    ),
+    number("cost.period", _COST.period, "s", 0.1, 3600.0): (
+        "Shortest time between two grids; none is published while nothing has changed."
+    ),
+    text("cost.frame", ""): (
+        "Frame of ~/cost. Empty: that of odom. Nothing is transformed: set it only where odom's"
+        " poses are in this frame."
+    ),
+    number("cost.easy_margin", _COST.rules.easy_margin, "1", 0.001, 10.0): (
+        "Pessimistic mobility margin from which on ground costs nothing (docs/nav2.md)."
+    ),
+    number("cost.hard_margin", _COST.rules.hard_margin, "1", -10.0, 10.0): (
+        "Pessimistic mobility margin up to which ground costs 99, the most that can be crossed."
+    ),
+    number("cost.confidence", _COST.rules.confidence, "1", 0.5, 0.9999): (
+        "Costs are those of the margin that is exceeded with this probability: more is more wary."
+    ),
+    number("cost.class_scatter", _COST.rules.class_scatter, "1", 0.0, 10.0): (
+        "Standard deviation of the margin between places of one terrain class, until enough of them"
+        " have been crossed to tell."
+    ),
+}
+
+_PER_WHEEL: dict[Parameter, str] = {
+    number("<wheel>.diameter", None, "m", 0.005, 5.0, required=True): "Diameter of the wheel.",
+    number("<wheel>.width", None, "m", 0.001, 5.0, required=True): "Width of the wheel.",
+    Parameter("<wheel>.contact", "string", ROLLING, choices=(ROLLING, PRESSED)): (
+        f"{ROLLING}, or {PRESSED} for a wheel that is pushed straight down (a test rig): soil"
+        " carries it on both sides of its lowest point, and no odometry is needed."
+    ),
+    number("<wheel>.lateral_position", 0.0, "m", -10.0, 10.0): (
+        "Place of the wheel left of base_link: in turns it travels slower or faster than that."
+    ),
+    number("<wheel>.longitudinal_position", 0.0, "m", -10.0, 10.0): (
+        "Place of the wheel ahead of base_link: which ground of the cost map it is on."
+    ),
+    text("<wheel>.load_topic", "<wheel>/load", form="topic"): "Topic of the wheel's load.",
+    text("<wheel>.drawbar_pull_topic", "", form="topic"): (
+        "Topic (geometry_msgs/WrenchStamped) whose force.x is what a rolling wheel pulls the vehicle with,"
+        " positive forward; it tells the soil's strength. It may be load_topic. Empty: nobody"
+        " measures it."
+    ),
+    text("<wheel>.load_joint", "<wheel>_load_joint"): (
+        "Joint whose effort is the load, with load.source joint_states."
+    ),
+    number("<wheel>.load_share", None, "1", 0.001, 1.0): (
+        "Share of load.mass on this wheel, with load.source static. Without it: an equal share."
+    ),
+    text("<wheel>.sinkage_topic", "<wheel>/sinkage", form="topic"): (
+        "Topic of the wheel's sinkage. Empty: nobody measures it, it is only predicted."
+    ),
+    choice("<wheel>.sinkage_source", SinkageSource.SINKAGE): (
+        "Type of that topic: smallwheel_ros/WheelSinkage, or sensor_msgs/Range of a sensor that"
+        " looks down at undisturbed soil beside the wheel: sinkage = range_height - range."
+    ),
+    number("<wheel>.range_height", None, "m", 0.0, 10.0): (
+        "What the range sensor shows on hard ground: its height above the wheel's lowest point."
+        " Needed by sinkage_source Range."
+    ),
+    text("<wheel>.joint", "<wheel>_joint"): "Name of its joint in joint_states.",
+}
+
+GENERAL = tuple(replace(p, description=words) for p, words in _GENERAL.items())
+PER_WHEEL = tuple(replace(p, description=words) for p, words in _PER_WHEEL.items())

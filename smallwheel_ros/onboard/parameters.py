@@ -14,8 +14,7 @@ from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.onboard.parameter import Parameter
-from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
-from smallwheel_ros.onboard.parameter_table_inputs import LoadSource, SinkageSource
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, LoadSource, SinkageSource
 from smallwheel_ros.onboard.settings import (
     DiggingInRules,
     OnboardSettings,
@@ -23,7 +22,7 @@ from smallwheel_ros.onboard.settings import (
     Timing,
     VelocitySource,
 )
-from smallwheel_ros.onboard.starting_model import start_from
+from smallwheel_ros.onboard.starting_model import StartingModels, read_starting_models
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, nearest
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -156,8 +155,26 @@ def problems(values: Mapping[str, object]) -> list[str]:
     return found
 
 
-def settings_from(values: Mapping[str, object]) -> NodeSettings:
+def read_models(values: Mapping[str, object]) -> StartingModels:
+    """Read the model and effects files that parameters name. Raises ParametersError."""
+    files = {}
+    for name in ("model_file", "effects_file"):
+        value = values.get(name) or ""
+        if not isinstance(value, str):
+            raise ParametersError(f"parameter {name} is {value!r}, expected a string")
+        files[name] = value
+    try:
+        return read_starting_models(**files)
+    except SmallwheelError as error:
+        raise ParametersError(str(error)) from error
+
+
+def settings_from(
+    values: Mapping[str, object], models: StartingModels | None = None
+) -> NodeSettings:
     """Turn parameters into settings; defaults for those that are missing or None.
+
+    models: what has been read of the files that the parameters name; None: they are read now.
 
     Raises
     ------
@@ -176,7 +193,7 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
         return {n: v[f"{prefix}.{n}"] for n in names if f"{prefix}.{n}" in v}
 
     try:
-        start = start_from(v["model_file"], v["effects_file"], v["soil.name"])
+        start = (models or read_models(v)).choose(v["soil.name"])
         onboard = OnboardSettings(
             wheels=tuple(
                 Wheel(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from smallwheel_ros.effects.base import Effect
@@ -24,43 +26,58 @@ class StartingModel(NamedTuple):
     effects: tuple[Effect, ...]
 
 
-def start_from(
-    model_file: str, effects_file: str = "", soil_name: str | None = None
-) -> StartingModel:
-    """Return soil and effects of a model file, or a soil of the library where there is none.
+@dataclass(frozen=True)
+class StartingModels:
+    """What can be started from: the soils of one model file with its effects, or the library.
 
-    Parameters
-    ----------
-    model_file, effects_file
-        Empty: none. An effects file is run.
-    soil_name
-        Which soil; None: the only one of the model file, or dry sand of the library.
+    model_file: empty for the library. soils: those of the file.
+    """
+
+    model_file: str = ""
+    soils: tuple[Soil, ...] = ()
+    effects: tuple[Effect, ...] = ()
+
+    def choose(self, name: str | None) -> StartingModel:
+        """Return the soil of that name; None: the only one of the file, or the library's dry sand.
+
+        Raises StartingModelError where there is no such soil.
+        """
+        if not self.model_file:
+            try:
+                return StartingModel(soil(name or _DEFAULT), ())
+            except SoilError as error:
+                raise StartingModelError(f"parameter soil.name: {error}") from None
+        if name is None and len(self.soils) == 1:
+            return StartingModel(self.soils[0], self.effects)
+        found = {kind.name: kind for kind in self.soils}
+        if name not in found:
+            asked = f"has no soil '{name}'" if name else "has several soils"
+            raise StartingModelError(
+                f"{self.model_file} {asked}, parameter soil.name says which."
+                f" {nearest(name or '', list(found))}"
+            )
+        return StartingModel(found[name], self.effects)
+
+
+def read_starting_models(model_file: str = "", effects_file: str = "") -> StartingModels:
+    """Read the files that the parameters of these names give; empty: none. An effects file is run.
 
     Raises
     ------
     SmallwheelError
-        If a file cannot be read, there is no such soil, or the estimate cannot follow the model.
+        If a file cannot be read, or the estimate cannot follow the model.
     """
     if not model_file:
         if effects_file:
             raise StartingModelError(
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
-        try:
-            return StartingModel(soil(soil_name or _DEFAULT), ())
-        except SoilError as error:
-            raise StartingModelError(f"parameter soil.name: {error}") from None
-    model = read_model(model_file, load_effects(effects_file) if effects_file else None).model
+        return StartingModels()
+    user = load_effects(Path(effects_file).expanduser()) if effects_file else None
+    model = read_model(Path(model_file).expanduser(), user).model
     if model.geometry != "contact_integral":
         raise StartingModelError(
             f"{model_file}: geometry is {model.geometry}, expected contact_integral: the estimate on"
             " board solves the contact exactly; fit the model again without the closed form"
         )
-    soils = {kind.name: kind for kind in model.soils}
-    if soil_name is None and len(soils) == 1:
-        return StartingModel(model.soils[0], tuple(model.effects))
-    if soil_name not in soils:
-        asked = f"has no soil '{soil_name}'" if soil_name else "has several soils"
-        listing = nearest(soil_name or "", list(soils))
-        raise StartingModelError(f"{model_file} {asked}, parameter soil.name says which. {listing}")
-    return StartingModel(soils[soil_name], tuple(model.effects))
+    return StartingModels(model_file, tuple(model.soils), tuple(model.effects))

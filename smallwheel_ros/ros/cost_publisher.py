@@ -12,8 +12,7 @@ from smallwheel_ros.costmap.grid import CostMapError
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros.conversions import nanoseconds_of
-from smallwheel_ros.ros.grids import grid_from, grid_message
+from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
 
 TERRAIN_CLASSES = "terrain_classes"
 

@@ -11,10 +11,8 @@ from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.settings import VelocitySource
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.ros.cost_publisher import CostPublisher
-from smallwheel_ros.ros.reporting import Reporter
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
@@ -34,16 +32,11 @@ def status(
 
 
 def entries(
-    name: str,
-    onboard: Onboard,
-    reporter: Reporter,
-    newest: Iterable[MobilityEstimate],
-    cost: CostPublisher,
+    name: str, onboard: Onboard, newest: Iterable[MobilityEstimate], cost: CostPublisher
 ) -> list[DiagnosticStatus]:
-    """Return the diagnostics of an active node of that name."""
+    """Return the diagnostics of an active node of that name, but for its inputs."""
     estimates = list(newest)
     return [
-        inputs_status(f"{name}: inputs", onboard, reporter),
         soil_status(f"{name}: soil", onboard),
         filter_status(f"{name}: filter", onboard),
         alarm_status(f"{name}: alarms", onboard, estimates),
@@ -51,32 +44,6 @@ def entries(
         vehicle_status(f"{name}: vehicle", estimates),
         *(wheel_status(f"{name}: wheel {estimate.wheel}", estimate) for estimate in estimates),
     ]
-
-
-def inputs_status(name: str, onboard: Onboard, reporter: Reporter) -> DiagnosticStatus:
-    """Rates and ages of the inputs, what is missing, and what could not be used, by reason."""
-    reporter.measure(onboard)
-    missing, silent = reporter.waiting_for(onboard), reporter.silent()
-    values = {
-        f"{item.topic}{item.detail}": reporter.flow(onboard, item.stream)
-        for item in reporter.inputs.values()
-    }
-    refused = reporter.refused(onboard)
-    values |= {key: str(count) for key, count in refused.items()}
-    words = [f"still waiting for {text}" for text in missing] + silent
-    settings = onboard.settings
-    said = []
-    if settings.static_loads:
-        said.append("loads are not measured, they are configured")
-    if settings.velocity is VelocitySource.NONE:
-        said.append("odometry comes from the wheels: slip is unknown")
-    if words:
-        return status(name, WARN, "; ".join(words + said), values)
-    text = f"all {len(reporter.inputs)} inputs come in"
-    if refused:
-        text += f"; {sum(refused.values())} messages could not be used, see the counts"
-    level = WARN if settings.velocity is VelocitySource.NONE else OK
-    return status(name, level, "; ".join([text, *said]), values)
 
 
 def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:

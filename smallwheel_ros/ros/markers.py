@@ -32,6 +32,11 @@ def markers(newest: Mapping[str, Result], wheels: Mapping[str, Wheel], frame: st
     return array
 
 
+def deletion() -> MarkerArray:
+    """Take all markers away: viewers keep them for ever otherwise."""
+    return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+
+
 def _of_wheel(number: int, result: Result, wheel: Wheel, frame: str) -> Iterator[Marker]:
     mobility, place = result.mobility, result.place
     assert place is not None

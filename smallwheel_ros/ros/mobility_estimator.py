@@ -1,4 +1,4 @@
-"""The node `mobility_estimator`: converts, calls `Onboard`, publishes.
+"""The node `mobility_estimator`: its life, parameters and services; `session` does its work.
 
 It is a lifecycle node that configures and activates itself unless the parameter autostart is false.
 Where it cannot be configured it says why in one message; with autostart it then ends with exit code
@@ -9,54 +9,59 @@ from __future__ import annotations
 
 import gc
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
-from functools import partial, wraps
+from functools import wraps
 from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.lifecycle import (
-    LifecycleNode,
-    LifecycleState,
-    TransitionCallbackReturn,
-)
-from rclpy.timer import Timer
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
-from smallwheel_ros.onboard.feed import Feed, Topic
-from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
 from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
-from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, alarms, entries, status
-from smallwheel_ros.ros.listening import Listening
-from smallwheel_ros.ros.node_parameters import NodeParameters
-from smallwheel_ros.ros.outputs import Outputs
-from smallwheel_ros.ros.reporting import Reporter, inputs_of
-from smallwheel_ros.ros.soil_file import SoilFile
+from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
+from smallwheel_ros.ros.parameters import NodeParameters
+from smallwheel_ros.ros.session import Session, check_topics
 
-_FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
-_WAITING_EVERY = 5.0  # s
-_MARKERS_EVERY = 0.2  # s
 EXIT_BAD_INPUT = 2
 
+_SUCCESS = TransitionCallbackReturn.SUCCESS
 Transition = TypeVar("Transition", bound=Callable[..., TransitionCallbackReturn])
+Service = TypeVar("Service", bound=Callable[..., Any])
 
 
 def _says_why(transition: Transition) -> Transition:
-    """Log what a transition raises: rclpy swallows it."""
+    """Log what a transition raises, which rclpy swallows: on_error is next."""
 
     @wraps(transition)
     def guarded(self: MobilityEstimator, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             return transition(self, state)
-        except Exception:
-            self.get_logger().error(f"{transition.__name__} failed:\n{traceback.format_exc()}")
-            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self.fail(f"{transition.__name__} failed: {' '.join(str(error).split())}")
+            return TransitionCallbackReturn.ERROR
+
+    return guarded  # type: ignore[return-value]  # the same signature, by construction
+
+
+def _answers(service: Service) -> Service:
+    """Answer with success=False what a service raises: nobody is to wait for an answer in vain."""
+
+    @wraps(service)
+    def guarded(self: MobilityEstimator, request: Any, response: Any) -> Any:
+        try:
+            return service(self, request, response)
+        except Exception as error:
+            self.get_logger().error(f"{service.__name__} failed:\n{traceback.format_exc()}")
+            response.success = False
+            if hasattr(response, "message"):
+                response.message = f"failed: {type(error).__name__}: {error}"
+            return response
 
     return guarded  # type: ignore[return-value]  # the same signature, by construction
 
@@ -66,16 +71,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
-        self._onboard: Onboard | None = None
-        self._reporter = Reporter(self, [])
-        self._listening = Listening(self)
-        self._ticking: list[Timer] = []
-        self._alarm = ""  # the newest, in words
-        self._last_arrival = time.monotonic()
-        self.problem = ""  # why it could not be configured
-        self._table = NodeParameters(
-            self, in_use=lambda: self._onboard is not None, changed=self._on_parameters
-        )
+        self._session: Session | None = None
+        self.problem = ""  # why it could not be configured, or is no more
+        self._table = NodeParameters(self, self._check, self._apply)
         for text in self._table.unknown:
             self.get_logger().warning(text)
         # From a wall clock: diagnostics must come even while /clock stands still.
@@ -86,11 +84,20 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_soil", self._on_save_soil)
+        # rclpy (#1209) lets a transition that does not fit the state end the node.
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
 
     @property
     def autostart(self) -> bool:
         """Whether the node is to configure and activate itself."""
         return self._table.values()["autostart"] is not False
+
+    def fail(self, problem: str) -> None:
+        """Note why the node is not configured, and log it with its traceback if there is one."""
+        self.problem = problem
+        trace = f"\n{traceback.format_exc()}" if sys.exc_info()[0] else ""
+        self.get_logger().error(problem + trace)
 
     # --- Transitions
 
@@ -98,41 +105,36 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters, and make everything but the subscriptions."""
         try:
-            self._settings = self._table.settings()
+            settings = self._table.read()
+            session = Session(self, settings, self._table.given(), self._wall)
         except ParametersError as error:
             self.problem = f"cannot be configured: {error}"
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
-        self.problem = ""
-        values = ", ".join(f"{k}={v}" for k, v in self._table.values().items() if v is not None)
-        self.get_logger().info(f"effective parameters: {values}")
-        self._onboard = Onboard(self._settings.onboard, on_result=self._answer)
-        for text in self._onboard.undeterminable:
+        self._session, self.problem = session, ""
+        self._table.in_use = True
+        values = self._table.values()
+        words = ", ".join(f"{k}={v}" for k, v in values.items() if v is not None)
+        self.get_logger().info(f"effective parameters: {words}")
+        for text in session.warnings:
             self.get_logger().warning(text)
-        self._time_jumps = 0
-        self._feed_with(Feed(self._onboard, self._settings))
-        self._outputs = Outputs(self, self._settings, self._report)
-        self._soil_file = SoilFile(self._settings.soil_file)
-        restored = self._soil_file.restore(self._onboard)
-        if self._soil_file.problem:
-            self.get_logger().warning(restored)
-        elif restored:
-            self.get_logger().info(restored)
+        if session.restored:
+            self.get_logger().info(session.restored)
         return super().on_configure(state)
 
     @_says_why
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and publish the soil as it is believed before any measurement."""
         result = super().on_activate(state)
-        self._listen()
-        assert self._onboard is not None
-        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        assert self._session is not None
+        self._session.activate()
         return result
 
     @_says_why
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen no more; what was learnt is kept for the next activation."""
-        self._stop_listening()
+        assert self._session is not None
+        self._session.deactivate()
         return super().on_deactivate(state)
 
     @_says_why
@@ -145,181 +147,106 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     @_says_why
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End for good."""
-        self._stop_listening()
-        result = super().on_shutdown(state)
         self._forget()
-        return result
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything after a transition that failed: the node can be configured again."""
+        try:
+            self._forget()
+        except Exception:
+            self.get_logger().error(f"cleaning up failed:\n{traceback.format_exc()}")
+            return TransitionCallbackReturn.FAILURE
+        return _SUCCESS
 
     def _forget(self) -> None:
-        if self._onboard is not None:
-            self._outputs.destroy()
-        self._onboard = None
-        self._reporter = Reporter(self, [])
+        session, self._session = self._session, None
+        self._table.in_use = False
+        if session is not None:
+            session.destroy()
+
+    @_answers
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        try:
+            return self._change_state(request, response)
+        except rclpy._rclpy_pybind11.RCLError:
+            asked = request.transition.label or request.transition.id
+            _, state = self._state_machine.current_state
+            self.get_logger().warning(f"transition {asked} does not fit the state, {state}")
+            response.success = False
+            return response
 
     # --- Parameters and services
 
-    def _on_parameters(self, changes: str) -> None:
-        """Go by parameters that were changed while they are in use; they have been checked."""
-        assert self._onboard is not None
-        try:
-            before, self._settings = self._settings, self._table.settings()
-        except ParametersError as error:  # a file that they name has changed since the check
-            self.get_logger().error(f"parameters not changed: {error}")
-            return
-        if before == self._settings:
-            return
-        active = self._listening.on
-        if active:
-            self._keep(self._onboard.flush())
-        words = [f"parameters changed: {changes}"]
-        if before.onboard != self._settings.onboard and self._onboard.apply(self._settings.onboard):
-            words.append("the soil starts over")
-            if active:
-                self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
-        self._soil_file = SoilFile(self._settings.soil_file)
-        self._feed_with(Feed(self._onboard, self._settings, self._feed.odometry_frame))
-        if self._outputs.apply(self._settings):
-            words.append("the cost map starts over")
-        if active:
-            self._stop_listening()
-            self._listen()
-        self.get_logger().info("; ".join(words))
+    def _check(self, settings: NodeSettings) -> None:
+        check_topics(self, settings)
 
+    def _apply(self, settings: NodeSettings, changes: str) -> None:
+        """Go by parameters that were changed while they are in use; they have been checked."""
+        assert self._session is not None
+        try:
+            self._session.apply(settings, changes)
+        except Exception as error:
+            self.fail(f"unconfigured: {changes} could not be applied: {error}")
+            if self._session.active:
+                self.trigger_deactivate()
+            self.trigger_cleanup()
+
+    @_answers
     def _on_save_soil(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        if self._onboard is None:
+        if self._session is None:
             response.message = "not configured: there is no soil to save"
         else:
-            response.success, response.message = self._soil_file.save(self._onboard)
+            response.success, response.message = self._session.save()
         self.get_logger().info(f"save_soil: {response.message}")
         return response
 
+    @_answers
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._onboard is None:
+        if self._session is None:
             response.message = "not configured: there is nothing to reset"
             return response
-        self._onboard.reset()
-        self._outputs.start_over()
-        if self._listening.on:
-            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        self._session.reset()
         response.success = True
         response.message = "soil, cost map and buffers start over; the counts go on"
         self.get_logger().info(f"reset: {response.message}")
         return response
 
-    # --- Topics
-
-    def _feed_with(self, feed: Feed) -> None:
-        self._feed = feed
-        self._reporter.inputs = {i.stream: i for i in inputs_of(self, self._feed.topics)}
-
-    def _listen(self) -> None:
-        self._last_arrival = time.monotonic()
-        classes = partial(self._safely, TERRAIN_CLASSES, self._outputs.cost.on_classes)
-        self._listening.start(self._feed.topics, self._take, classes)
-        self._ticking = [
-            self.create_timer(period, partial(self._safely, name, work), clock=self._wall)
-            for name, period, work in (
-                ("flush", 0.5, self._flush),
-                ("inputs", _WAITING_EVERY, self._say_what_is_missing),
-                ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
-                ("~/markers", _MARKERS_EVERY, self._publish_markers),
-            )
-        ]
-
-    def _stop_listening(self) -> None:
-        self._listening.stop()
-        for timer in self._ticking:
-            self.destroy_timer(timer)
-        self._ticking = []
-
-    # --- Messages: feed them, publish what comes of it
-
-    def _take(self, topic: Topic, message: Any) -> None:
-        if self._onboard is not None:
-            self._last_arrival = time.monotonic()
-            self._safely(topic.name, self._handle, topic, message)
-            self._reporter.log_problems(self._onboard.take_problems())
-
-    def _handle(self, topic: Topic, message: Any) -> None:
-        self._keep(topic.handle(message, self.get_clock().now().nanoseconds))
-
-    def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
-        """Do something of which a defect must not take a robot's node down; it is loud all the same.
-
-        name: what to count a defect under.
-        """
-        try:
-            work(*values)
-        except Exception:
-            if not rclpy.ok():
-                raise
-            self._report(name, "internal_error", f"failed:\n{traceback.format_exc()}")
-
-    def _report(self, topic: str, reason: str, text: str) -> None:
-        if self._onboard is not None:
-            self._onboard.report(self.resolve_topic_name(topic), reason, text)
-            self._reporter.log_problems(self._onboard.take_problems())
-
-    def _answer(self, result: Result) -> None:
-        """Publish a result at once: those of the other wheels are worked out after it."""
-        self._safely("~/mobility", self._outputs.answer, result)
-
-    def _keep(self, results: Sequence[Result]) -> None:
-        assert self._onboard is not None
-        if self._time_jumps != self._onboard.time_jumps:
-            self._time_jumps = self._onboard.time_jumps
-            self._outputs.start_over()
-        self._outputs.keep(results, self._feed.odometry_frame)
-
-    # --- Timers, all of the wall clock
-
-    def _flush(self) -> None:
-        """Let nothing wait for messages that do not come."""
-        if self._onboard is None:
-            return
-        if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
-            self._keep(self._onboard.flush())
-            self._reporter.log_problems(self._onboard.take_problems())
-        self._outputs.publish_waiting_soil(self._feed.odometry_frame)
-
-    def _say_what_is_missing(self) -> None:
-        if self._onboard is not None:
-            for text in self._reporter.waiting_for(self._onboard):
-                self.get_logger().warning(f"still waiting for {text}")
-
-    def _publish_markers(self) -> None:
-        self._outputs.publish_markers(self._feed.odometry_frame)
-
-    def _say_alarms(self) -> None:
-        """Log an alarm when it is new: not everybody looks at diagnostics."""
-        assert self._onboard is not None
-        newest = [result.mobility for result in self._outputs.newest.values()]
-        alarm = "; ".join(alarms(self._onboard, newest))
-        if alarm and alarm != self._alarm:
-            self.get_logger().error(alarm)
-        self._alarm = alarm
-
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
+        unknown = list(self._table.unknown)
         if self.problem:
-            found = [status(f"{name}: parameters", ERROR, self.problem)]
-        elif self._onboard is None or not self._listening.on:
+            found, unknown = [status(f"{name}: parameters", ERROR, self.problem)], []
+        elif self._session is None or not self._session.active:
             text = "not active: it waits for a lifecycle manager"
             found = [status(f"{name}: inputs", OK, text)]
         else:
-            self._say_alarms()
-            self._outputs.report_deaf_subscribers()
-            newest = [result.mobility for result in self._outputs.newest.values()]
-            found = entries(name, self._onboard, self._reporter, newest, self._outputs.cost)
-            if self._soil_file.problem:
-                found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
-        if self._table.unknown and not self.problem:
-            found.append(status(f"{name}: parameters", WARN, "; ".join(self._table.unknown)))
+            found = self._session.diagnostics(name)
+            unknown += self._session.unused
+        if unknown:
+            found.append(status(f"{name}: parameters", WARN, "; ".join(unknown)))
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+
+def _spin(node: MobilityEstimator) -> None:
+    """Let the node work until it is asked to end; a defect in a callback is loud and ends nothing."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while rclpy.ok():
+        try:
+            executor.spin_once()
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return
+        except Exception:
+            # A signal ends ROS at any moment: what was about to be published then fails.
+            if rclpy.ok():
+                node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -334,24 +261,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT
     try:
-        if node.autostart:
-            node.trigger_configure()
-            if node.problem:
-                return EXIT_BAD_INPUT
-            node.trigger_activate()
+        if node.autostart and not (
+            node.trigger_configure() == _SUCCESS and node.trigger_activate() == _SUCCESS
+        ):
+            return EXIT_BAD_INPUT
         # What the start has made lives as long as the node: looking it all through for what can be
         # thrown away would hold up messages for a tenth of a second now and then.
         gc.collect()
         gc.freeze()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
+        _spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except Exception:
-        # A signal ends ROS at any moment: what was about to be published then fails.
-        if rclpy.ok():
-            raise
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

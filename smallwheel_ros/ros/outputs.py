@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from visualization_msgs.msg import MarkerArray
 
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
@@ -19,8 +18,14 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import mobility_message, soil_message
 from smallwheel_ros.ros.cost_publisher import CostPublisher
-from smallwheel_ros.ros.markers import markers
+from smallwheel_ros.ros.markers import deletion, markers
 
+OUTPUTS = {
+    "~/mobility": (MobilityMessage, qos.ESTIMATE),
+    "~/soil": (SoilMessage, qos.LATCHED),
+    "~/markers": (MarkerArray, qos.ESTIMATE),
+    "~/cost": (OccupancyGrid, qos.LATCHED),
+}
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 
 # Takes topic, reason and words of something that went wrong.
@@ -36,11 +41,14 @@ class Outputs:
     def __init__(self, node: LifecycleNode, settings: NodeSettings, report: Report) -> None:
         self._node = node
         self._report = report
-        self._mobility = self._publisher(MobilityMessage, "~/mobility", qos.ESTIMATE)
-        self._soil = self._publisher(SoilMessage, "~/soil", qos.LATCHED)
-        self._markers = self._publisher(MarkerArray, "~/markers", qos.ESTIMATE)
-        self._cost = self._publisher(OccupancyGrid, "~/cost", qos.LATCHED)
-        self._publishers = (self._mobility, self._soil, self._markers, self._cost)
+        self._publishers: list[LifecyclePublisher] = []
+        try:
+            self._mobility, self._soil, self._markers, self._cost = (
+                self._publisher(topic) for topic in OUTPUTS
+            )
+        except Exception:
+            self.destroy()
+            raise
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
         self._wheels = _wheels(settings)
         self.cost = CostPublisher(settings.cost, self._wheels, self._cost, report)
@@ -48,15 +56,19 @@ class Outputs:
         self._soil_sent: int | None = None
         self._soil_waits: Result | None = None
 
-    def _publisher(self, kind: Any, topic: str, profile: QoSProfile) -> LifecyclePublisher:
-        return self._node.create_lifecycle_publisher(
-            kind, topic, profile, event_callbacks=qos.no_events()
+    def _publisher(self, topic: str) -> LifecyclePublisher:
+        kind, profile = OUTPUTS[topic]
+        publisher = self._node.create_lifecycle_publisher(
+            kind, topic, event_callbacks=qos.no_events(), **qos.overridable(profile)
         )
+        self._publishers.append(publisher)
+        return publisher
 
     def destroy(self) -> None:
         """Take the topics away."""
         for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)
+        self._publishers = []
 
     def report_deaf_subscribers(self) -> None:
         """Report each subscriber, once, that asks for QoS that is not offered: it gets nothing."""
@@ -85,6 +97,7 @@ class Outputs:
     def start_over(self) -> None:
         """Forget what was published: the soil is another one, or time has gone back."""
         self.cost.clear()
+        self.delete_markers()
         self.newest, self._soil_sent, self._soil_waits = {}, None, None
 
     def answer(self, result: Result) -> None:
@@ -125,6 +138,11 @@ class Outputs:
         """Publish the markers if anybody looks at them."""
         if self.newest and self._markers.get_subscription_count():
             self._markers.publish(markers(self.newest, self._wheels, frame))
+
+    def delete_markers(self) -> None:
+        """Take the markers away that were published."""
+        if self._markers.is_activated:
+            self._markers.publish(deletion())
 
 
 def _wheels(settings: NodeSettings) -> dict[str, Wheel]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
@@ -23,7 +21,7 @@ from rosgraph_msgs.msg import Clock
 from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.ros.conversions import time_message
+from smallwheel_ros.ros.conversions import message_class, time_message
 from smallwheel_ros.stop import Stop
 
 _CLOCK_PERIOD = SECOND // 100
@@ -59,15 +57,6 @@ class PlaySettings:
     loop: bool = False
     clock: bool = True
     wait: float = 10.0
-
-
-def message_class(kind: str) -> Any | None:
-    """Return the ROS class of a type like nav_msgs/msg/Odometry; None: it is not installed."""
-    try:
-        package, _, name = kind.split("/")
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ValueError, ImportError, AttributeError):
-        return None
 
 
 def _keeps_last(reader: BagReader, topic: BagTopic) -> bool:

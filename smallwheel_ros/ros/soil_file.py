@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator.saved_state import check_may_replace, remove_drafts
+from smallwheel_ros.onboard.message_fields import soil_fields
 from smallwheel_ros.onboard.onboard import Onboard
 
 
@@ -19,15 +23,28 @@ class SoilFile:
         self.problem = ""
 
     def restore(self, onboard: Onboard) -> str:
-        """Let the estimate go on from the file; return in words what came of it."""
+        """Let a new estimate go on from the file; return in words what it goes on from.
+
+        Where there is a `problem`, the estimate may be half restored: it is not to be used.
+        """
         self.problem = ""
-        if self._path is None or not self._path.exists():
+        if self._path is None:
+            return ""
+        remove_drafts(self._path)
+        if not self._path.exists():
             return ""
         try:
             onboard.restore(self._path)
+            _check_finite(soil_fields(onboard.soil, onboard.rejected))
         except SmallwheelError as error:
             self.problem = f"the saved soil is not used: {error}"
-            return self.problem
+        except Exception as error:  # numbers that nobody has thought of
+            self.problem = (
+                f"the saved soil is not used: {self._path}: {type(error).__name__}: {error}; delete"
+                " the file to begin with the prior"
+            )
+        if self.problem:
+            return ""
         return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
 
     def save(self, onboard: Onboard) -> tuple[bool, str]:
@@ -37,7 +54,16 @@ class SoilFile:
         if onboard.soil.accepted == 0:
             return False, "nothing saved: the soil has not been measured yet"
         try:
+            check_may_replace(self._path)
             onboard.save(self._path)
         except SmallwheelError as error:
             return False, f"nothing saved: {error}"
         return True, f"{self._path}: {onboard.soil.accepted} measurements"
+
+
+def _check_finite(fields: dict[str, Any]) -> None:
+    for name, value in fields.items():
+        numbers = value if name == "covariance" else [value]
+        for number in numbers:
+            if isinstance(number, float) and not math.isfinite(number):
+                raise ValueError(f"{name} would be {number}")

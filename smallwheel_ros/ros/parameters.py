@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from array import array
 from collections.abc import Callable, Sequence
 
@@ -20,10 +21,13 @@ from smallwheel_ros.onboard.parameters import (
     NodeSettings,
     ParametersError,
     parameters_for,
+    read_models,
     settings_from,
     unknown_parameters,
     wheel_names,
 )
+from smallwheel_ros.onboard.starting_model import StartingModels
+from smallwheel_ros.ros.qos import OVERRIDES
 
 
 class NodeParameters:
@@ -35,27 +39,31 @@ class NodeParameters:
 
     Parameters
     ----------
-    in_use
-        Whether the node goes by the parameters now: then all of them together must make sense.
-    changed
-        Called after a change of them while they are in use, with names and values in words.
+    check
+        Called with settings before they are taken on; raises for those that the node cannot use.
+    apply
+        Called with settings after a change, with names and values in words.
 
     Attributes
     ----------
+    in_use
+        Whether the node goes by the parameters now: then all of them together must make sense.
     unknown
         A sentence for each given parameter that nobody knows.
     """
 
     def __init__(
-        self, node: Node, in_use: Callable[[], bool], changed: Callable[[str], None]
+        self,
+        node: Node,
+        check: Callable[[NodeSettings], None],
+        apply: Callable[[NodeSettings, str], None],
     ) -> None:
         self._node = node
-        self._in_use = in_use
-        self._changed = changed
-        given = {
-            name: _plain(parameter.value)
-            for name, parameter in node.get_parameters_by_prefix("").items()
-        }
+        self._check = check
+        self._apply = apply
+        self.in_use = False
+        self._models = StartingModels()
+        given = self.given()
         self._problems: dict[str, str] = {}
         self._table: dict[str, Parameter] = {}
         try:
@@ -64,11 +72,33 @@ class NodeParameters:
             wheels = []
             self._problems["wheels"] = str(error)
         self.unknown = unknown_parameters(given, wheels) if wheels else []
-        table = parameters_for(wheels) if wheels else GENERAL
-        for parameter in table:
+        for parameter in parameters_for(wheels) if wheels else GENERAL:
             self._declare(parameter, given.get(parameter.name))
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._after)
+
+    def given(self) -> dict[str, object]:
+        """Return the value of every parameter that has been declared, known or not."""
+        found = self._node.get_parameters_by_prefix("")
+        return {name: _plain(parameter.value) for name, parameter in found.items()}
+
+    def values(self) -> dict[str, object]:
+        """Return the value of each known parameter, None where there is none."""
+        return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
+
+    def read(self) -> NodeSettings:
+        """Return what the parameters say; models and effects are read from their files.
+
+        Raises
+        ------
+        ParametersError
+            With one sentence for each parameter that is missing or wrong.
+        """
+        if self._problems:
+            raise ParametersError("; ".join(self._problems.values()))
+        values = self.values()
+        self._models = read_models(values)
+        return settings_from(values, self._models)
 
     def _declare(self, parameter: Parameter, value: object) -> None:
         name = parameter.name
@@ -85,42 +115,41 @@ class NodeParameters:
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
-        known = [change for change in changes if change.name in self._table]
-        for change in known:
-            parameter, value = self._table[change.name], _plain(change.value)
-            optional = value is None and not parameter.required
-            problem = None if optional else parameter.problem(value)
+        try:
+            problem = self._problem(changes)
+        except ParametersError as error:
+            problem = str(error)
+        except Exception as error:  # a defect must not end the node
+            self._node.get_logger().error(f"change of parameters:\n{traceback.format_exc()}")
+            problem = f"the change cannot be judged: {type(error).__name__}: {error}"
+        return SetParametersResult(successful=problem is None, reason=problem or "")
+
+    def _problem(self, changes: Sequence[RosParameter]) -> str | None:
+        known = {c.name: _plain(c.value) for c in changes if c.name in self._table}
+        for name, value in known.items():
+            parameter = self._table[name]
+            if value is None:
+                return f"parameter {name} cannot be deleted, expected {parameter.expected}"
+            if self.in_use and parameter.changes != "always":
+                return f"parameter {name} can only be changed while the node is not configured"
+            problem = parameter.problem(value)
             if problem is not None:
-                return SetParametersResult(successful=False, reason=problem)
-        if known and self._in_use():
-            try:
-                settings_from(self.values() | {c.name: _plain(c.value) for c in known})
-            except ParametersError as error:
-                return SetParametersResult(successful=False, reason=str(error))
-        for change in known:
-            self._problems.pop(change.name, None)
-        return SetParametersResult(successful=True)
+                return problem
+        for change in changes:
+            # The first time it is rclpy that declares it, for a topic that is being made.
+            overrides = change.name.startswith(OVERRIDES) and self._node.has_parameter(change.name)
+            if self.in_use and overrides:
+                return f"parameter {change.name} only counts at the start of the node"
+        if known and self.in_use:
+            self._check(settings_from(self.values() | known, self._models))
+        for name in known:
+            self._problems.pop(name, None)
+        return None
 
     def _after(self, changes: Sequence[RosParameter]) -> None:
         words = ", ".join(f"{c.name}={_plain(c.value)}" for c in changes if c.name in self._table)
-        if words and self._in_use():
-            self._changed(words)
-
-    def values(self) -> dict[str, object]:
-        """Return the value of each known parameter, None where there is none."""
-        return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
-
-    def settings(self) -> NodeSettings:
-        """Return what the parameters say now.
-
-        Raises
-        ------
-        ParametersError
-            With one sentence for each parameter that is missing or wrong.
-        """
-        if self._problems:
-            raise ParametersError("; ".join(self._problems.values()))
-        return settings_from(self.values())
+        if words and self.in_use:
+            self._apply(settings_from(self.values(), self._models), words)
 
 
 def _plain(value: object) -> object:
@@ -133,7 +162,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=parameter.name,
         description=f"{parameter.description}{unit}",
-        read_only=parameter.read_only,
+        read_only=parameter.changes == "at start",
         # Of another type rclpy says neither which parameter it is nor what to write: we do.
         dynamic_typing=True,
     )

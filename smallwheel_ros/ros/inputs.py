@@ -1,0 +1,258 @@
+"""What the node listens to: its subscriptions, and what to say of each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import OccupancyGrid
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.subscription import Subscription
+
+from smallwheel_ros.onboard.feed import Topic
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.problems import Problem
+from smallwheel_ros.onboard.settings import VelocitySource
+from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.ros import qos
+from smallwheel_ros.ros.conversions import message_class
+from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
+from smallwheel_ros.ros.diagnostics import OK, WARN, status
+
+# A turn ends after so many messages of each topic: timers and services must have theirs too.
+_MOST_OF_A_TOPIC = 4
+_REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
+_SILENT_AFTER = 2.0  # s without a message of a topic that had some
+
+
+@dataclass
+class _Stream:
+    """By which topic a stream of the estimate comes, and how: messages, newest of them, rate."""
+
+    topic: str
+    type: str
+    detail: str  # which part of the message, in words
+    count: int
+    last: float  # time.monotonic()
+    rate: float = 0.0  # Hz
+
+
+class Inputs:
+    """The subscriptions of a node, and what is known of them.
+
+    The executor waits for a message and hands it over; what other topics have by then is taken in
+    the same turn. The executor's own way, a wait and a task for each message, costs more processor
+    time than the message: vehicles send a dozen of them at one instant.
+
+    take, take_classes: called with a topic and its message, and with a grid of terrain classes.
+    on: whether it listens.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        onboard: Onboard,
+        take: Callable[[Topic, Any], None],
+        take_classes: Callable[[Any], None],
+    ) -> None:
+        self._node, self._onboard = node, onboard
+        self._take, self._take_classes = take, take_classes
+        self._topics: tuple[Topic, ...] = ()
+        self._streams: dict[str, _Stream] = {}
+        self._subscribed: list[tuple[str, str]] = []  # name and type of each topic
+        self._subscriptions: list[Subscription] = []
+        self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
+        self._measured_at = time.monotonic()
+
+    # --- Subscriptions
+
+    @property
+    def on(self) -> bool:
+        """Whether there is any subscription."""
+        return bool(self._subscriptions)
+
+    def use(self, topics: Sequence[Topic]) -> None:
+        """Hand messages to these topics from now on."""
+        self._topics = tuple(topics)
+        now, received = time.monotonic(), self._onboard.received
+        self._streams = {
+            stream: _Stream(
+                self._node.resolve_topic_name(topic.name), topic.type, detail, received[stream], now
+            )
+            for topic in topics
+            for stream, detail in topic.streams.items()
+        }
+
+    def listen(self, topics: Sequence[Topic]) -> None:
+        """Subscribe to these topics in place of others; where that fails, the old ones are back."""
+        wanted = [(topic.name, topic.type) for topic in topics]
+        if self.on and wanted == self._subscribed:
+            return
+        before, listened = self._subscribed, self.on
+        try:
+            self.stop()
+            self._subscribe_to(wanted)
+        except Exception:
+            self.stop()
+            if listened:
+                self._subscribe_to(before)
+            raise
+
+    def stop(self) -> None:
+        """Listen no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
+
+    def _subscribe_to(self, wanted: list[tuple[str, str]]) -> None:
+        for i, (name, kind) in enumerate(wanted):
+            take_all = partial(self._take_all, i)
+            self._subscribe(message_class(kind), name, take_all, qos.INPUT)
+        # A classifier's grids come as they are made, a map server's one grid was there before us.
+        classes = self._take_classes
+        self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
+        self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
+        self._subscribed = wanted
+
+    def _subscribe(
+        self,
+        kind: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        profile: QoSProfile,
+        entity: str | None = None,
+    ) -> None:
+        # Each event handler costs time at every wait: what they would tell of inputs is found out
+        # where a topic stays silent.
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._subscriptions.append(
+            self._node.create_subscription(
+                kind,
+                topic,
+                callback,
+                event_callbacks=events,
+                **qos.overridable(profile, entity),
+            )
+        )
+
+    def _take_all(self, first: int, message: Any) -> None:
+        """Handle a message of one topic, then what has come by any topic until then."""
+        self._take(self._topics[first], message)
+        if self._node.get_clock().ros_time_is_active:
+            # /clock comes by the executor as well: what is taken before it looks like the future.
+            return
+        for _ in range(_MOST_OF_A_TOPIC):
+            more = False
+            for topic, subscription in zip(self._topics, self._subscriptions, strict=False):
+                with subscription.handle:
+                    taken = subscription.handle.take_message(
+                        subscription.msg_type, subscription.raw
+                    )
+                if taken is not None:
+                    self._take(topic, taken[0])
+                    more = True
+            if not more:
+                return
+
+    # --- What to say of them
+
+    def log(self, problems: Iterable[Problem]) -> None:
+        """Log problems by topic, each kind once in 10 s."""
+        for problem in problems:
+            key, now = (problem.stream, problem.reason), time.monotonic()
+            said, held = self._said.get(key, (-_REPEAT_AFTER, 0))
+            if now - said < _REPEAT_AFTER:
+                self._said[key] = (said, held + 1)
+                continue
+            self._said[key] = (now, 0)
+            more = f" ({held} more like this since)" if held else ""
+            topic = self._topic_of(problem.stream)
+            self._node.get_logger().warning(f"{topic}: {problem.text}{more}")
+
+    def _topic_of(self, stream: str) -> str:
+        found = self._streams.get(stream)
+        return stream if found is None else found.topic
+
+    def waiting(self) -> str:
+        """Say of each topic that has not given what is needed of it yet, why that may be."""
+        missing: dict[tuple[str, str], str] = {}
+        for name, stream in self._streams.items():
+            if self._onboard.received[name] == 0:
+                key = (stream.topic, stream.type)
+                missing[key] = missing.get(key, "") + stream.detail
+        return "; ".join(
+            f"still waiting for {topic} ({kind}{details}): {self._why(topic, kind)}"
+            for (topic, kind), details in missing.items()
+        )
+
+    def _why(self, topic: str, kind: str) -> str:
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if not publishers:
+            return "no publisher"
+        types = sorted({info.topic_type for info in publishers})
+        if kind not in types:
+            return f"its publisher has another type, {', '.join(types)}"
+        asked = next(
+            (s.qos_profile for s in self._subscriptions if s.topic_name == topic), qos.INPUT
+        )
+        for info in publishers:
+            compatibility, reason = qos_check_compatible(info.qos_profile, asked)
+            if compatibility == QoSCompatibility.ERROR:
+                return f"its publisher has incompatible QoS: {reason}"
+        count = len(publishers)
+        return f"{count} publisher{'s' if count > 1 else ''}, nothing received yet"
+
+    def _measure(self) -> None:
+        """Note how many messages came since the last call: their rates."""
+        now = time.monotonic()
+        elapsed = max(now - self._measured_at, 1e-6)
+        self._measured_at = now
+        for name, stream in self._streams.items():
+            count = self._onboard.received[name]
+            stream.rate = (count - stream.count) / elapsed
+            if count > stream.count:
+                stream.count, stream.last = count, now
+
+    def _flow(self, name: str, stream: _Stream) -> str:
+        """How a stream comes in: rate, count, age of the newest good stamp."""
+        text = f"{stream.rate:.1f} Hz, {stream.count} received"
+        newest = self._onboard.newest.get(name)
+        if newest is None:
+            return text
+        age = (self._node.get_clock().now().nanoseconds - newest) / SECOND
+        return f"{text}, newest stamp {age:.2f} s ago"
+
+    def status(self, name: str) -> DiagnosticStatus:
+        """Rates and ages of the inputs, what is missing, and what could not be used, by reason."""
+        self._measure()
+        now, settings = time.monotonic(), self._onboard.settings
+        values = {f"{s.topic}{s.detail}": self._flow(n, s) for n, s in self._streams.items()}
+        words = [self.waiting()] + [
+            f"{s.topic}: no message for {now - s.last:.0f} s"
+            for s in self._streams.values()
+            if s.count and now - s.last > _SILENT_AFTER
+        ]
+        words = [text for text in words if text]
+        counts = sorted(self._onboard.counts.items())
+        values |= {
+            f"{self._topic_of(stream)}: {reason}": str(count) for (stream, reason), count in counts
+        }
+        said = []
+        if settings.static_loads:
+            said.append("loads are not measured, they are configured")
+        if settings.velocity is VelocitySource.NONE:
+            said.append("odometry comes from the wheels: slip is unknown")
+        if words:
+            return status(name, WARN, "; ".join(words + said), values)
+        text = f"all {len(self._streams)} inputs come in"
+        if counts:
+            unused = sum(count for _, count in counts)
+            text += f"; {unused} messages could not be used, see the counts"
+        level = WARN if settings.velocity is VelocitySource.NONE else OK
+        return status(name, level, "; ".join([text, *said]), values)

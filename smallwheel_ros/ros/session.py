@@ -1,0 +1,278 @@
+"""What a configured node has, from its configuration to its cleanup."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.lifecycle import LifecycleNode
+from rclpy.timer import Timer
+
+from smallwheel_ros.onboard.feed import Feed, Topic
+from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.parameters import NodeSettings, ParametersError
+from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
+from smallwheel_ros.ros.diagnostics import WARN, alarms, entries, status
+from smallwheel_ros.ros.inputs import Inputs
+from smallwheel_ros.ros.outputs import OUTPUTS, Outputs
+from smallwheel_ros.ros.qos import override_problems
+from smallwheel_ros.ros.soil_file import SoilFile
+
+_FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
+_WAITING_EVERY = 5.0  # s
+_MARKERS_EVERY = 0.2  # s
+# Topics that every node of rclpy has, and their types.
+_OF_ROS = {
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
+    "/rosout": "rcl_interfaces/msg/Log",
+}
+
+
+def check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, ...]:
+    """Return the topics that settings make the node listen to.
+
+    Raises
+    ------
+    ParametersError
+        If a name is not possible, or a topic would carry two types: DDS allows that to no node.
+    """
+    topics = Feed(Onboard(settings.onboard), settings).topics
+    types = dict(_OF_ROS)
+    for name, (kind, _) in OUTPUTS.items():
+        types[node.resolve_topic_name(name)] = (
+            f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+        )
+    types[node.resolve_topic_name(TERRAIN_CLASSES)] = "nav_msgs/msg/OccupancyGrid"
+    for topic in topics:
+        try:
+            name = node.resolve_topic_name(topic.name)
+        except Exception as error:  # rcl's; its words have several lines
+            reason = " ".join(str(error).split())
+            raise ParametersError(f"topic {topic.name!r} is not possible: {reason}") from None
+        if types.setdefault(name, topic.type) != topic.type:
+            raise ParametersError(
+                f"topic {name} cannot be {topic.type}: this node has it as {types[name]} already"
+            )
+    return topics
+
+
+class Session:
+    """The estimate of a configured node, with its topics; it is made whole or raises.
+
+    Parameters
+    ----------
+    given
+        Values of all parameters that were given, those of the quality of service among them.
+    wall
+        A clock that goes on while /clock stands still.
+
+    Attributes
+    ----------
+    unused
+        A sentence for each parameter of the quality of service that nobody uses.
+
+    Raises
+    ------
+    ParametersError
+        If the node cannot work with these settings.
+    """
+
+    def __init__(
+        self, node: LifecycleNode, settings: NodeSettings, given: dict[str, object], wall: Clock
+    ) -> None:
+        self._node, self._wall = node, wall
+        self._settings = settings
+        topics = check_topics(node, settings)
+        wrong, self.unused = override_problems(
+            given,
+            [
+                node.resolve_topic_name(name)
+                for name in (*(t.name for t in topics), TERRAIN_CLASSES)
+            ],
+            [node.resolve_topic_name(name) for name in OUTPUTS],
+        )
+        if wrong:
+            raise ParametersError("; ".join(wrong))
+        self._soil_file = SoilFile(settings.soil_file)
+        self._onboard = Onboard(settings.onboard, on_result=self._answer)
+        self.restored = self._soil_file.restore(self._onboard)
+        if self._soil_file.problem:
+            self._onboard = Onboard(settings.onboard, on_result=self._answer)
+        self._inputs = Inputs(
+            node,
+            self._onboard,
+            self._take,
+            lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
+        )
+        self._timers: list[Timer] = []
+        self._time_jumps = 0
+        self._alarm = ""  # the newest, in words
+        self._last_arrival = time.monotonic()
+        self._go_by(Feed(self._onboard, settings))
+        self._outputs = Outputs(node, settings, self._report)
+
+    @property
+    def active(self) -> bool:
+        """Whether it listens and publishes."""
+        return self._inputs.on
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is to be said once of the configuration."""
+        problem = [self._soil_file.problem] if self._soil_file.problem else []
+        return [*self._onboard.undeterminable, *problem, *self.unused]
+
+    # --- Transitions, parameters, services
+
+    def activate(self) -> None:
+        """Listen, and publish the soil as it is believed before any measurement."""
+        self._last_arrival = time.monotonic()
+        self._inputs.listen(self._feed.topics)
+        self._start_timers()
+        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+
+    def deactivate(self) -> None:
+        """Listen no more; what was learnt is kept for the next activation."""
+        self._outputs.delete_markers()
+        self._inputs.stop()
+        self._stop_timers()
+
+    def destroy(self) -> None:
+        """Take all topics away."""
+        self.deactivate()
+        self._outputs.destroy()
+
+    def apply(self, settings: NodeSettings, changes: str) -> None:
+        """Go by other settings, which have been checked; changes says which, in words."""
+        if settings == self._settings:
+            return
+        topics = check_topics(self._node, settings)
+        if self.active:
+            self._keep(self._onboard.flush())
+            self._inputs.listen(topics)  # raises where that cannot be, and all is as it was
+        before, self._settings = self._settings, settings
+        words = [f"parameters changed: {changes}"]
+        if before.onboard != settings.onboard and self._onboard.apply(settings.onboard):
+            words.append("the soil starts over")
+            if self.active:
+                self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        if before.soil_file != settings.soil_file:
+            self._soil_file = SoilFile(settings.soil_file)
+        self._go_by(Feed(self._onboard, settings, self._feed.odometry_frame))
+        if self._outputs.apply(settings):
+            words.append("the cost map starts over")
+        if self.active and before.cost.period != settings.cost.period:
+            self._stop_timers()
+            self._start_timers()
+        self._node.get_logger().info("; ".join(words))
+
+    def save(self) -> tuple[bool, str]:
+        """Save the soil; return whether that worked, and in words what came of it."""
+        return self._soil_file.save(self._onboard)
+
+    def reset(self) -> None:
+        """Forget soil, cost map and buffers; the counts go on."""
+        self._onboard.reset()
+        self._outputs.start_over()
+        if self.active:
+            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+
+    def _go_by(self, feed: Feed) -> None:
+        self._feed = feed
+        self._inputs.use(feed.topics)
+
+    def _start_timers(self) -> None:
+        self._timers = [
+            self._node.create_timer(period, partial(self._safely, name, work), clock=self._wall)
+            for name, period, work in (
+                ("flush", 0.5, self._flush),
+                ("inputs", _WAITING_EVERY, self._say_what_is_missing),
+                ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
+                ("~/markers", _MARKERS_EVERY, self._publish_markers),
+            )
+        ]
+
+    def _stop_timers(self) -> None:
+        for timer in self._timers:
+            self._node.destroy_timer(timer)
+        self._timers = []
+
+    # --- Messages: feed them, publish what comes of it
+
+    def _take(self, topic: Topic, message: Any) -> None:
+        self._last_arrival = time.monotonic()
+        self._safely(topic.name, self._handle, topic, message)
+        self._log_problems()
+
+    def _handle(self, topic: Topic, message: Any) -> None:
+        self._keep(topic.handle(message, self._node.get_clock().now().nanoseconds))
+
+    def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
+        """Do something of which a defect must not take a robot's node down; it is loud all the same.
+
+        name: what to count a defect under.
+        """
+        try:
+            work(*values)
+        except Exception:
+            if not rclpy.ok():
+                raise
+            self._report(name, "internal_error", f"failed:\n{traceback.format_exc()}")
+
+    def _report(self, topic: str, reason: str, text: str) -> None:
+        self._onboard.report(self._node.resolve_topic_name(topic), reason, text)
+        self._log_problems()
+
+    def _log_problems(self) -> None:
+        self._inputs.log(self._onboard.take_problems())
+
+    def _answer(self, result: Result) -> None:
+        """Publish a result at once: those of the other wheels are worked out after it."""
+        self._safely("~/mobility", self._outputs.answer, result)
+
+    def _keep(self, results: Sequence[Result]) -> None:
+        if self._time_jumps != self._onboard.time_jumps:
+            self._time_jumps = self._onboard.time_jumps
+            self._outputs.start_over()
+        self._outputs.keep(results, self._feed.odometry_frame)
+
+    # --- Timers
+
+    def _flush(self) -> None:
+        """Let nothing wait for messages that do not come."""
+        if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
+            self._keep(self._onboard.flush())
+            self._log_problems()
+        self._outputs.publish_waiting_soil(self._feed.odometry_frame)
+
+    def _say_what_is_missing(self) -> None:
+        missing = self._inputs.waiting()
+        if missing:
+            self._node.get_logger().warning(missing)
+
+    def _publish_markers(self) -> None:
+        self._outputs.publish_markers(self._feed.odometry_frame)
+
+    def diagnostics(self, name: str) -> list[DiagnosticStatus]:
+        """Return the entries of an active node of that name; log an alarm when it is new."""
+        newest = [result.mobility for result in self._outputs.newest.values()]
+        alarm = "; ".join(alarms(self._onboard, newest))
+        if alarm and alarm != self._alarm:  # not everybody looks at diagnostics
+            self._node.get_logger().error(alarm)
+        self._alarm = alarm
+        self._outputs.report_deaf_subscribers()
+        found = [
+            self._inputs.status(f"{name}: inputs"),
+            *entries(name, self._onboard, newest, self._outputs.cost),
+        ]
+        if self._soil_file.problem:
+            found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
+        return found
