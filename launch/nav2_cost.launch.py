@@ -3,14 +3,15 @@
     ros2 launch smallwheel_ros nav2_cost.launch.py params_file:=rover.yaml
 
 Merge config/nav2_costmaps.yaml into your Nav2 parameters first; needs nav2_map_server and
-nav2_lifecycle_manager.
+nav2_lifecycle_manager. With namespace:=robot1 everything is below /robot1, and filter_info_topic in the
+costmaps is /robot1/soil_filter_info.
 """
 
 from __future__ import annotations
 
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -23,6 +24,11 @@ def generate_launch_description() -> LaunchDescription:
     sim_time = {
         "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     }
+    namespace = LaunchConfiguration("namespace")
+    # A costmap takes a relative name for one of its own namespace, /robot1/local_costmap: a full name.
+    grid = PythonExpression(
+        ["'/'.join(['', *'", namespace, "'.strip('/').split(), 'mobility_estimator', 'cost'])"]
+    )
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -40,6 +46,9 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="false",
                 description="Take the time from /clock: for bags and simulators.",
             ),
+            DeclareLaunchArgument(
+                "namespace", default_value="", description="Namespace of nodes and topics."
+            ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(
                     PathJoinSubstitution([share, "launch", "mobility_estimator.launch.py"])
@@ -47,20 +56,27 @@ def generate_launch_description() -> LaunchDescription:
                 launch_arguments={
                     "params_file": LaunchConfiguration("params_file"),
                     "use_sim_time": LaunchConfiguration("use_sim_time"),
+                    "namespace": namespace,
                 }.items(),
             ),
             Node(
                 package="nav2_map_server",
                 executable="costmap_filter_info_server",
                 name="soil_filter_info_server",
+                namespace=namespace,
                 output="screen",
-                parameters=[LaunchConfiguration("filter_info_file"), sim_time],
+                parameters=[
+                    LaunchConfiguration("filter_info_file"),
+                    sim_time,
+                    {"mask_topic": ParameterValue(grid, value_type=str)},
+                ],
             ),
             # A manager of its own: this server starts with the node, whatever Nav2 does.
             Node(
                 package="nav2_lifecycle_manager",
                 executable="lifecycle_manager",
                 name="lifecycle_manager_soil_filter",
+                namespace=namespace,
                 output="screen",
                 parameters=[
                     sim_time,

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
     Outcome,
@@ -103,10 +104,15 @@ def change(path: Path, **values: object) -> None:
         ({"prior__n": 0.5}, "another prior"),
         ({"prior__soil": "snow"}, "another prior"),
         ({"effects": [{"id": "slip_sinkage"}]}, "another model"),
-        ({"accepted": -1}, "negative"),
+        ({"accepted": -1}, "accepted is -1"),
+        ({"accepted": 10**400}, "accepted is 1000"),
+        ({"prior__n": 10**400}, "OverflowError"),
         ({"soil": 3}, "TypeError"),
         ({"soil__mean": [1.0, 2.0]}, "is no soil"),
-        ({"soil__mean": [1e300, 0.8, 0.3]}, "outside of the model's range"),
+        ({"soil__mean": [1e300, 0.8, 0.3]}, "beyond 1e9"),
+        ({"soil__mean": [100.0, 0.8, 0.3]}, "outside of the model's range"),
+        ({"soil__covariance": [[1e308, 0, 0], [0, 1e308, 0], [0, 0, 1e308]]}, "beyond 1e9"),
+        ({"soil__prior_covariance": [[1e308, 0, 0], [0, 1, 0], [0, 0, 1]]}, "beyond 1e9"),
         ({"soil__deviation": ["a", 0.0, 0.0]}, "ValueError"),
         ({"soil__reference": [60.0, -0.2, 0.1]}, "is no soil"),
         ({"soil__covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}, "LinAlgError"),
@@ -163,3 +169,45 @@ def test_what_cannot_be_written_leaves_the_old_file(
         SoilEstimator(PRIOR).save(saved)
     assert saved.read_bytes() == old
     assert list(saved.parent.iterdir()) == [saved]
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, '{"a": NaN}', "[1, 2]"])
+def test_text_that_is_no_object_is_refused(saved: Path, text: str) -> None:
+    saved.write_text(text)
+    with pytest.raises(EstimatorError, match="not a whole saved soil"):
+        SoilEstimator(PRIOR).restore(saved)
+
+
+def test_a_device_is_not_read(saved: Path) -> None:
+    with pytest.raises(EstimatorError, match="a device or a pipe"):
+        SoilEstimator(PRIOR).restore("/dev/zero")
+    saved.unlink()
+    os.mkfifo(saved)
+    with pytest.raises(EstimatorError, match="a device or a pipe"):
+        SoilEstimator(PRIOR).restore(saved)
+
+
+def test_drafts_of_a_killed_process_are_removed_and_nothing_else(saved: Path) -> None:
+    whole = saved.read_bytes()
+    folder = saved.parent
+    drafts = [".soil.json.draft", ".soil.json.abc_1234", ".soil.json.12345678"]
+    for name, share in zip(drafts, (1.0, 0.3, 0.0), strict=True):
+        (folder / name).write_bytes(whole[: int(share * len(whole))])
+    others = [".soil.json.swp", ".soil.json.settings", ".other.json.draft"]
+    for name in others:
+        (folder / name).write_text("something else")
+    driven(SoilEstimator(PRIOR)).save(saved)
+    assert {file.name for file in folder.iterdir()} == {"soil.json", *others}
+
+
+@pytest.mark.parametrize("content", [b"precious", b'{"format": "other"}', b"", b"[" * 100_000])
+def test_only_a_saved_soil_may_be_replaced(saved: Path, content: bytes) -> None:
+    check_may_replace(saved)
+    check_may_replace(saved.with_name("new.json"))
+    saved.write_bytes(content)
+    with pytest.raises(EstimatorError, match="no saved soil, and it is left as it is"):
+        check_may_replace(saved)
+    link = saved.with_name("link.json")
+    link.symlink_to("nowhere")
+    with pytest.raises(EstimatorError, match="is left as it is"):
+        check_may_replace(link)

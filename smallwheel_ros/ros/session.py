@@ -59,7 +59,8 @@ def check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, ..
             raise ParametersError(f"topic {topic.name!r} is not possible: {reason}") from None
         if types.setdefault(name, topic.type) != topic.type:
             raise ParametersError(
-                f"topic {name} cannot be {topic.type}: this node has it as {types[name]} already"
+                f"topic {name} would be {types[name]} and {topic.type}, expected one type: a node"
+                " can have no topic of two"
             )
     return topics
 

@@ -1,0 +1,296 @@
+"""Nothing that comes over ROS or from a file ends the node, runs code, or leaves it half changed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from node_peer import ONE_WHEEL, Peer
+
+from smallwheel_ros.node_process import NodeProcess
+
+pytestmark = pytest.mark.dds
+MANAGED = {"autostart": "false"}
+
+
+def transition(peer: Peer, number: int = 0, label: str = "") -> bool:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    request = ChangeState.Request(transition=Transition(id=number, label=label))
+    return bool(peer.call(ChangeState, "change_state", request).success)
+
+
+def state(peer: Peer) -> str:
+    from lifecycle_msgs.srv import GetState
+
+    return str(peer.call(GetState, "get_state", GetState.Request()).current_state.label)
+
+
+def delete_parameter(peer: Peer, name: str) -> Any:
+    from rcl_interfaces.msg import Parameter
+    from rcl_interfaces.srv import SetParameters
+
+    request = SetParameters.Request(parameters=[Parameter(name=name)])
+    return peer.call(SetParameters, "set_parameters", request).results[0]
+
+
+def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    effects, proof = tmp_path / "effects.py", tmp_path / "was_run"
+    effects.write_text(f"open({str(proof)!r}, 'w').close()\n")
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log) as node:
+        peer.wait_for_node()
+        for name, value, words in (
+            ("soil.file", "~nouser/x", "parameter soil.file is '~nouser/x', expected the path"),
+            ("soil.file", "x" * 5000, "File name too long"),
+            ("front.sinkage_topic", "a b", "front.sinkage_topic is 'a b', expected the name of a"),
+            ("front.load_topic", "1st", "expected the name of a topic"),
+            ("front.load_topic", "a//b", "expected the name of a topic"),
+            ("front.load_topic", "a/", "expected the name of a topic"),
+            ("velocity_topic", "v" * 300, "expected the name of a topic, at most 200 letters"),
+            (
+                "front.load_topic",
+                "/odom",
+                "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
+            ),
+            (
+                "front.sinkage_topic",
+                "/rosout",
+                "/rosout would be rcl_interfaces/msg/Log and smallwheel_ros",
+            ),
+            ("front.load_topic", "/mobility_estimator/soil", "smallwheel_ros/msg/SoilEstimate"),
+            ("model_file", "/dev/zero", "only be changed while the node is not configured"),
+            ("effects_file", str(effects), "read-only"),
+            ("noise.sinkage", float("nan"), "noise.sinkage"),
+            ("front.width", [1, 2], "front.width is list"),
+        ):
+            answer = peer.set_parameter(name, value)
+            assert not answer.successful, name
+            assert words in answer.reason, answer.reason
+        for name in ("front.width", "soil.k"):
+            answer = delete_parameter(peer, name)
+            assert not answer.successful
+            assert "cannot be deleted" in answer.reason
+        # What is still waited for is one line, with every topic in it.
+        peer.spin_until(lambda: "still waiting" in log.read_text(), "a line on missing topics")
+        # Everything is as it was: it listens, estimates, and takes parameters that are right.
+        peer.drive(0.0, 0.5)
+        peer.spin_until(lambda: len(peer.mobility) > 5, "estimates")
+        assert peer.set_parameter("soil.file", str(tmp_path / "soil.json")).successful
+        assert peer.set_parameter("soil.k", 2e6).successful
+        assert node.death() is None
+    assert not proof.exists()
+    text = log.read_text()
+    assert "Traceback" not in text
+    waiting = next(line for line in text.splitlines() if "still waiting" in line)
+    for topic in ("/front/load", "/front/sinkage", "/odom", "/joint_states"):
+        assert f"still waiting for {topic} (" in waiting
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("soil.file", "~nouser/x", "soil.file is '~nouser/x', expected the path of a file"),
+        (
+            "front.sinkage_topic",
+            "a b",
+            "front.sinkage_topic is 'a b', expected the name of a topic",
+        ),
+        (
+            "front.load_topic",
+            "/odom",
+            "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
+        ),
+        ("model_file", "/dev/zero", "/dev/zero: cannot be read: it is a device or a pipe"),
+        ("qos_overrides./odom.subscription.depth", 0, "depth is 0, expected an integer from 1"),
+    ],
+)
+def test_the_same_at_the_start_is_one_message(
+    one_wheel: Path, name: str, value: object, words: str
+) -> None:
+    command = [sys.executable, "-m", "smallwheel_ros.ros.mobility_estimator", "--ros-args"]
+    written = f"'{value}'" if isinstance(value, str) else value
+    done = subprocess.run(
+        [*command, "--params-file", str(one_wheel), "-p", f"{name}:={written}"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 2
+    assert done.stderr.count(words) == 1, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_transitions_that_do_not_fit_are_answered(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    from lifecycle_msgs.msg import Transition
+
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log) as node:
+        peer.wait_for_node()
+        # A lifecycle manager with a node that has started itself.
+        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert not transition(peer, Transition.TRANSITION_CLEANUP)
+        assert not transition(peer, 200)
+        assert not transition(peer, label="nonsense")
+        assert state(peer) == "active"
+        assert transition(peer, Transition.TRANSITION_DEACTIVATE)
+        assert not transition(peer, Transition.TRANSITION_DEACTIVATE)
+        assert peer.trigger("reset").success
+        assert transition(peer, Transition.TRANSITION_CLEANUP)
+        for service in ("reset", "save_soil"):
+            answer = peer.trigger(service)
+            assert not answer.success
+            assert "not configured" in answer.message
+        assert transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert transition(peer, Transition.TRANSITION_INACTIVE_SHUTDOWN)
+        assert state(peer) == "finalized"
+        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert node.death() is None
+    text = log.read_text()
+    assert "transition 1 does not fit the state, active" in text
+    assert "Traceback" not in text
+
+
+def test_a_configuration_that_fails_leaves_nothing_behind(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    from lifecycle_msgs.msg import Transition
+
+    override = "qos_overrides./mobility_estimator/soil.publisher.reliability"
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log, {**MANAGED, override: "bestest"}) as node:
+        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert state(peer) == "unconfigured"
+        peer.spin_until(lambda: peer.entry("parameters") is not None, "diagnostics")
+        assert "is 'bestest', expected" in peer.entry("parameters").message
+        peer.wait_for_turn()
+        assert peer.node.count_publishers("/mobility_estimator/soil") == 0
+        assert peer.trigger("save_soil").message == "not configured: there is no soil to save"
+        assert peer.set_parameter(override, "best_effort").successful
+        # A model that is not there: the same, and it can be mended.
+        assert peer.set_parameter("model_file", str(tmp_path / "none.yaml")).successful
+        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert peer.set_parameter("model_file", "").successful
+        assert transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert transition(peer, Transition.TRANSITION_ACTIVATE)
+        assert state(peer) == "active"
+        assert node.death() is None
+    assert "Traceback" not in log.read_text()
+
+
+def test_quality_of_service_can_be_overridden(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    from rclpy.qos import ReliabilityPolicy
+    from smallwheel_ros.msg import SoilEstimate
+
+    overrides = {
+        "qos_overrides./front/load.subscription.reliability": "reliable",
+        "qos_overrides./front/load.subscription.depth": "7",
+        "qos_overrides./mobility_estimator/soil.publisher.durability": "volatile",
+        "qos_overrides./elsewhere.subscription.depth": "7",
+    }
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log, overrides) as node:
+        peer.wait_for_node()
+
+        def asked(topic: str) -> Any:
+            (info,) = peer.node.get_subscriptions_info_by_topic(topic)
+            return info.qos_profile.reliability
+
+        assert asked("/front/load") == ReliabilityPolicy.RELIABLE
+        assert asked("/front/sinkage") == ReliabilityPolicy.BEST_EFFORT
+        late = peer.latched(SoilEstimate, "soil")
+        said = "/mobility_estimator/soil: incompatible_qos"
+        peer.spin_until(lambda: said in peer.counts(), "a latched subscriber is not served")
+        assert late == []
+        message = peer.entry("parameters").message
+        assert "qos_overrides./elsewhere.subscription.depth is not used" in message
+        answer = peer.set_parameter("qos_overrides./front/load.subscription.reliability", "x")
+        assert not answer.successful
+        assert "only counts at the start" in answer.reason
+        # They hold when a topic is subscribed to anew.
+        assert peer.set_parameter("front.load_topic", "/scale").successful
+        assert peer.set_parameter("front.load_topic", "/front/load").successful
+        peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "the topic is back")
+        peer.spin_until(
+            lambda: len(peer.node.get_subscriptions_info_by_topic("/front/load")) == 1, "known"
+        )
+        assert asked("/front/load") == ReliabilityPolicy.RELIABLE
+        assert node.death() is None
+    assert "Traceback" not in log.read_text()
+
+
+@pytest.mark.parametrize(
+    "content", ["[" * 100_000, '{"format": "smallwheel soil state", "version": 1}', None]
+)
+def test_no_saved_soil_stops_the_start(
+    peer: Peer, one_wheel: Path, tmp_path: Path, content: str | None
+) -> None:
+    from smallwheel_ros.msg import SoilEstimate
+
+    file, draft = tmp_path / "soil.json", tmp_path / ".soil.json.abcd1234"
+    if content is None:
+        os.mkfifo(file)
+    else:
+        file.write_text(content)
+    draft.write_text("")
+    soils = peer.latched(SoilEstimate, "soil")
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log, {"soil.file": str(file)}) as node:
+        peer.spin_until(lambda: bool(soils), "the prior")
+        assert soils[0].status == SoilEstimate.STATUS_PRIOR_ONLY
+        peer.spin_until(lambda: peer.entry("saved soil") is not None, "diagnostics")
+        assert f"the saved soil is not used: {file}" in peer.entry("saved soil").message
+        assert not draft.exists()
+        assert node.death() is None
+    assert "Traceback" not in log.read_text()
+
+
+def test_saving_replaces_nothing_but_a_saved_soil(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    precious, good = tmp_path / "precious.txt", tmp_path / "soil.json"
+    precious.write_text("precious")
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log) as node:
+        peer.wait_for_node()
+        peer.drive(0.0, 1.0)
+        assert peer.set_parameter("soil.file", str(good)).successful
+        peer.spin_until(lambda: peer.trigger("save_soil").success, "a soil is saved")
+        assert peer.trigger("save_soil").success  # its own file may be replaced
+        for path in (precious, Path("/dev/null"), tmp_path):
+            assert peer.set_parameter("soil.file", str(path)).successful
+            answer = peer.trigger("save_soil")
+            assert not answer.success
+            assert f"nothing saved: {path}: " in answer.message
+        assert precious.read_text() == "precious"
+        assert {file.name for file in tmp_path.iterdir() if "soil" in file.name} == {"soil.json"}
+        assert node.death() is None
+    assert "Traceback" not in log.read_text()
+
+
+def test_a_reset_deletes_the_markers(peer: Peer, tmp_path: Path) -> None:
+    from visualization_msgs.msg import Marker, MarkerArray
+
+    arrays: list[Any] = []
+    peer.listen(MarkerArray, "markers", arrays.append)
+    parameters, log = tmp_path / "rover.yaml", tmp_path / "node.log"
+    parameters.write_text(ONE_WHEEL)
+    with NodeProcess([parameters], log) as node:
+        peer.wait_for_node()
+        peer.drive(0.0, 0.5)
+        peer.spin_until(lambda: bool(arrays) and len(arrays[-1].markers) == 2, "markers")
+        assert peer.trigger("reset").success
+        peer.spin_until(
+            lambda: [m.action for m in arrays[-1].markers] == [Marker.DELETEALL], "their deletion"
+        )
+        count = len(arrays)
+        peer.wait_for_turn()
+        assert len(arrays) == count
+        assert node.death() is None
