@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from smallwheel_ros.estimator.bounded_exponent import exponent_and_slope
 from smallwheel_ros.estimator.law_covariance import LawCovariance, Row
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
@@ -27,22 +26,21 @@ class LawEstimate(NamedTuple):
 def law_estimate(
     state: Row, covariance: LawCovariance, prior: LawCovariance, reference: tuple[float, float]
 ) -> LawEstimate:
-    """Put the filter's state (ln pressure, q of n, m) into the terms of the field.
+    """Put the filter's state (ln pressure, n, m) into the terms of the field.
 
     state, covariance, prior: at the reference of `soil`. reference: sinkage and diameter (m) to
     report at.
     """
-    pressure_log, q, m = state
-    n, slope = exponent_and_slope(q)
+    pressure_log, n, m = state
     up, across = math.log(reference[0]), math.log(reference[1])
     deeper, larger = up - math.log(REFERENCE_SINKAGE), across - math.log(REFERENCE_DIAMETER)
     pressure_log += n * deeper + m * larger
-    to_report = (1.0, slope * deeper, larger)
+    to_report = (1.0, deeper, larger)
     return LawEstimate(
         math.exp(pressure_log - n * up - m * across),
         n,
         m,
         pressure_log,
-        covariance.seen_as(to_report, slope),
-        prior.seen_as(to_report, slope),
+        covariance.seen_as(to_report, 1.0),
+        prior.seen_as(to_report, 1.0),
     )

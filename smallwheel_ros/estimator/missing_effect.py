@@ -28,8 +28,8 @@ from smallwheel_ros.effects.registry import families
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
 from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
-from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
-from smallwheel_ros.estimator.way_pieces import Changes, WayPieces
+from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.estimator.segment_changes import Changes, SegmentChanges
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
 
@@ -53,7 +53,8 @@ class EffectScore:
 
     form, strength: its best form, and the first parameter of that by the linear fit. statistic:
     twice the gain in log likelihood. follows: the first of its drivers, 'load' where none.
-    reason: why it could not be tested, else "".
+    reason: why it could not be tested, else "". spread: standard deviation of what it adds to ln
+    sinkage from place to place.
     """
 
     effect: str
@@ -62,6 +63,7 @@ class EffectScore:
     strength: float
     follows: str
     reason: str
+    spread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,9 @@ class MissingEffect:
         Travel (m) at which it was raised.
     message
         The same for people.
+    log_modulus_std
+        How far the missing effect takes ln k from place to place: what every prediction is uncertain
+        by until the effect is in the model.
     """
 
     effect: str
@@ -90,6 +95,7 @@ class MissingEffect:
     statistic: float
     distance: float
     message: str
+    log_modulus_std: float
 
 
 class _Trial(NamedTuple):
@@ -108,10 +114,10 @@ class _Trial(NamedTuple):
 class MissingEffectWatch:
     """Watches for effects that the model has not.
 
-    effects: of the model. spot: m, length of a piece of way.
+    effects: of the model. length: m, of a segment.
     """
 
-    def __init__(self, effects: Sequence[Effect], spot: float) -> None:
+    def __init__(self, effects: Sequence[Effect], length: float) -> None:
         self._effects = tuple(effects)
         present = {effect.id for effect in effects}
         self._trials = [
@@ -126,27 +132,28 @@ class MissingEffectWatch:
             # One that is made from another form differs from it in the forces only.
             and not any(issubclass(form, other) for other in forms if other is not form)
         ]
-        self._spot = spot
+        self._length = length
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self._pieces = WayPieces(self._spot, WINDOW)
+        self._pieces = SegmentChanges(self._length, WINDOW)
         self._next: float | None = None
         self._over = 0
         self.scores: tuple[EffectScore, ...] = ()
         self.alarm: MissingEffect | None = None
 
-    def add(self, given: SinkageMeasurement, load: float, variance: float) -> bool:
-        """Take a measurement of a rolling wheel, fitting or not; True when a test is due.
+    @property
+    def missed_variance(self) -> float:
+        """Variance of ln k to be allowed for while an effect is suspected that the model has not."""
+        return 0.0 if self.alarm is None else self.alarm.log_modulus_std**2
 
-        load: N, without its noise. variance: of the sinkage, m^2.
-        """
-        distance = given.distance
-        self._pieces.add(given, load, variance)
+    def add(self, segment: Segment) -> bool:
+        """Take a segment of a rolling wheel; True when a test is due."""
+        self._pieces.add(segment)
         if self._next is None:
-            self._next = distance + EVERY
-        return distance >= self._next
+            self._next = segment.distance + EVERY
+        return segment.distance >= self._next
 
     def test(self, soil: Soil, law: tuple[float, float, float], distance: float) -> None:
         """Test every family about a soil with this k, n and m; see `alarm` and `scores`."""
@@ -167,12 +174,12 @@ class MissingEffectWatch:
             self._over = 0
         if self._over >= _IN_A_ROW:
             since = distance if self.alarm is None else self.alarm.distance
-            self.alarm = _describe(self.scores, since)
+            self.alarm = _describe(self.scores, since, n)
         elif best.statistic < _CLEAR:
             self.alarm = None
 
 
-def _describe(scores: Sequence[EffectScore], distance: float) -> MissingEffect:
+def _describe(scores: Sequence[EffectScore], distance: float, n: float) -> MissingEffect:
     best = scores[0]
     rivals = tuple(
         s.effect for s in scores[1:] if not s.reason and s.statistic > best.statistic - _APART
@@ -187,6 +194,7 @@ def _describe(scores: Sequence[EffectScore], distance: float) -> MissingEffect:
         f"the model misses something that follows {best.follows}: {name} fits (evidence "
         f"{best.statistic:.0f}, raised from {_RAISE:.0f}); record a drive and run `smallwheel "
         f"diagnose`, or add the effect to the model file",
+        best.spread * (n + 0.5),
     )
 
 
@@ -231,8 +239,10 @@ def _scores(
         elif not (effect.needs or load_varies):
             score = trial.untested("load hardly varied")
         else:
-            column = changes.of(nearby.log_sinkage(soil, effect) - plain) / trial.strength
-            score = _score(trial, base, missed, known, imitated, column)
+            added = (nearby.log_sinkage(soil, effect) - plain) / trial.strength
+            score = _score(trial, base, missed, known, imitated, changes.of(added))
+            size = float(np.nanstd(added)) * abs(score.strength - trial.neutral)
+            score = replace(score, spread=size if math.isfinite(size) else 0.0)
         if effect.id not in best or score.statistic > best[effect.id].statistic:
             best[effect.id] = score
     return tuple(sorted(best.values(), key=lambda s: -s.statistic))

@@ -1,7 +1,7 @@
 """The estimate in a file, so that a restart on the same soil goes on where it was.
 
-JSON, written whole or not at all. It holds the newest soil without the wheels' spots: after a
-restart nobody knows where the wheels stand. What it was estimated with, prior and effects, is in it
+JSON, written whole or not at all. It holds the newest soil, and what is
+known of the sensors. What it was estimated with, prior and effects, is in it
 too: under another prior or another model the numbers would mean something else.
 """
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Variety
+from smallwheel_ros.estimator.law_model import ZEROS
 from smallwheel_ros.estimator.saved_strength import (
     StrengthRecord,
     strength_content,
@@ -33,28 +34,24 @@ Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
 _BEGIN = f'{{\n "format": "{FORMAT}"'.encode()
-_VERSION = 1
+_VERSION = 2  # 1, of 0.1.0: without the sensors' faults
 _TOLERANCE = 1e-9  # relative, of the prior's numbers
-_LAW = 3
 _MOST_ACCEPTED = 2**32 - 1  # what SoilEstimate.msg can hold
 _LARGEST = 1e9  # of any number: loads in N are the largest, and the square of it is finite
-_LARGEST_LOG = 40.0  # of sinkage
-_BEYOND = 0.12  # of q, see `bounded_exponent`
+_LARGEST_STATE = 40.0  # of any number of the state; the first is ln of a sinkage
 
 
 @dataclass(frozen=True)
 class SoilRecord:
-    """A soil's filter without the spots.
+    """A soil's law and what is known of the sensors' faults, but for those of single wheels.
 
-    reference: load (N), diameter, width (m) of the reference wheel (see `coordinates`). mean: of the
-    prior, (ln z_ref, q, m), shape (3,); deviation from it; covariance and that of the prior, (3, 3).
+    reference: load (N), diameter, width (m) of the reference wheel. mean, covariance: of the soil's
+    numbers (`law_model.LawModel.soil`), shape (ZEROS,) and (ZEROS, ZEROS).
     """
 
     reference: tuple[float, float, float]
     mean: Array
-    deviation: Array
     covariance: Array
-    prior: Array
 
 
 @dataclass(frozen=True)
@@ -100,9 +97,7 @@ def write_state(
         else {
             "reference": soil.reference,
             "mean": soil.mean.tolist(),
-            "deviation": soil.deviation.tolist(),
             "covariance": soil.covariance.tolist(),
-            "prior_covariance": soil.prior.tolist(),
         },
         "strength": strength_content(state.strength),
     }
@@ -232,22 +227,20 @@ def _pair(value: Any) -> tuple[float, float] | None:
 
 
 def _soil(content: dict[str, Any]) -> SoilRecord:
-    reference = np.array(content["reference"], dtype=float)
-    mean, deviation = (np.array(content[name], dtype=float) for name in ("mean", "deviation"))
-    covariance, prior = (
-        np.array(content[name], dtype=float) for name in ("covariance", "prior_covariance")
+    reference, mean, covariance = (
+        np.array(content[name], dtype=float) for name in ("reference", "mean", "covariance")
     )
-    if not (reference.shape == mean.shape == deviation.shape == (_LAW,)) or reference.min() <= 0:
-        raise ValueError("reference, mean or deviation is no soil")
-    numbers = np.concatenate([reference, mean, deviation, covariance.ravel(), prior.ravel()])
-    if not (np.abs(numbers) <= _LARGEST).all():
-        raise ValueError("a number is not finite, or beyond 1e9")
-    for matrix in (covariance, prior):
-        if matrix.shape != (_LAW, _LAW) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
-            raise ValueError("a covariance is not symmetric, 3 by 3")
-        np.linalg.cholesky(matrix)
-    law = mean + deviation
-    if np.abs(law[0]) > _LARGEST_LOG or not -_BEYOND < law[1] < 3.0 + _BEYOND or abs(law[2]) > 3.0:
+    numbers = np.concatenate([reference.ravel(), mean.ravel(), covariance.ravel()])
+    if not np.abs(numbers).max() < _LARGEST:  # NaN too
+        raise ValueError("a number is not finite, or too large")
+    if reference.shape != (3,) or reference.min() <= 0 or mean.shape != (ZEROS,):
+        raise ValueError("reference or mean is no soil")
+    if covariance.shape != (ZEROS, ZEROS) or not np.allclose(
+        covariance, covariance.T, rtol=1e-9, atol=0
+    ):
+        raise ValueError(f"the covariance is not symmetric, {ZEROS} by {ZEROS}")
+    np.linalg.cholesky(covariance)
+    if np.abs(mean).max() > _LARGEST_STATE:
         raise ValueError("its soil is outside of the model's range")
     load, diameter, width = reference.tolist()
-    return SoilRecord((load, diameter, width), mean, deviation, covariance, prior)
+    return SoilRecord((load, diameter, width), mean, covariance)

@@ -124,20 +124,33 @@ class EstimatorSettings:
         m; where `SoilEstimate` reports the pressure (and, by default, the modulus).
     process_noise
         Growth of the standard deviation of ln pressure per square root of a metre travelled,
-        1/sqrt(m). n and m drift in proportion to their prior deviations. None while standing. The
-        drift ends at the prior: that is what is known of soil never measured.
+        1/sqrt(m), of soil that changes slowly; soil that changes six times as fast is believed too.
+        None while standing; 0: one soil throughout. The drift ends at the prior: that is what is
+        known of soil never measured.
     soil_scatter
-        Standard deviation of ln k from spot to spot of one soil (6 % from run to run is usual).
+        Standard deviation of ln k from place to place of one soil (6 % from run to run is usual),
+        until it is learnt.
     scatter_length
-        m; travel after which a wheel stands on another spot: correlation is exp(-travel/length).
+        m; path after which a wheel stands on other soil: correlation is exp(-path/length). The
+        readings on one stretch of this length become one measurement.
     sinkage_std
-        m; taken for a measurement whose variance is not known.
+        m; noise of one reading, until it is learnt.
     gate_probability
-        Share of the good measurements that the outlier gate lets pass.
-    surprises_to_reopen
-        So many outliers at different spots, nothing fitting in between, are another soil. Five:
-        with 2 % outliers from four wheels at 100 Hz, chance gives such a run in 1 of 300 drives of
-        200 m at 0.1 m/s; three would give several in each.
+        Share of the good readings that pass for good ones. The others are counted and shown as
+        outliers; what enters the estimate is decided stretch by stretch.
+    sinkage_zero_std
+        m; zero of the sinkage sensors, common to all; each by itself a quarter of that. Set it to
+        what your zero is good for: it is what limits n and the pressure.
+    pass_std
+        Of ln sinkage, per doubling of the wheels that have passed, of wheels that follow in a rut.
+    load_scale_std
+        Scale of the load cells, 1.
+    slip_sinkage_std
+        Slip sinkage s in z (1 + s slip).
+    delay_std
+        s, by which sinkage is shown behind the load.
+    pitch_std
+        m/rad, error of the shown sinkage with pitch.
 
     Raises EstimatorError where a number is outside its domain.
     """
@@ -149,7 +162,12 @@ class EstimatorSettings:
     scatter_length: float = 0.2
     sinkage_std: float = 0.001
     gate_probability: float = 0.999
-    surprises_to_reopen: int = 5
+    sinkage_zero_std: float = 0.002
+    pass_std: float = 0.3
+    load_scale_std: float = 0.1
+    slip_sinkage_std: float = 1.0
+    delay_std: float = 0.1
+    pitch_std: float = 0.01
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -165,10 +183,9 @@ class EstimatorSettings:
         )
         gate = self.gate_probability
         _require(what, "gate_probability", gate, 0.5 <= gate < 1, "a probability, 0.5 to under 1")
-        _require(
-            what,
-            "surprises_to_reopen",
-            self.surprises_to_reopen,
-            self.surprises_to_reopen >= 1,
-            "a count of 1 or more",
-        )
+        for name in ("sinkage_zero_std", "pass_std", "load_scale_std", "delay_std"):
+            value = getattr(self, name)
+            _require(what, name, value, 0 <= value <= 1, "0 to 1")
+        for name in ("slip_sinkage_std", "pitch_std"):
+            value = getattr(self, name)
+            _require(what, name, value, 0 <= value <= 10, "0 to 10")

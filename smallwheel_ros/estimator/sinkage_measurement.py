@@ -9,7 +9,17 @@ from typing import NamedTuple
 
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 
-NUMBERS = ("time", "sinkage", "load", "load_variance", "diameter", "width", "distance")
+NUMBERS = (
+    "time",
+    "sinkage",
+    "load",
+    "load_variance",
+    "diameter",
+    "width",
+    "distance",
+    "own_path",
+    "pitch",
+)
 
 
 @dataclass(frozen=True)
@@ -23,20 +33,22 @@ class SinkageMeasurement:
     wheel
         Name of the wheel.
     sinkage, variance
-        m, positive down; m^2, 0 or less or not finite: not known.
+        m, positive down, noise around the truth and so below 0 too on firm ground; m^2, what the
+        sensor says of its noise, 0 or less or not finite: not known. The noise is learnt.
     load, load_variance
         N; N^2, 0 is exact.
     diameter, width
         m.
     distance
         m that the vehicle has travelled so far, never falling.
+    path
+        m that this wheel has travelled so far, turning on the spot included; None: as the vehicle.
+    pitch
+        rad, of the vehicle, positive nose down (REP 103).
     slip, speed
         1, m/s; needed only by effects that read them.
     contact
         'rolling' or 'pressed'.
-    resistance, resistance_variance
-        N, N^2; resistance to motion measured at the same time, where it is (a free-rolling wheel
-        pulled through a force sensor, say). Not used for a pressed wheel.
     drawbar_pull, drawbar_pull_variance
         N, N^2; what the wheel pulls the vehicle with, measured at the same time, where it is. Needs
         slip. Not used for a pressed wheel.
@@ -56,11 +68,16 @@ class SinkageMeasurement:
     slip: float | None = None
     speed: float | None = None
     contact: str = ROLLING
-    resistance: float | None = None
-    resistance_variance: float = 0.0
     drawbar_pull: float | None = None
     drawbar_pull_variance: float = 0.0
     slip_variance: float = 0.0
+    path: float | None = None
+    pitch: float = 0.0
+
+    @property
+    def own_path(self) -> float:
+        """Path of the wheel (m)."""
+        return self.distance if self.path is None else self.path
 
 
 class Outcome(Enum):
@@ -79,26 +96,21 @@ class UpdateResult(NamedTuple):
     outcome
         ACCEPTED: the estimate was updated. OUTLIER: it did not fit. REFUSED: it could not be used.
     reason
-        Short key to count by. Accepted: 'accepted', 'soil_changed' (after a run of surprises).
-        Outlier: 'gate', 'out_of_range'. Refused: 'not_finite', 'load_not_positive',
-        'geometry_not_positive', 'load_variance_negative', 'sinkage_negative', 'sunk_to_axle',
-        'unknown_contact', 'covariate_missing', 'time_backwards', 'distance_backwards',
-        'too_many_wheels', 'numerical'.
+        Short key to count by. Accepted: 'accepted', 'soil_changed' (another soil was found).
+        Outlier: 'gate'. Refused: 'not_finite', 'load_not_positive', 'geometry_not_positive',
+        'load_variance_negative', 'sinkage_negative' (by more than half of the diameter),
+        'sunk_to_axle', 'unknown_contact', 'covariate_missing', 'time_backwards',
+        'distance_backwards', 'too_many_wheels', 'numerical'.
     message
         The same for people, with the numbers; empty where accepted.
     predicted_sinkage, predicted_variance
-        m, m^2; before the measurement, at this wheel's spot, with the uncertainty of soil, spot and
-        load, without the sinkage measurement's own.
+        m, m^2; of the wheel's true sinkage, before the measurement, with the uncertainty of the law,
+        of the place and of the load.
     innovation, innovation_variance
-        m, m^2; measured less predicted, and its variance with the measurement's noise.
+        m, m^2; measured less what the sensor was expected to show, and its variance.
     normalised_innovation_squared
-        Chi-square of one degree of freedom where the model is right: innovation squared over its
-        variance where sinkage is a straight line over the soil's uncertainty; under a wide prior,
-        taken at the most likely soil instead (see `iterated_update`).
-
-    resistance
-        The same for the resistance in the measurement, in N and N^2; None without one. Refused:
-        'resistance_not_finite', 'resistance_variance_not_positive', 'resistance_numerical'.
+        Innovation squared over its variance: chi-square of one degree of freedom where the model is
+        right.
 
     drawbar_pull
         The same for the drawbar pull. Refused: 'drawbar_pull_not_finite',
@@ -116,7 +128,6 @@ class UpdateResult(NamedTuple):
     innovation: float | None = None
     innovation_variance: float | None = None
     normalised_innovation_squared: float | None = None
-    resistance: UpdateResult | None = None
     drawbar_pull: UpdateResult | None = None
 
 
@@ -138,12 +149,13 @@ def find_problem(given: SinkageMeasurement, needs: tuple[str, ...]) -> tuple[str
     needs: covariates ('slip', 'speed') that the model's effects read.
     """
     if (
-        0.0 <= given.sinkage <= 0.5 * given.diameter < math.inf
+        abs(given.sinkage) <= 0.5 * given.diameter < math.inf
         and 0.0 < given.load < math.inf
         and 0.0 < given.width < math.inf
         and 0.0 <= given.load_variance < math.inf
         and given.diameter > 0.0
-        and abs(given.time) + abs(given.distance) < math.inf
+        and abs(given.time) + abs(given.distance) + abs(given.own_path) < math.inf
+        and abs(given.pitch) < math.inf
         and given.contact in (ROLLING, PRESSED)
         and not needs
     ):
@@ -166,10 +178,10 @@ def find_problem(given: SinkageMeasurement, needs: tuple[str, ...]) -> tuple[str
         return "load_variance_negative", (
             f"{name}: load_variance is {given.load_variance:g} N^2, expected 0 or more"
         )
-    if given.sinkage < 0:
+    if given.sinkage < -0.5 * given.diameter:
         return "sinkage_negative", (
-            f"{name}: sinkage is {given.sinkage:g} m, expected 0 or more: a wheel in the air, or "
-            f"the instrument's zero is wrong"
+            f"{name}: sinkage is {given.sinkage:g} m, below minus half of the diameter "
+            f"{given.diameter:g} m: the wrong sign, or the wrong unit"
         )
     if given.sinkage > 0.5 * given.diameter:
         return "sunk_to_axle", (

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.beside import Wheel, sinkage_beside, wheel_of
 from smallwheel_ros.estimator.point_sinkage import point_sinkage
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
@@ -24,22 +23,17 @@ from smallwheel_ros.stages import Stages
 Array = NDArray[np.float64]
 
 LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
-_LOG_REFERENCE_DIAMETER = math.log(REFERENCE_DIAMETER)
 _STEP = 1e-4  # of ln z, s and n in central differences: error 1e-8
 
 
 class Observed(NamedTuple):
-    """What the instrument would show (m or N), with its slopes by s, by n and by ln load.
-
-    by_reference: by ln of the reference wheel's sinkage, where that is what is known of the soil.
-    """
+    """What the instrument would show (m or N), with its slopes by s, by n and by ln load."""
 
     value: float
     by_pressure: float
     by_exponent: float
     by_load: float
     sunk_to_axle: bool
-    by_reference: float = 0.0
 
 
 class Observation(Protocol):
@@ -54,48 +48,17 @@ class Observation(Protocol):
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         """What is shown in a soil. Raises ArithmeticError or ValueError where there is nothing."""
 
-    def beside(
-        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
-    ) -> Observed | None:
-        """The same where a reference wheel's sinkage is known (see `beside`), the cheaper way.
-
-        None where there is no such way: then by the pressure.
-        """
-        return None
-
-
-class Reading(NamedTuple):
-    """What one wheel showed (m or N). noise: its variance; load_noise: variance of ln load."""
-
-    observe: Observation
-    measured: float
-    noise: float
-    load_noise: float
-    channel: str = "sinkage"
-
 
 class _Plain:
     """A rolling or pressed wheel without effects."""
 
-    __slots__ = "diameter_log", "loading", "wheel"
+    __slots__ = "diameter_log", "wheel"
 
     def __init__(self, load: float, diameter: float, width: float, contact: str) -> None:
         if contact == PRESSED:
             load *= 0.5  # it meets the soil on both sides of its lowest point: each carries half
         self.wheel = load, diameter, width
-        self.loading = wheel_of(load, diameter, width)
-        self.diameter_log = self.loading.log_diameter - _LOG_REFERENCE_DIAMETER
-
-    def beside(
-        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
-    ) -> Observed | None:
-        found = sinkage_beside(self.loading, reference, log_reference, exponent, log_factor)
-        if found is None:
-            return None
-        log_z, by_reference, by_exponent, by_load = found
-        z = math.exp(log_z)
-        by_load *= z
-        return Observed(z, -by_load, z * by_exponent, by_load, False, z * by_reference)
+        self.diameter_log = math.log(diameter / REFERENCE_DIAMETER)
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         log_modulus = log_pressure - exponent * LOG_REFERENCE_SINKAGE
@@ -114,7 +77,7 @@ class _Resistance(Observation):
         self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
 
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
-        z, by_pressure, by_exponent, by_load, sunk, _ = self.plain(log_pressure, exponent)
+        z, by_pressure, by_exponent, by_load, sunk = self.plain(log_pressure, exponent)
         log_depth = math.log(z) - LOG_REFERENCE_SINKAGE
         power = exponent + 1.0
         value = self.wheel[2] * math.exp(log_pressure + exponent * log_depth) * z / power
@@ -156,15 +119,6 @@ class _WithEffects:
         ]
         self.three = conditions.take(np.zeros(3, dtype=np.intp))
 
-    def beside(
-        self, reference: Wheel, log_reference: float, exponent: float, log_factor: float
-    ) -> Observed | None:
-        if self.shift != 0.0:
-            return None  # the reference wheel is without effects: it has another exponent
-        factor = log_factor + self.log_factor
-        static = self.plain.beside(reference, log_reference, exponent, factor)
-        return None if static is None else self._shown(static)
-
     def __call__(self, log_pressure: float, exponent: float) -> Observed:
         # The pressure at the reference sinkage, with the exponent and the modulus as shifted.
         shifted = log_pressure + self.log_factor + self.shift * LOG_REFERENCE_SINKAGE
@@ -189,7 +143,6 @@ class _WithEffects:
             static.by_exponent * slope,
             static.by_load * slope,
             sunk,
-            static.by_reference * slope,
         )
 
 

@@ -1,38 +1,40 @@
 """Online estimate of the soil from measured sinkage: ROS-free, one for node and replay.
 
-estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
+estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=vehicle.wheels)
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-State: ln of the sinkage of a reference wheel, n, m (see `coordinates`), and for each wheel the
-deviation of ln k at the spot where it stands. The spot's deviation is what repeated
-measurements at one place have in common: they sharpen the spot, not the soil, and no measurement
-has to be skipped. It fades over `scatter_length` of travel.
+The way of a reading:
+
+    reading -> its wheel's stretch of path (`segment`) -> is it another soil? (`soil_change`)
+            -> the law k, n, m with what may be wrong with the sensors (`law_filter`, `law_model`)
+            -> strength, from drawbar pull (`strength`); what the model misses (`missing_effect`)
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.estimator.measured_forces import MeasuredForces
+from smallwheel_ros.estimator.law_covariance import LawCovariance
+from smallwheel_ros.estimator.law_estimate import law_estimate
+from smallwheel_ros.estimator.law_filter import MODEL_ERROR, LawFilter, WheelPlace
+from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
     MissingEffectWatch,
 )
-from smallwheel_ros.estimator.outcomes import (
-    no_sinkage,
-    result_of,
-    sinkage_reading,
-)
+from smallwheel_ros.estimator.pull_strength import PullStrength
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
+from smallwheel_ros.estimator.segment import Segment, SegmentCollector
+from smallwheel_ros.estimator.sensor_watch import SensorWatch
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
     Outcome,
@@ -41,10 +43,16 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.sinkage_observation import Reading, observation
-from smallwheel_ros.estimator.soils import Soils, WheelTrack
+from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.estimator.soils import Soils
 from smallwheel_ros.estimator.strength import StrengthState
+from smallwheel_ros.estimator.wheel_track import (
+    WheelTrack,
+    instant_segment,
+    wheels_ahead,
+)
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Wheel
 
 __all__ = [
     "EffectScore",
@@ -63,14 +71,15 @@ __all__ = [
 
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
-_STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
+_TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
 
 
 class SoilEstimator:
     """Refines the soil from measured sinkage, for any number of wheels on one soil.
 
-    effects: act on every prediction, with the parameters that they have. Raises EstimatorError for
-    an effect whose covariate a SinkageMeasurement does not carry.
+    effects: act on every prediction, with the parameters that they have. wheels: of the vehicle;
+    their places say which of them runs in whose rut. Raises EstimatorError for an effect whose
+    covariate a SinkageMeasurement does not carry.
     """
 
     def __init__(
@@ -78,10 +87,12 @@ class SoilEstimator:
         prior: SoilPrior,
         settings: EstimatorSettings | None = None,
         effects: Sequence[Effect] = (),
+        wheels: Sequence[Wheel] = (),
     ) -> None:
         self.prior = prior
         self.settings = settings or EstimatorSettings()
         self.effects = tuple(effects)
+        self._known_wheels = {wheel.name: wheel for wheel in wheels}
         needs = {name: effect for effect in self.effects for name in effect.needs}
         for name, effect in needs.items():
             if name not in _COVARIATES:
@@ -92,33 +103,137 @@ class SoilEstimator:
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
-        self._forces = MeasuredForces(prior, self.settings, self.effects, self._gate)
+        self._pulls = PullStrength(prior, self.settings, self.effects, self._gate)
         self.reset()
 
     def reset(self) -> None:
         """Forget every measurement and count: the prior again."""
-        self._soils = Soils(self.prior, self.settings, self._gate)
+        self._soils = Soils(self.prior, self.settings, self.effects)
         self._wheels: dict[str, WheelTrack] = {}
+        self._sensors = SensorWatch()
         self._watch.reset()
+        self._pulls.outliers = 0
         self._distance = 0.0
-        self._forces.reset()
-        self.accepted = self.outliers = 0
+        self.outliers = 0
         self.refused: dict[str, int] = {}
+
+    # -- in
+
+    def update(self, measurement: SinkageMeasurement) -> UpdateResult:
+        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
+        wheel = self._wheels.get(measurement.wheel)
+        given = measurement if wheel is None else wheel.in_its_rut(measurement)
+        problem = find_problem(given, self._needs)
+        if problem is None and wheel is not None:
+            problem = wheel.out_of_order(given)
+        elif problem is None and len(self._wheels) >= _MOST_WHEELS:
+            problem = (
+                "too_many_wheels",
+                (f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"),
+            )
+        if problem is not None:
+            return self._refuse(*problem)
+        try:
+            return self._use(given, wheel or self._arrive(given))
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+            return self._refuse("numerical", _no_sinkage(given, error))
+
+    def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
+        """Give a wheel that was never measured its place; the first one is the reference wheel."""
+        law = self._soils.law
+        if law is None:
+            law = self._soils.law = self._soils.new_law(_plain(given))
+        known = self._known_wheels.get(given.wheel)
+        runs_ahead = [] if known is None else wheels_ahead(known, self._known_wheels.values())
+        ahead = 0.0 if known is None else known.longitudinal_position
+        told = math.sqrt(given.load_variance) / given.load or _TOLD_LOAD
+        length, noise = self.settings.scatter_length, self.settings.sinkage_std
+        wheel = WheelTrack(
+            SegmentCollector(length, noise, told, ahead),
+            WheelPlace(law.add_wheel(), math.log2(1.0 + len(runs_ahead))),
+            ahead,
+            not runs_ahead,
+        )
+        self._wheels[given.wheel] = wheel
+        return wheel
+
+    def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
+        changes = self._soils.changes
+        closed = wheel.follow(given)
+        self._distance = max(self._distance, given.distance)
+        if closed is not None:
+            self._take(closed, wheel)
+        result = self._judged(given, wheel)
+        if self._soils.changes > changes:
+            result = result._replace(outcome=Outcome.ACCEPTED, reason="soil_changed", message="")
+        if given.drawbar_pull is None or given.contact != ROLLING or self._soils.is_behind(wheel):
+            return result
+        pull = self._pulls.use(
+            given, wheel.collector.load(), self.estimate(given.wheel), self._soils
+        )
+        if pull.outcome is Outcome.REFUSED:
+            self._count(pull.reason)
+        return result._replace(drawbar_pull=pull)
+
+    def _take(self, segment: Segment, wheel: WheelTrack) -> None:
+        """A segment has closed: look at its sensor, at what the model misses, at the soil."""
+        self.outliers += segment.dropped
+        self._sensors.add(segment)
+        if self._sensors.is_stuck(segment.wheel):
+            self._soils.drop(segment.wheel)
+            return
+        if segment.contact == ROLLING and self._watch.add(segment):
+            law = self.estimate()
+            self._watch.test(self.prior.soil, (law.k, law.n, law.m), segment.distance)
+        self._soils.take(segment, wheel, self._sensors)
+
+    def _judged(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
+        """Compare a reading with what was expected of it."""
+        law = self._soils.law
+        assert law is not None
+        now = instant_segment(given, *wheel.collector.load())
+        kalman, place = law.most_likely, wheel.place
+        shown = law.model.h(law.model.mean + kalman.x, now, place.passes, place.index)
+        true, variance = self._sinkage(law, now, place.passes)
+        spread = (
+            float(shown.row @ kalman.P @ shown.row)
+            + _place_variance(law, shown, now)
+            + wheel.collector.reading_variance
+            + law.scatter.additive
+        )
+        miss = given.sinkage - shown.value
+        square = miss * miss / spread
+        reading = math.sqrt(wheel.collector.reading_variance)
+        alone = abs(given.sinkage - float(np.median(wheel.recent))) > 3.0 * reading
+        outcome, reason, message = Outcome.ACCEPTED, "accepted", ""
+        if square > self._gate and alone:
+            outcome, reason = Outcome.OUTLIER, "gate"
+            message = (
+                f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
+                f"{1e3 * shown.value:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
+            )
+        if not math.isfinite(true + variance + spread):
+            raise ArithmeticError("its uncertainty has no bounds")
+        return UpdateResult(outcome, reason, message, true, variance, miss, spread, square)
+
+    def _refuse(self, reason: str, message: str) -> UpdateResult:
+        self._count(reason)
+        return UpdateResult(Outcome.REFUSED, reason, message)
+
+    def _count(self, reason: str) -> None:
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+
+    # -- out
+
+    @property
+    def accepted(self) -> int:
+        """Readings that were used for a soil."""
+        return self._soils.accepted
 
     @property
     def soil_changes(self) -> int:
-        """How often a run of surprises was taken for another soil."""
+        """How often another soil was found."""
         return self._soils.changes
-
-    @property
-    def resistance_outliers(self) -> int:
-        """Measured resistances that did not fit."""
-        return self._forces.resistance_outliers
-
-    @property
-    def drawbar_pull_outliers(self) -> int:
-        """Measured drawbar pulls that did not fit."""
-        return self._forces.drawbar_pull_outliers
 
     @property
     def missing_effect(self) -> MissingEffect | None:
@@ -130,157 +245,70 @@ class SoilEstimator:
         """The newest test for each effect that the model has not, the best first."""
         return self._watch.scores
 
-    def update(self, measurement: SinkageMeasurement) -> UpdateResult:
-        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
-        given, wheel = measurement, self._wheels.get(measurement.wheel)
-        rolls = measurement.slip is not None
-        if not rolls and wheel is not None:
-            given = _in_its_rut(measurement, wheel)
-        problem = find_problem(given, self._needs) or self._out_of_order(given, wheel)
-        if problem is not None:
-            return self._refuse(*problem)
-        if wheel is None:
-            wheel = self._arrive(given)
-        if given.distance > self._distance:
-            self._distance = given.distance
-        try:
-            result = self._use(given, wheel, rolls)
-        except (ArithmeticError, ValueError) as error:
-            return self._refuse("numerical", no_sinkage(given, error))
-        if rolls:
-            wheel.slip, wheel.slip_at = measurement.slip, given.distance
-        return result
+    @property
+    def drawbar_pull_outliers(self) -> int:
+        """Measured drawbar pulls that did not fit."""
+        return self._pulls.outliers
 
-    def _out_of_order(
-        self, given: SinkageMeasurement, wheel: WheelTrack | None
-    ) -> tuple[str, str] | None:
-        if wheel is None:
-            if len(self._wheels) < _MOST_WHEELS:
-                return None
-            return "too_many_wheels", (
-                f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"
-            )
-        if given.time <= wheel.time:
-            return "time_backwards", (
-                f"wheel '{given.wheel}': time {given.time:.6f} s is not after the last one, "
-                f"{wheel.time:.6f} s"
-            )
-        if given.distance < wheel.distance:
-            return "distance_backwards", (
-                f"wheel '{given.wheel}': distance {given.distance:g} m is less than the last one, "
-                f"{wheel.distance:g} m"
-            )
-        return None
-
-    def _use(self, given: SinkageMeasurement, wheel: WheelTrack, rolls: bool) -> UpdateResult:
-        wheel.load = wheel.level.follow(given.load, given.load_variance / (given.load * given.load))
-        reading = sinkage_reading(self.effects, given, wheel.load, self.settings.sinkage_std)
-        taken, reason = self._soils.take(reading, wheel, self._wheels.values(), self._distance)
-        # Only now: what could not be used does not stand in the way of an earlier one that can.
-        wheel.time, wheel.distance = given.time, given.distance
-        if given.contact == ROLLING:
-            self._look_for_missing_effects(given, wheel, reading)
-        resistance = pull = None
-        if reason in ("accepted", "soil_changed"):
-            self.accepted += 1
-            if given.resistance is not None and given.contact == ROLLING:
-                resistance = self._counted(self._forces.use_resistance(given, wheel))
-            if given.drawbar_pull is not None and given.contact == ROLLING:
-                # The slip of a wheel's rut says nothing of what it pulls with while it stands.
-                pulling = given if rolls else replace(given, slip=None)
-                pull = self._counted(self._forces.use_pull(pulling, wheel))
-            wheel.soil.variety = wheel.soil.variety.with_wheel(
-                given.diameter, wheel.load[0] / given.width
-            )
-        else:
-            self.outliers += 1
-        return result_of(given.wheel, reason, reading, taken, resistance, pull)
-
-    def _refuse(self, reason: str, message: str) -> UpdateResult:
-        return self._counted(UpdateResult(Outcome.REFUSED, reason, message))
-
-    def _counted(self, result: UpdateResult) -> UpdateResult:
-        if result.outcome is Outcome.REFUSED:
-            self.refused[result.reason] = self.refused.get(result.reason, 0) + 1
-        return result
-
-    def _look_for_missing_effects(
-        self, given: SinkageMeasurement, wheel: WheelTrack, reading: Reading
-    ) -> None:
-        if self._watch.add(given, wheel.load[0], reading.noise):
-            now = self._soils.current.state.law
-            self._watch.test(self.prior.soil, (now.k, now.n, now.m), given.distance)
-
-    def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
-        """Give a wheel that was never measured its place; the first one says where way begins."""
-        if not self._wheels:
-            self._distance = given.distance
-            self._soils.start(given.distance)
-        wheel = WheelTrack(self._soils.add_spot(), self._soils.current)
-        self._wheels[given.wheel] = wheel
-        return wheel
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What seems wrong with the sensors, each in words with what to check."""
+        law = self._soils.law
+        if law is None:
+            return ()
+        return self._sensors.findings(
+            law.mean, law.covariance, law.prior_deviations, list(self._wheels)
+        )
 
     def elsewhere(self, wheel: str) -> tuple[str, ...]:
         """Name the wheels that are on another soil than this one: just before or after a border."""
-        known = self._wheels.get(wheel)
+        known, behind = self._wheels.get(wheel), self._soils.is_behind
         if known is None:
             return ()
-        return tuple(n for n, other in self._wheels.items() if other.soil is not known.soil)
+        return tuple(n for n, w in self._wheels.items() if behind(w) is not behind(known))
 
     def on_newest_soil(self, wheel: str) -> bool:
         """Whether a wheel is on the soil that a wheel came to last, or was never measured."""
         known = self._wheels.get(wheel)
-        return known is None or known.soil is self._soils.current
+        return known is None or not self._soils.is_behind(known)
+
+    def load(self, wheel: str) -> tuple[float, float] | None:
+        """Load of a wheel without its noise (N), and variance of its logarithm; None: not measured."""
+        known = self._wheels.get(wheel)
+        return None if known is None else known.collector.load()
 
     def estimate(self, wheel: str | None = None) -> SoilEstimate:
         """Return the soil as it is believed now: the one that a wheel came to last.
 
         wheel: return the soil that this wheel is on, where it has been measured.
         """
-        known = self._wheels.get(wheel) if wheel is not None else None
-        soil = self._soils.current if known is None else known.soil
-        strength, law = soil.strength, soil.state.law
+        prior = LawCovariance.of(
+            np.diag(
+                np.square(
+                    [self.prior.log_reference_pressure_std, self.prior.n_std, self.prior.m_std]
+                )
+            )
+        )
+        found = self._soils.law_under(self._wheels.get(wheel) if wheel is not None else None)
+        if found is None:
+            start = [self.prior.log_reference_pressure, self.prior.n, self.prior.m]
+            found = np.array(start), prior.array(), self._soils.variety
+        mean, covariance, variety = found
+        spread = LawCovariance.of(covariance).with_more(self._watch.missed_variance)
+        reference = self.settings.reference_sinkage, self.settings.reference_diameter
+        law = law_estimate(mean.tolist(), spread, prior, reference)
         return SoilEstimate(
             *law,
-            self.settings.reference_sinkage,
-            self.settings.reference_diameter,
-            soil.variety,
+            *reference,
+            variety,
             self.accepted,
             self.outliers,
             dict(self.refused),
             self.soil_changes,
             self._distance,
             self._watch.alarm,
-            None if strength is None else strength.estimate(law.n),
+            None if self._soils.strength is None else self._soils.strength.estimate(law.n),
         )
-
-    def save(self, path: str | Path) -> None:
-        """Save the newest soil, whole or not at all. Raises EstimatorError where it cannot be."""
-        current = self._soils.current
-        now = self.estimate()
-        summary = (
-            f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
-            f"{self.accepted} measurements"
-        )
-        strength = None if current.strength is None else current.strength.record()
-        state = SavedState(current.state.record(), current.variety, self.accepted, strength)
-        write_state(Path(path), state, self.prior, self.effects, summary)
-
-    def restore(self, path: str | Path) -> None:
-        """Begin anew from a saved soil instead of the prior.
-
-        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
-        under another prior or other effects.
-        """
-        state = read_state(Path(path), self.prior, self.effects)
-        strength = None
-        if state.strength is not None:
-            strength = StrengthState.restored(path, state.strength, self.prior, self.settings)
-        self.reset()
-        if state.soil is not None:
-            self._soils.resume(state.soil, state.variety)
-            self._soils.current.strength = strength
-            self.accepted = state.accepted
 
     def predict(
         self,
@@ -294,7 +322,7 @@ class SoilEstimator:
         load_variance: float = 0.0,
         wheel: str | None = None,
     ) -> SinkagePrediction:
-        """Predict the sinkage of a wheel; at the spot of `wheel` where that one has been measured.
+        """Predict the sinkage of a wheel; of `wheel`, in its rut, where that one has been measured.
 
         Raises EstimatorError for a load, diameter or width that is not a number over 0, a slip or
         speed that an effect needs and that is not given, and where the model has no sinkage.
@@ -317,21 +345,63 @@ class SoilEstimator:
         if problem is not None:
             raise EstimatorError(problem[1])
         known = self._wheels.get(wheel) if wheel is not None else None
+        passes = 0.0 if known is None else known.place.passes
+        now = instant_segment(given, load, load_variance / load**2)
         try:
-            observe = observation(self.effects, load, diameter, width, contact, slip, speed)
-            spot = None if known is None else known.spot
-            soil = self._soils.current if known is None else known.soil
-            point, variance = soil.state.predict(observe, load_variance / load**2, spot)
-            prediction = SinkagePrediction(
-                point.value, math.sqrt(max(variance, 0.0)), point.sunk_to_axle
-            )
+            law = self._soils.law or self._soils.new_law(_plain(given))
+            value, variance = self._sinkage(law, now, passes)
         except (ArithmeticError, ValueError) as error:
-            raise EstimatorError(no_sinkage(given, error)) from None
-        return prediction
+            raise EstimatorError(_no_sinkage(given, error)) from None
+        return SinkagePrediction(value, math.sqrt(max(variance, 0.0)), value > 0.5 * diameter)
+
+    def _sinkage(self, law: LawFilter, now: Segment, passes: float) -> tuple[float, float]:
+        """The sinkage of a wheel (m) and its variance: of the law, the place and the load."""
+        shown = law.model.sinkage(law.mean, now, passes)
+        state = law.covariance
+        spread = float(shown.row @ state @ shown.row)
+        missed = shown.by_load**2 * self._watch.missed_variance
+        return shown.value, spread + missed + _place_variance(law, shown, now)
+
+    # -- files
+
+    def save(self, path: str | Path) -> None:
+        """Save the newest soil, whole or not at all. Raises EstimatorError where it cannot be."""
+        now = self.estimate()
+        summary = (
+            f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
+            f"{self.accepted} measurements"
+        )
+        soils = self._soils
+        strength = None if soils.strength is None else soils.strength.record()
+        state = SavedState(soils.record(), soils.variety, self.accepted, strength)
+        write_state(Path(path), state, self.prior, self.effects, summary)
+
+    def restore(self, path: str | Path) -> None:
+        """Begin anew from a saved soil instead of the prior.
+
+        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
+        under another prior or other effects.
+        """
+        state = read_state(Path(path), self.prior, self.effects)
+        strength = None
+        if state.strength is not None:
+            strength = StrengthState.restored(path, state.strength, self.prior, self.settings)
+        self.reset()
+        if state.soil is not None:
+            self._soils.resume(state.soil, state.variety, state.accepted)
+            self._soils.strength = strength
 
 
-def _in_its_rut(given: SinkageMeasurement, wheel: WheelTrack) -> SinkageMeasurement:
-    """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
-    if wheel.slip is None or given.distance - wheel.slip_at > _STANDS:
-        return given
-    return replace(given, slip=wheel.slip)
+def _plain(given: SinkageMeasurement) -> tuple[float, float, float]:
+    """Load (N), diameter and width (m) of the plain rolling wheel that a wheel comes nearest to."""
+    return observation((), given.load, given.diameter, given.width, given.contact, None, None).wheel
+
+
+def _place_variance(law: LawFilter, shown: Shown, now: Segment) -> float:
+    """Variance of the sinkage at one place (m^2) by soil, load and what the law misses."""
+    by_place = shown.by_load**2 * (law.scatter.soil + now.load_variance)
+    return by_place + (MODEL_ERROR * shown.value) ** 2
+
+
+def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:
+    return f"wheel '{given.wheel}': the model has no sinkage under {given.load:g} N ({error})"

@@ -20,12 +20,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.drawbar_observation import ForceObservation, Forces, PullOnLaw, Three
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.saved_strength import StrengthRecord
 from smallwheel_ros.estimator.settings import (
     EstimatorError,
@@ -33,17 +34,18 @@ from smallwheel_ros.estimator.settings import (
     SoilPrior,
     usual_strength,
 )
-from smallwheel_ros.estimator.sinkage_observation import Reading
+from smallwheel_ros.estimator.sinkage_observation import Observed
 from smallwheel_ros.estimator.soil_filter import SoilFilter
-from smallwheel_ros.estimator.soil_state import Reason, SoilState, Taken
 from smallwheel_ros.estimator.strength_estimate import (
     PullVariety,
     StrengthEstimate,
     strength_estimate,
 )
 from smallwheel_ros.physics.point_thrust import point_contact_length
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
+Reason = Literal["accepted", "gate", "out_of_range"]
 
 _, _FRICTION, _SHEAR, _OTHER = range(4)
 # Along one prepared rut the rig's pull varies by 1.2 N (median of 27 trials) of a limit of 12 N.
@@ -58,6 +60,8 @@ _SHEAR_LIMITS = (math.log(1e-4), 0.0)  # ln kappa: 0.1 mm to 1 m
 _MANY = 10  # pulls, after which there is a strength to compare with
 _LEAST_WAY = 1e-4  # m: a wheel that spins on one spot
 _PASSES = 8
+# Pulls that do not fit, at different places, before the strength is taken for another one.
+_SURPRISES = 5
 _SETTLED = 1e-2  # of the noise's standard deviation
 _WIDENING, _MOST_WIDENINGS = 4.0, 3
 
@@ -76,6 +80,15 @@ class Pull(NamedTuple):
     slip_noise: float
     load_noise: float
     sinkage: float
+
+
+class Taken(NamedTuple):
+    """What became of a pull: expected (N) and variance (N^2) before it, with its noise."""
+
+    reason: Reason
+    expected: float
+    variance: float
+    chi_square: float
 
 
 class StrengthState:
@@ -116,19 +129,19 @@ class StrengthState:
         self._scattered, self._load = (0.0, 0.0), 0.0
 
     def take(
-        self, pull: Pull, wheel: str, spot: int, law: SoilState, distance: float, gate: float
-    ) -> tuple[Taken, Reading]:
+        self, pull: Pull, wheel: str, law: SoilEstimate, distance: float, gate: float
+    ) -> Taken:
         """Update by a pull if it fits (chi-square within the gate).
 
-        spot: the wheel's in the law. Raises ArithmeticError or ValueError, with nothing changed,
+        law: of the soil under the wheel. Raises ArithmeticError or ValueError, with nothing changed,
         where the numbers cannot be computed with.
         """
-        self._travel(distance)
         cohesion, friction, shear, other = self._now.tolist()
         observe = PullOnLaw(pull.forces, (cohesion, friction, shear), other)
-        point, of_law = law.predict(observe, pull.load_noise, spot)
+        point, of_law = self._on_law(observe, law, pull.load_noise)
         if not math.isfinite(point.value + of_law):
             raise ArithmeticError("its uncertainty has no bounds")
+        self._travel(distance)
         self._follow(pull.forces, observe.law)
         taken = self._update(pull, observe.law, of_law, self._count(wheel, distance), gate)
         if taken.reason == "accepted":
@@ -136,7 +149,24 @@ class StrengthState:
             self._measured_at[wheel] = distance
         else:
             self._surprise(wheel, distance)
-        return taken, Reading(observe, pull.measured, pull.noise, pull.load_noise, "drawbar_pull")
+        return taken
+
+    def _on_law(
+        self, observe: PullOnLaw, law: SoilEstimate, load_noise: float
+    ) -> tuple[Observed, float]:
+        """What a pull would be on a law, and its variance by the law, the place and the load (N^2)."""
+        deeper = math.log(REFERENCE_SINKAGE / law.reference_sinkage)
+        larger = observe.diameter_log + math.log(REFERENCE_DIAMETER / law.reference_diameter)
+        pressure = law.log_reference_pressure + law.n * deeper + law.m * larger
+        seen = observe(pressure, law.n)
+        row = (
+            seen.by_pressure,
+            seen.by_exponent + seen.by_pressure * deeper,
+            seen.by_pressure * larger,
+        )
+        variance = law.law_covariance.variance(row)
+        variance += (seen.by_pressure * self._settings.soil_scatter) ** 2
+        return seen, variance + seen.by_load**2 * load_noise
 
     @property
     def _now(self) -> Array:
@@ -211,7 +241,7 @@ class StrengthState:
                 square + (first - variance + scatter) / count,
                 thrust + predicted.thrust**2 / count,
             )
-        return Taken(reason, expected, variance, pull.noise, chi_square)
+        return Taken(reason, expected, variance, chi_square)
 
     def _scatter(self, load: float) -> float:
         """Standard deviation of the thrust from spot to spot, as a share of it."""
@@ -235,7 +265,7 @@ class StrengthState:
             return
         self._surprised_at[wheel] = distance
         self._surprises += 1
-        if self._surprises < self._settings.surprises_to_reopen:
+        if self._surprises < _SURPRISES:
             return
         # Where hardly any fitted, the prior is not as sure as it says: then as open as the strength
         # of a kind of soil is, at least.

@@ -78,6 +78,7 @@ class Arrivals:
         self.newest.clear()
         self.first = 0
         self.latest: int | None = None
+        self._doubted: int | None = None  # a stamp far from all others
 
     def take(self, stream: str, stamp: int, now: int | None) -> bool:
         """Count a message and judge its stamp by what was kept and by the clock (ns).
@@ -86,6 +87,11 @@ class Arrivals:
         """
         self.received[stream] += 1
         fault = self._rules.fault(stamp, self.latest, now)
+        if not now and self._is_doubtful(stamp, fault):
+            ahead = fault is None
+            fault = StampFault.FUTURE if ahead else StampFault.LATE
+            self._note(stream, stamp, fault, now)
+            return False
         if fault is not None:
             back = fault is StampFault.JUMP_BACK
             self._note(stream, stamp, fault, now, unused=not back)
@@ -96,6 +102,16 @@ class Arrivals:
         if stamp > self.newest.get(stream, 0):
             self.newest[stream] = stamp
         return True
+
+    def _is_doubtful(self, stamp: int, fault: StampFault | None) -> bool:
+        """Without a clock one message far from all others may be corrupt: another has to agree."""
+        tolerance = self._rules.jump_tolerance
+        ahead = self.latest is not None and stamp > self.latest + tolerance
+        if fault is not StampFault.JUMP_BACK and not (fault is None and ahead):
+            return False
+        agreed = self._doubted is not None and abs(stamp - self._doubted) <= tolerance
+        self._doubted = None if agreed else stamp
+        return not agreed
 
     def is_number(self, stream: str, name: str, value: float, unit: str) -> bool:
         """Whether a value is one that can be computed with; counted where it is not."""

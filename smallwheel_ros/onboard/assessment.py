@@ -17,6 +17,7 @@ from smallwheel_ros.estimator.soil_estimator import (
 from smallwheel_ros.onboard.digging_in import DiggingInAlarm
 from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.joint_watch import JointWatch
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
 from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
@@ -47,7 +48,8 @@ class Assessor:
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
         prior = replace(settings.prior, strength=settings.strength)
-        self.estimator = SoilEstimator(prior, settings.estimator, settings.effects)
+        self.estimator = SoilEstimator(prior, settings.estimator, settings.effects, settings.wheels)
+        self._joints = JointWatch()
         self.health = FilterHealth()
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
 
@@ -62,11 +64,20 @@ class Assessor:
         """Forget the soil, and what ordinary driving is like."""
         self.estimator.reset()
         self.health.reset()
+        self._joints.reset()
         for alarm in self._digging.values():
             alarm.reset()
 
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What seems wrong with sensors, joints or wheels, in words."""
+        return (*self._joints.findings, *self.estimator.findings)
+
     def assess(self, instant: Instant) -> Assessment:
         """Use the measured sinkage, if any, then work out the wheel's mobility."""
+        if self._joints.is_mirrored(instant):
+            # What it shows is no slip: a wheel does not turn against its travel for metres.
+            instant = instant._replace(slip=None)
         update: UpdateResult | None = None
         predicted: Quantity | None = None
         forces: WheelForces | None = None
@@ -81,8 +92,9 @@ class Assessor:
             own = self.estimator.estimate(name)
         if instant.load is not None:
             try:
-                predicted = self._predicted(instant, instant.load, update)
-                forces = self._forces(instant, instant.load, own)
+                carried = self._carried(instant, instant.load)
+                predicted = self._predicted(instant, carried, update)
+                forces = self._forces(instant, carried, own)
             except (SmallwheelError, ArithmeticError, ValueError) as error:
                 failure = str(error) or type(error).__name__
                 predicted, forces = None, None
@@ -140,6 +152,8 @@ class Assessor:
                 diameter=instant.wheel.diameter,
                 width=instant.wheel.width,
                 distance=instant.distance,
+                path=instant.path,
+                pitch=instant.pitch,
                 slip=None if slip is None else slip.value,
                 speed=instant.speed,
                 contact=instant.wheel.contact,
@@ -148,6 +162,13 @@ class Assessor:
                 slip_variance=0.0 if slip is None else slip.standard_deviation**2,
             )
         )
+
+    def _carried(self, instant: Instant, load: Quantity) -> Quantity:
+        """The load without the noise of its sensor, where the estimator has learnt that."""
+        learnt = self.estimator.load(instant.wheel.name) if instant.sinkage is not None else None
+        if learnt is None:
+            return load
+        return Quantity(learnt[0], learnt[0] * math.sqrt(learnt[1]))
 
     def _predicted(
         self, instant: Instant, load: Quantity, update: UpdateResult | None

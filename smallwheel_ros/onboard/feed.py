@@ -38,6 +38,7 @@ _ODOMETRY_FIELDS = (
     *(f"pose.pose.orientation.{part}" for part in "xyzw"),
     "twist.twist.linear.x",
     "twist.twist.angular.z",
+    "twist.covariance",
 )
 _UNIT = 0.01  # a quaternion's length may differ from 1 by so much
 
@@ -148,7 +149,7 @@ class Feed:
             )
         if VELOCITY in streams:
             kind = "geometry_msgs/msg/TwistStamped"
-            fields = (*_STAMP, "twist.linear.x", "twist.angular.z")
+            fields = (*_STAMP, "twist.linear.x", "twist.linear.y", "twist.angular.z")
             name = settings.velocity_topic
             topics.append(Topic(name, kind, {VELOCITY: ""}, fields, self._on_velocity))
         return topics
@@ -166,7 +167,7 @@ class Feed:
 
     def _on_load(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
         sec, nanosec, force = values
-        load = self.settings.load_sign * force
+        load = self.settings.inputs[wheel].load_sign * force
         return self.onboard.on_load(wheel, sec * SECOND + nanosec, load, now=now)
 
     def _on_pull(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
@@ -196,15 +197,28 @@ class Feed:
         return self.onboard.on_sinkage(wheel, stamp, height - distance, variance, now=now)
 
     def _on_odometry(self, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, self.odometry_frame, x, y, *orientation, speed, yaw_rate = values
-        yaw = yaw_of(*orientation)
+        sec, nanosec, self.odometry_frame, x, y, *orientation, speed, yaw_rate, spread = values
+        yaw, pitch = yaw_and_pitch_of(*orientation)
         if yaw is None:
             text = "the orientation is no unit quaternion: nobody knows where the wheels are"
             self.onboard.report(ODOMETRY, "no_orientation", text)
-        return self.onboard.on_odometry(sec * SECOND + nanosec, x, y, speed, yaw_rate, yaw, now=now)
+        return self.onboard.on_odometry(
+            sec * SECOND + nanosec,
+            x,
+            y,
+            speed,
+            yaw_rate,
+            yaw,
+            pitch=pitch,
+            # Row by row over x, y, z, and rotation about them; all 0 where nobody filled it in.
+            variances=(float(spread[0]), float(spread[35])),
+            now=now,
+        )
 
     def _on_velocity(self, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, speed, yaw_rate = values
+        sec, nanosec, ahead, left, yaw_rate = values
+        turn = self.settings.velocity_yaw
+        speed = math.cos(turn) * ahead - math.sin(turn) * left
         return self.onboard.on_velocity(sec * SECOND + nanosec, speed, yaw_rate, now=now)
 
     def _on_joint_states(self, values: Fields, now: int | None) -> list[Result]:
@@ -216,11 +230,12 @@ class Feed:
             self._loads_at = _places(joints, self._by_load_joint)
         results: list[Result] = []
         if self._speeds_at and self._as_many("wheel_speed", "velocities", len(speeds)):
-            turning = [(wheel, float(speeds[i])) for i, wheel in self._speeds_at]
+            inputs = self.settings.inputs
+            turning = [(w, inputs[w].joint_sign * float(speeds[i])) for i, w in self._speeds_at]
             results += self.onboard.on_wheel_speeds(stamp, turning, now=now)
         if self._loads_at and self._as_many("load", "efforts", len(efforts)):
-            newtons = self.settings.load_sign * self.settings.load_per_effort
             for i, wheel in self._loads_at:
+                newtons = self.settings.inputs[wheel].load_sign * self.settings.load_per_effort
                 results += self.onboard.on_load(wheel, stamp, newtons * float(efforts[i]), now=now)
         return results
 
@@ -239,8 +254,9 @@ def _places(joints: tuple[str, ...], wheels: dict[str, str]) -> list[tuple[int, 
     return [(i, wheels[joint]) for i, joint in enumerate(joints) if joint in wheels]
 
 
-def yaw_of(x: float, y: float, z: float, w: float) -> float | None:
-    """Yaw (rad) of a quaternion; None where it has not the length of 1, as one never filled in."""
+def yaw_and_pitch_of(x: float, y: float, z: float, w: float) -> tuple[float | None, float]:
+    """Yaw and pitch (rad) of a quaternion; None and 0 where it has not the length of 1."""
     if not abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT:
-        return None
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return None, 0.0
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return yaw, math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))

@@ -10,10 +10,23 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel
 class Instant(NamedTuple):
     """What is known of one wheel at one instant; None where it is not.
 
-    stamp: ns. load: N. slip: 1. sinkage: measured, m. speed: of the wheel's place over ground, m/s.
-    distance: that the vehicle has travelled so far, m. place: of the wheel in the frame of the
-    odometry, x and y in m. load_is_static: nobody measures it. vehicle: place of the vehicle's middle,
-    as `place`; known also where nobody knows which way the vehicle looks. drawbar_pull: measured, N.
+    Attributes
+    ----------
+    stamp
+        ns.
+    load, slip, sinkage, drawbar_pull
+        N, 1, m, N; sinkage and drawbar pull as measured.
+    speed, rim_speed
+        Of the wheel's place over ground, and of its rim, m/s.
+    distance, path
+        That the vehicle and this wheel have travelled so far, m; for the wheel turning counts.
+    place, vehicle
+        x and y (m) of the wheel and of the vehicle's middle in the frame of the odometry; the latter
+        is known also where nobody knows which way the vehicle looks.
+    load_is_static
+        Nobody measures it.
+    pitch
+        rad, positive nose down.
     """
 
     wheel: Wheel
@@ -23,7 +36,10 @@ class Instant(NamedTuple):
     sinkage: Quantity | None
     speed: float | None
     distance: float
+    path: float
     place: tuple[float, float] | None = None
     load_is_static: bool = False
     vehicle: tuple[float, float] | None = None
     drawbar_pull: Quantity | None = None
+    pitch: float = 0.0
+    rim_speed: float | None = None

@@ -8,6 +8,7 @@ ns. Nothing that a message holds raises: what cannot be used is counted, and put
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY, Arrivals
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.memory import Memory
 from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
-from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, nanoseconds
+from smallwheel_ros.onboard.streams import SECOND, Motion, Series, StampFault, nanoseconds
 
 # Predictions for a wheel without sinkage sensor come so far apart.
 _PREDICTION_PERIOD = SECOND // 10
@@ -63,6 +64,7 @@ class Intake:
         self._waiting: list[_Waiting] = []
         self._memory = Memory(settings)
         self._released = [0] * len(settings.wheels)  # newest stamp that was answered
+        self._velocity_turns = False  # the velocity sensor has shown a yaw rate
         self.apply(settings)
 
     def apply(self, settings: OnboardSettings) -> None:
@@ -72,7 +74,7 @@ class Intake:
         self._silence = nanoseconds(settings.timing.silent_after)
         # Way and time go on: the estimate takes no measurement from behind the newest one.
         released = self._released
-        self._begin(Memory(settings, self._memory.distance), "settings were changed")
+        self._begin(Memory(settings, self._memory), "settings were changed")
         self._released = released
         self.arrivals.apply(settings.timing)
 
@@ -141,37 +143,72 @@ class Intake:
         yaw_rate: float = 0.0,
         yaw: float | None = None,
         *,
+        pitch: float = 0.0,
+        variances: tuple[float, float] = (0.0, 0.0),
         now: int | None = None,
     ) -> list[Instant]:
-        """Take pose (m, rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+        """Take pose (m, rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle.
+
+        variances: of speed and yaw rate, 0 where not known.
+        """
         if not self.arrivals.take(ODOMETRY, stamp, now):
             return []
         is_number = self.arrivals.is_number
         good = (
             is_number(ODOMETRY, "position x", x, "m")
             and is_number(ODOMETRY, "position y", y, "m")
-            and is_number(ODOMETRY, "speed", speed, "m/s")
+            and self._is_speed(ODOMETRY, speed)
             and is_number(ODOMETRY, "yaw rate", yaw_rate, "rad/s")
             and (yaw is None or is_number(ODOMETRY, "yaw", yaw, "rad"))
         )
-        values = (x, y, speed, yaw_rate, yaw)
-        if good and self.arrivals.kept(ODOMETRY, stamp, self._memory.odometer.add(stamp, *values)):
+        if not good:
+            return self._release()
+        # An angle is not interpolated across its jump at pi, its cosine and sine are.
+        turn = (math.nan, math.nan) if yaw is None else (math.cos(yaw), math.sin(yaw))
+        of_speed, of_yaw = (value if 0.0 < value < math.inf else 0.0 for value in variances)
+        nose = pitch if math.isfinite(pitch) else 0.0
+        motion = Motion(x, y, speed, yaw_rate, *turn, of_speed, of_yaw, nose)
+        if self.arrivals.kept(ODOMETRY, stamp, self._memory.add_odometry(stamp, motion)):
             for name in self.settings.without_sinkage & self.settings.static_loads.keys():
                 self._predict_later(self._streams[name].order, stamp)
         return self._release()
 
     def add_velocity(
-        self, stamp: int, speed: float, yaw_rate: float = 0.0, *, now: int | None = None
+        self,
+        stamp: int,
+        speed: float,
+        yaw_rate: float = 0.0,
+        variance: float = 0.0,
+        *,
+        now: int | None = None,
     ) -> list[Instant]:
-        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them."""
+        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them.
+
+        A yaw rate of exactly 0 in every message so far is none: then odometry's is used. variance:
+        of the speed, 0 where not known.
+        """
         if not self.arrivals.take(VELOCITY, stamp, now):
             return []
-        good = self.arrivals.is_number(VELOCITY, "speed", speed, "m/s")
+        good = self._is_speed(VELOCITY, speed)
         good = self.arrivals.is_number(VELOCITY, "yaw rate", yaw_rate, "rad/s") and good
         if good:
-            fault = self._memory.velocity.add(stamp, (speed, yaw_rate))
+            self._velocity_turns = self._velocity_turns or yaw_rate != 0.0
+            turning = yaw_rate if self._velocity_turns else math.nan
+            known = variance if 0.0 < variance < math.inf else 0.0
+            fault = self._memory.add_velocity(stamp, speed, turning, known)
             self.arrivals.kept(VELOCITY, stamp, fault)
         return self._release()
+
+    def _is_speed(self, stream: str, speed: float) -> bool:
+        """Whether a vehicle can be as fast as that; counted where not."""
+        if not self.arrivals.is_number(stream, "speed", speed, "m/s"):
+            return False
+        most = self.settings.maximum_speed
+        if abs(speed) <= most:
+            return True
+        text = f"speed is {speed:g} m/s, expected at most {most:g} (parameter maximum_speed)"
+        self.arrivals.problems.add(stream, "not_plausible", text)
+        return False
 
     def add_wheel_speeds(
         self, stamp: int, speeds: Sequence[tuple[str, float]], *, now: int | None = None
@@ -207,9 +244,6 @@ class Intake:
             return []
         if not self.arrivals.is_number(stream, "sinkage", sinkage, "m"):
             pass
-        elif sinkage < 0:
-            text = f"sinkage is {sinkage:g} m, expected 0 or more (positive down): wrong zero?"
-            self.arrivals.problems.add(stream, "sinkage_negative", text)
         else:
             measured = self._memory.sinkages[order]
             fault: StampFault | None = StampFault.LATE

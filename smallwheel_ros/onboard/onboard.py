@@ -97,20 +97,35 @@ class Onboard:
         yaw_rate: float = 0.0,
         yaw: float | None = None,
         *,
+        pitch: float = 0.0,
+        variances: tuple[float, float] = (0.0, 0.0),
         now: int | None = None,
     ) -> list[Result]:
         """Take position (m), forward speed (m/s), yaw rate (rad/s) and yaw (rad) of the vehicle.
 
-        Without yaw nobody knows where its wheels are: results then have no place.
+        Without yaw nobody knows where its wheels are: results then have no place. pitch: rad,
+        positive nose down. variances: of speed and yaw rate, 0 where not known.
         """
-        values = (stamp, x, y, speed, yaw_rate, yaw)
-        return self._results(self._intake.add_odometry(*values, now=now))
+        return self._results(
+            self._intake.add_odometry(
+                stamp, x, y, speed, yaw_rate, yaw, pitch=pitch, variances=variances, now=now
+            )
+        )
 
     def on_velocity(
-        self, stamp: int, speed: float, yaw_rate: float = 0.0, *, now: int | None = None
+        self,
+        stamp: int,
+        speed: float,
+        yaw_rate: float = 0.0,
+        variance: float = 0.0,
+        *,
+        now: int | None = None,
     ) -> list[Result]:
-        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them."""
-        return self._results(self._intake.add_velocity(stamp, speed, yaw_rate, now=now))
+        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them.
+
+        A sensor whose yaw rate is always 0 measures none. variance: of the speed, 0: not known.
+        """
+        return self._results(self._intake.add_velocity(stamp, speed, yaw_rate, variance, now=now))
 
     def on_wheel_speed(
         self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
@@ -191,6 +206,11 @@ class Onboard:
     def missing_effect(self) -> MissingEffect | None:
         """What the model misses, as far as the last metres tell; None where nothing shows."""
         return self._assessor.estimator.missing_effect
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What seems wrong with sensors, joints or wheels, each in words with what to check."""
+        return self._assessor.findings
 
     @property
     def health(self) -> FilterHealth:

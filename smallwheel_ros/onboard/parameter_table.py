@@ -72,6 +72,15 @@ _GENERAL: dict[Parameter, str] = {
         "Topic (geometry_msgs/TwistStamped) of a velocity over ground that the wheels do not"
         " measure: radar, optical flow, visual odometry. Empty: odom's is used."
     ),
+    number("velocity_lateral_position", 0.0, "m", -10.0, 10.0): (
+        "Place of the velocity sensor left of base_link: in a turn it is faster or slower."
+    ),
+    number("velocity_yaw", 0.0, "rad", -3.15, 3.15): (
+        "Direction of the velocity sensor's x axis in base_link, positive to the left."
+    ),
+    number("maximum_speed", 10.0, "m/s", 0.01, 1000.0): (
+        "A vehicle is not faster: messages that say so are refused and counted."
+    ),
     Parameter("odometry_from_wheels", "bool", False): (
         "Whether odom is made from the wheels. It then cannot show slip: without velocity_topic"
         " there is no slip, no thrust, no drawbar pull, and that is said."
@@ -178,17 +187,32 @@ _GENERAL: dict[Parameter, str] = {
         " root of travel."
     ),
     number("estimator.soil_scatter", _ESTIMATOR.soil_scatter, "1", 1e-3, 3.0): (
-        "Standard deviation of ln k from spot to spot of one soil."
+        "Standard deviation of ln k from place to place of one soil, until it is learnt."
     ),
     number("estimator.scatter_length", _ESTIMATOR.scatter_length, "m", 1e-4, 1e3): (
-        "Travel after which a wheel stands on another spot; for a pressed wheel, new depth."
+        "Path after which a wheel stands on other soil: the readings on one stretch of this length"
+        " become one measurement. For a pressed wheel, new depth."
     ),
     number("estimator.gate_probability", _ESTIMATOR.gate_probability, "1", 0.5, 0.999999): (
-        "Share of good measurements that the outlier gate lets pass."
+        "Share of good readings that pass for good ones; the others are counted as outliers."
     ),
-    Parameter(
-        "estimator.surprises_to_reopen", "integer", _ESTIMATOR.surprises_to_reopen, low=1, high=1000
-    ): ("So many outliers at different spots, with nothing fitting in between, are another soil."),
+    Parameter("estimator.surprises_to_reopen", "integer", 5, low=1, high=1000): (
+        "Not used any more: a change of soil is judged on averages over several stretches of path."
+    ),
+    number("sinkage_zero_std", _ESTIMATOR.sinkage_zero_std, "m", 0.0, 1.0): (
+        "What the zero of the sinkage sensors is good for. It limits how well n and the pressure can"
+        " be known: set the zeros on firm ground, or with the wheels lifted, and say so here."
+    ),
+    number("pass_std", _ESTIMATOR.pass_std, "1", 0.0, 1.0): (
+        "Standard deviation of ln sinkage per doubling of the wheels that have passed, for wheels"
+        " whose track overlaps with that of a wheel ahead (lateral_position). 0: ruts change nothing."
+    ),
+    number("load_scale_std", _ESTIMATOR.load_scale_std, "1", 0.0, 1.0): (
+        "Standard deviation of the scale of the load cells, all together."
+    ),
+    number("delay_std", _ESTIMATOR.delay_std, "s", 0.0, 1.0): (
+        "Standard deviation of the time by which sinkage is shown behind the load."
+    ),
     number("digging_in.slip", _DIGGING_IN.slip, "1", 0.31, 1.0): (
         "A wheel digs itself in where its slip is at least this, and all that follows holds."
     ),
@@ -263,6 +287,12 @@ _PER_WHEEL: dict[Parameter, str] = {
         " Needed by sinkage_source Range."
     ),
     text("<wheel>.joint", "<wheel>_joint"): "Name of its joint in joint_states.",
+    Parameter("<wheel>.joint_sign", "integer", 1, choices=(1, -1)): (
+        "-1: its joint turns backwards when the wheel drives forward (a mirrored axis)."
+    ),
+    Parameter("<wheel>.load_sign", "integer", 0, choices=(0, 1, -1)): (
+        "As load_sign, for this wheel's sensor; 0: as load_sign says."
+    ),
 }
 
 GENERAL = tuple(replace(p, description=words) for p, words in _GENERAL.items())

@@ -57,6 +57,8 @@ class WheelInputs:
     """Where a wheel's measurements come from; a topic is empty where there is none.
 
     range_height: what a range sensor shows on hard ground, m; None where there is no such sensor.
+    joint_sign: 1 where the joint turns forward when the wheel drives forward, else -1. load_sign: 1
+    where a load is positive when the wheel presses on the soil, else -1.
     """
 
     load_topic: str
@@ -66,22 +68,25 @@ class WheelInputs:
     sinkage_source: SinkageSource = SinkageSource.SINKAGE
     range_height: float | None = None
     drawbar_pull_topic: str = ""
+    joint_sign: int = 1
+    load_sign: int = 1
 
 
 @dataclass(frozen=True)
 class NodeSettings:
     """What the parameters say: settings of the estimate and the cost map, and inputs by wheel.
 
-    load_per_effort: N. soil_file: where the soil is saved and restored from; empty: nowhere.
+    load_per_effort: N. velocity_yaw: of the velocity sensor, rad. soil_file: where the soil is saved
+    and restored from; empty: nowhere.
     """
 
     onboard: OnboardSettings
     inputs: Mapping[str, WheelInputs]
-    load_sign: int
     autostart: bool
     load_source: LoadSource = LoadSource.WRENCH
     load_per_effort: float = 1.0
     velocity_topic: str = ""
+    velocity_yaw: float = 0.0
     soil_file: str = ""
     cost: CostSettings = field(default_factory=CostSettings)
 
@@ -218,6 +223,8 @@ def settings_from(
             static_loads=_static_loads(v, wheels),
             velocity=_velocity(v),
             digging_in=DiggingInRules(**group("digging_in", DiggingInRules)),
+            velocity_lateral_position=v["velocity_lateral_position"],
+            maximum_speed=v["maximum_speed"],
             with_drawbar_pull=frozenset(
                 w for w in wheels if v[f"{w}.drawbar_pull_topic"] and v[f"{w}.contact"] == ROLLING
             ),
@@ -232,11 +239,11 @@ def settings_from(
     return NodeSettings(
         onboard,
         {name: _inputs(v, name) for name in wheels},
-        v["load_sign"],
         v["autostart"],
         LoadSource(v["load.source"]),
         v["load.per_effort"],
         v["velocity_topic"],
+        v["velocity_yaw"],
         v["soil.file"],
         cost,
     )
@@ -257,6 +264,8 @@ def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
         source,
         height,
         v[f"{wheel}.drawbar_pull_topic"],
+        v[f"{wheel}.joint_sign"],
+        v[f"{wheel}.load_sign"] or v["load_sign"],
     )
 
 
@@ -266,6 +275,8 @@ def _estimator(v: Mapping[str, Any], values: dict[str, Any]) -> EstimatorSetting
         # like another soil at each spot, it does not average out over measurements at one place.
         scatter = math.hypot(values["soil_scatter"], v["load.static_std"])
         values = {**values, "soil_scatter": scatter}
+    for name in ("sinkage_zero_std", "pass_std", "load_scale_std", "delay_std"):
+        values[name] = v[name]
     return EstimatorSettings(**values, sinkage_std=v["noise.sinkage"])
 
 

@@ -53,6 +53,11 @@ def stamp_problem(
     """Say what is wrong with a header stamp (ns), with the numbers and what to do."""
     if fault is StampFault.ZERO:
         return "header.stamp is zero: the publisher must stamp its messages"
+    if fault is StampFault.FUTURE and not now:
+        return (
+            f"header.stamp is {(stamp - (newest or 0)) / SECOND:.3f} s ahead of every other message:"
+            " not believed until another one agrees"
+        )
     if fault is StampFault.FUTURE:
         return (
             f"header.stamp is {(stamp - (now or 0)) / SECOND:.3f} s ahead of the clock, at most"
@@ -67,6 +72,11 @@ def stamp_problem(
     if fault is StampFault.DUPLICATE:
         return f"header.stamp {stamp / SECOND:.9f} came twice: is there more than one publisher?"
     behind = ((newest or stamp) - stamp) / SECOND
+    if fault is StampFault.LATE and not now and behind > timing.jump_tolerance:
+        return (
+            f"header.stamp is {behind:.3f} s behind the newest message: not believed until another"
+            " one agrees that time went back"
+        )
     if fault is StampFault.LATE:
         return (
             f"header.stamp is {behind:.3f} s behind the newest message: too late to be used"

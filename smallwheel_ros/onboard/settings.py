@@ -130,6 +130,10 @@ class OnboardSettings:
         Where the speed over ground comes from.
     digging_in
         When a wheel is taken to dig itself in.
+    velocity_lateral_position
+        m left of the vehicle's middle, of the sensor of the velocity: in a turn it is faster or slower.
+    maximum_speed
+        m/s; a vehicle with small wheels is not faster: a message that says so is refused.
 
     Raises OnboardError where something is outside its domain.
     """
@@ -148,6 +152,8 @@ class OnboardSettings:
     velocity: VelocitySource = VelocitySource.ODOMETRY
     digging_in: DiggingInRules = field(default_factory=DiggingInRules)
     with_drawbar_pull: frozenset[str] = frozenset()
+    velocity_lateral_position: float = 0.0
+    maximum_speed: float = 10.0
 
     def __post_init__(self) -> None:
         """Check everything that no other class checks."""
@@ -187,6 +193,12 @@ class OnboardSettings:
         if not (math.isfinite(self.standstill_speed) and self.standstill_speed >= 0):
             raise OnboardError(
                 f"standstill_speed is {self.standstill_speed!r} m/s, expected 0 or more"
+            )
+        if not (math.isfinite(self.maximum_speed) and self.maximum_speed > 0):
+            raise OnboardError(f"maximum_speed is {self.maximum_speed!r} m/s, expected over 0")
+        if not math.isfinite(self.velocity_lateral_position):
+            raise OnboardError(
+                f"velocity_lateral_position is {self.velocity_lateral_position!r} m, expected a number"
             )
         if not 0.0 < self.reference_slip < 1.0:
             raise OnboardError(f"reference_slip is {self.reference_slip!r}, expected 0 to 1")

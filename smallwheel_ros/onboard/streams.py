@@ -151,6 +151,8 @@ class Motion(NamedTuple):
     """Of a vehicle: place (m), forward speed (m/s), yaw rate (rad/s), cosine and sine of the yaw.
 
     Between two messages the latter two are not of unit length; they are NaN where yaw is not known.
+    speed_variance, yaw_rate_variance: as the message has them, 0 where it does not. pitch: rad,
+    positive nose down, 0 where not known.
     """
 
     x: float
@@ -159,6 +161,9 @@ class Motion(NamedTuple):
     yaw_rate: float
     cosine: float
     sine: float
+    speed_variance: float = 0.0
+    yaw_rate_variance: float = 0.0
+    pitch: float = 0.0
 
     @property
     def yaw(self) -> float | None:
@@ -166,100 +171,71 @@ class Motion(NamedTuple):
         return None if math.isnan(self.cosine) else math.atan2(self.sine, self.cosine)
 
 
-class Odometer:
-    """Way travelled, from a vehicle's speed; standing still adds nothing.
+class PathSeries:
+    """Path (m) by integrating a speed over stamps; standing still adds nothing.
 
     Parameters
     ----------
     horizon
         How far back values are kept (ns).
     longest_gap
-        Between stamps further apart than this (ns) the straight distance of the positions counts.
+        Between stamps further apart than this (ns) the straight distance of the positions counts,
+        where they are known; else the smaller one of both speeds.
     standstill
         Speeds up to this (m/s) are noise of a standing vehicle.
-
-    Attributes
-    ----------
-    series
-        What came, each as the numbers of a `Motion`.
     """
 
     def __init__(self, horizon: int, longest_gap: int, standstill: float) -> None:
-        self.series = Series(horizon)
-        self._way: list[float] = []  # at each stamp of the series
+        self._series = Series(horizon)  # speed, x, y
+        self._path: list[float] = []  # at each stamp of the series
         self._gap = longest_gap
         self._standstill = standstill
 
-    def add(
-        self,
-        stamp: int,
-        x: float,
-        y: float,
-        speed: float,
-        yaw_rate: float,
-        yaw: float | None = None,
-    ) -> StampFault | None:
-        """Keep one message; a fault says why it was not kept."""
-        series, way = self.series, self._way
+    def add(self, stamp: int, speed: float, x: float = math.nan, y: float = math.nan) -> None:
+        """Take a speed (m/s, either sign), and the position (m) where it is known."""
+        series, path = self._series, self._path
         before = len(series)
-        last = (series.stamps[-1], series.values[-1]) if before else None
-        # An angle is not interpolated across its jump at pi, its cosine and sine are.
-        turn = (math.nan, math.nan) if yaw is None else (math.cos(yaw), math.sin(yaw))
-        values = (x, y, speed, yaw_rate, *turn)
-        fault = series.add(stamp, values)
-        if fault is not None:
-            return fault
-        if last is None or stamp > last[0]:
-            way.append(0.0 if last is None else way[-1] + self._step(*last, stamp, values))
-            del way[: before + 1 - len(series)]  # what the series has forgotten
-            return None
-        # A late message changes the way at every later stamp.
+        last = series.newest
+        if series.add(stamp, (speed, x, y)) is not None:
+            return
+        if last is None or stamp > last:
+            path.append(0.0)
+            del path[: before + 1 - len(series)]  # what the series has forgotten
+            if len(series) > 1:
+                path[-1] = path[-2] + self._step_to(len(series) - 1)
+            return
+        # A late message changes the path at every later stamp.
         place = bisect_left(series.stamps, stamp)
-        way.insert(place, 0.0)
+        path.insert(place, 0.0)
         if place == 0:
-            way[0] = way[1] - self._step_to(1)
+            path[0] = path[1] - self._step_to(1)
         for i in range(max(place, 1), len(series)):
-            way[i] = way[i - 1] + self._step_to(i)
-        return None
+            path[i] = path[i - 1] + self._step_to(i)
 
     def _step_to(self, i: int) -> float:
-        """Way to stamp i from the one before it."""
-        stamps, values = self.series.stamps, self.series.values
-        return self._step(stamps[i - 1], values[i - 1], stamps[i], values[i])
+        """Path to stamp i from the one before it."""
+        stamps = self._series.stamps
+        (before, x0, y0), (after, x1, y1) = self._series.values[i - 1 : i + 1]
+        duration = (stamps[i] - stamps[i - 1]) / SECOND
+        before, after = self._moving(before), self._moving(after)
+        if stamps[i] - stamps[i - 1] <= self._gap:
+            return 0.5 * (before + after) * duration
+        straight = math.hypot(x1 - x0, y1 - y0)
+        if math.isnan(straight):
+            return min(before, after) * duration
+        return straight if straight > self._standstill * duration else 0.0
 
-    def _step(
-        self, begin: int, start: tuple[float, ...], stamp: int, end: tuple[float, ...]
-    ) -> float:
-        """Way between two messages: their stamps, and their numbers as of a `Motion`."""
-        duration = stamp - begin
-        if duration > self._gap:
-            straight = math.hypot(end[0] - start[0], end[1] - start[1])
-            return straight if straight > self._standstill * duration / SECOND else 0.0
-        before, after = abs(start[2]), abs(end[2])
-        if before <= self._standstill:
-            before = 0.0
-        if after <= self._standstill:
-            after = 0.0
-        return (before + after) / 2 * duration / SECOND
+    def _moving(self, speed: float) -> float:
+        return abs(speed) if abs(speed) > self._standstill else 0.0
 
-    def way(self, stamp: int) -> float:
-        """Way travelled (m) at an instant; held before the first and after the last message."""
-        stamps = self.series.stamps
+    def at(self, stamp: int) -> float:
+        """Path (m) at an instant; held before the first and after the last message."""
+        stamps, path = self._series.stamps, self._path
         if not stamps:
             return 0.0
         after = bisect_right(stamps, stamp)
         if after in (0, len(stamps)):
-            return self._way[min(after, len(stamps) - 1)]
+            return path[min(after, len(stamps) - 1)]
         start, end = stamps[after - 1], stamps[after]
         share = (stamp - start) / (end - start)
-        return self._way[after - 1] + share * (self._way[after] - self._way[after - 1])
-
-    def at(self, stamp: int, reach: int) -> Motion | None:
-        """Place and motion at an instant, as `Series.at`."""
-        values = self.series.at(stamp, reach)
-        return None if values is None else Motion(*values)
-
-    def clear(self) -> None:
-        """Forget everything, the way too."""
-        self.series.clear()
-        self._way.clear()
+        return path[after - 1] + share * (path[after] - path[after - 1])

@@ -1,0 +1,199 @@
+"""What sensors show of the soil's law: the state, and the measurement model h with its Jacobian H.
+
+State x, all but m as the sensors show it:
+
+    u    ln of the sinkage (m) that is shown of a reference wheel, the one measured first
+    n'   exponent of sinkage as it is shown
+    m    exponent of the wheel's diameter
+    g    ln of the factor on sinkage per doubling of the wheels that have passed (ruts)
+    l    ln of the load cells' scale
+    s    slip sinkage: z (1 + s i) at slip i > 0
+    t    s, by which sinkage is shown behind the load
+    e    m/rad, error of the shown sinkage with pitch
+    c    m, zero of all sinkage sensors
+    d_w  m, zero of the sensor of wheel w besides
+
+From what is shown to the soil: with q = 1 - c / exp(u),
+
+    ln z_ref = u + ln q,    n + 1/2 = (n' + 1/2) q
+
+Why u and n'? A zero that is off bends ln z_ref and n together; in the shown numbers a measurement
+says little of c, so that a filter which is linearised anew each time does not learn a zero that
+nobody measured. h of a wheel with load W, slip i, and p = log2(1 + wheels ahead in its rut):
+
+    h(x) = z(W exp(-l - t d ln W/dt); z_ref, n, m) exp(g p) (1 + s max(i, 0)) + e pitch + c + d_w
+
+z is the sinkage of the contact integral (Meirion-Griffith and Spenko 2011 with the load's integral
+in place of its approximation), with the model's effects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
+from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+
+Array = NDArray[np.float64]
+
+U, N, M, PASS, LOAD_SCALE, SLIP, DELAY, PITCH, ZERO, ZEROS = range(10)  # ZEROS + i: of wheel i
+LAW = 3
+_LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
+_N_RANGE = (0.05, 2.9)
+_SHOWN_N_RANGE = (-0.35, 5.0)
+_LEAST_SHARE = 0.15  # of the shown sinkage that is the wheel's, whatever the zero
+_LEAST_SLIP_FACTOR = 0.2
+_EACH = 0.25  # zero of a single sensor over that common to all
+_TINY = 1e-9  # a nuisance that is taken not to be there
+
+
+class Shown(NamedTuple):
+    """h(x) in m, its row of H (shape (size,)), and its slope by ln load."""
+
+    value: float
+    row: Array
+    by_load: float
+
+
+class LawModel:
+    """The state's prior and h for the wheels of one vehicle.
+
+    reference: load (N), diameter, width (m) of the plain rolling wheel that u is of.
+    """
+
+    def __init__(
+        self,
+        prior: SoilPrior,
+        settings: EstimatorSettings,
+        effects: Sequence[Effect],
+        reference: tuple[float, float, float],
+    ) -> None:
+        self.reference = reference
+        self.effects = tuple(effects)
+        self._across = math.log(reference[1] / REFERENCE_DIAMETER)
+        self.each_zero_std = max(_EACH * settings.sinkage_zero_std, _TINY)
+        log_modulus = (
+            prior.log_reference_pressure - prior.n * _LOG_REFERENCE_SINKAGE + prior.m * self._across
+        )
+        u = point_sinkage(*reference, log_modulus, prior.n).log_sinkage
+        self.mean: Array = np.zeros(ZEROS)
+        self.mean[:LAW] = u, prior.n, prior.m
+        slip_known = any("slip" in effect.drivers for effect in self.effects)
+        nuisances = (
+            settings.pass_std,
+            settings.load_scale_std,
+            0.0 if slip_known else settings.slip_sinkage_std,
+            settings.delay_std,
+            settings.pitch_std,
+            settings.sinkage_zero_std,
+        )
+        law = np.diag(np.square([prior.log_reference_pressure_std, prior.n_std, prior.m_std]))
+        back = np.linalg.inv(self.law(self.mean)[1][:, :LAW])
+        soil = np.diag(np.square([0.0] * LAW + [max(std, _TINY) for std in nuisances]))
+        soil[:LAW, :LAW] = back @ law @ back.T
+        self.soil_covariance = soil
+
+    def prior(self, factor: float) -> Array:
+        """Covariance of x before any measurement. factor: on the deviations of passes and zeros."""
+        scale = np.ones(ZEROS)
+        scale[[PASS, ZERO]] = factor
+        back = np.linalg.inv(self.soil(self.mean)[1])
+        prior: Array = back @ (self.soil_covariance * np.outer(scale, scale)) @ back.T
+        return prior
+
+    def soil(self, x: Array) -> tuple[Array, Array]:
+        """From what is shown to the soil: the same numbers with ln z_ref and n, and the Jacobian."""
+        y, jacobian = x.copy(), np.eye(len(x))
+        shown = math.exp(x[U])
+        share = 1.0 - x[ZERO] / shown
+        bounded = max(share, _LEAST_SHARE)
+        y[U] = x[U] + math.log(bounded)
+        y[N] = min(max((x[N] + 0.5) * bounded - 0.5, _N_RANGE[0]), _N_RANGE[1])
+        jacobian[N, N] = bounded
+        if share == bounded:
+            jacobian[U, U] = 1.0 / share
+            jacobian[U, ZERO] = -1.0 / (shown * share)
+            jacobian[N, U] = (x[N] + 0.5) * (1.0 - share)
+            jacobian[N, ZERO] = -(x[N] + 0.5) / shown
+        return y, jacobian
+
+    def shown(self, y: Array) -> Array:
+        """From the soil to what is shown: the inverse of `soil`."""
+        x = y.copy()
+        wheel = math.exp(y[U])
+        shown = max(wheel + y[ZERO], _LEAST_SHARE * wheel)
+        x[U] = math.log(shown)
+        x[N] = (y[N] + 0.5) * shown / wheel - 0.5
+        return x
+
+    def law(self, y: Array) -> tuple[Array, Array]:
+        """Ln pressure at the reference sinkage and diameter, n and m; and their Jacobian by y."""
+        log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, y[U], y[N])
+        jacobian = np.eye(LAW, len(y))
+        jacobian[0, :LAW] = by_sinkage, by_exponent + _LOG_REFERENCE_SINKAGE, -self._across
+        pressure = log_modulus + y[N] * _LOG_REFERENCE_SINKAGE - y[M] * self._across
+        return np.array([pressure, y[N], y[M]]), jacobian
+
+    def h(self, x: Array, segment: Segment, passes: float, wheel: int) -> Shown:
+        """What the sensor of a wheel shows. wheel: its place among the zeros."""
+        y, jacobian = self.soil(x)
+        shown = self._of_soil(y, segment, passes)
+        row = shown.row @ jacobian
+        row[PITCH] = segment.pitch
+        row[ZERO] += 1.0
+        row[ZEROS + wheel] = 1.0
+        value = shown.value + x[PITCH] * segment.pitch + x[ZERO] + x[ZEROS + wheel]
+        return Shown(value, row, shown.by_load)
+
+    def sinkage(self, y: Array, segment: Segment, passes: float) -> Shown:
+        """The sinkage itself, without what is wrong with its sensor; y and the row are the soil's."""
+        timely = y.copy()
+        timely[DELAY] = 0.0
+        shown = self._of_soil(timely, segment, passes)
+        shown.row[DELAY] = 0.0
+        return shown
+
+    def _of_soil(self, y: Array, segment: Segment, passes: float) -> Shown:
+        load = segment.load * math.exp(-y[LOAD_SCALE] - y[DELAY] * segment.load_rate)
+        observe = observation(
+            self.effects,
+            load,
+            segment.diameter,
+            segment.width,
+            segment.contact,
+            segment.slip,
+            segment.speed,
+        )
+        log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, y[U], y[N])
+        across = observe.diameter_log - self._across
+        pressure = log_modulus + y[N] * _LOG_REFERENCE_SINKAGE + across * y[M]
+        static = observe(pressure, y[N])
+        slip = 0.0 if segment.slip is None else max(segment.slip, 0.0)
+        rut = math.exp(passes * y[PASS])
+        digging = max(1.0 + y[SLIP] * slip, _LEAST_SLIP_FACTOR)
+        factor = rut * digging
+        row = np.zeros(len(y))
+        row[U] = static.by_pressure * by_sinkage
+        row[N] = static.by_exponent + static.by_pressure * (by_exponent + _LOG_REFERENCE_SINKAGE)
+        row[M] = static.by_pressure * across
+        row[LOAD_SCALE] = -static.by_load
+        row[DELAY] = -static.by_load * segment.load_rate
+        row *= factor
+        value = static.value * factor
+        row[PASS] = passes * value
+        row[SLIP] = static.value * rut * slip
+        return Shown(value, row, static.by_load * factor)
+
+    def bounded(self, x: Array) -> Array:
+        """Keep the shown exponent where the law can be computed."""
+        x[N] = min(max(x[N], _SHOWN_N_RANGE[0]), _SHOWN_N_RANGE[1])
+        return x

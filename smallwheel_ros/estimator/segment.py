@@ -1,0 +1,196 @@
+"""Readings of one wheel on one stretch of its own path become one measurement.
+
+Within a stretch as long as the soil's deviations are correlated, readings are of one piece of soil:
+their mean is what the filter is given. Two things are learnt from the readings themselves, so that
+what the user says of the sensors hardly matters: the noise of a single reading, from second
+differences (a trend over the stretch does not count as noise), and how much of the spread of the
+loads is noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+
+Array = NDArray[np.float64]
+
+_SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
+_NOISE_MEMORY = 200.0  # readings that the learnt noise rests on
+_TOLD_READINGS = 20.0  # readings that what the user told of the noise counts for
+_WORST_NOISE = 9.0  # a squared second difference counts at most so often: 3 sigma, for outliers
+_KEPT = 3.0  # readings so many deviations from the median are left out of the mean
+_MOST_ROWS = 256  # of a wheel that stands; then every second one is dropped
+_LOAD_MEMORY = 100  # stretches
+_LEAST_LOAD_SPREAD = 0.02  # of ln load between stretches, before it is measured
+_STUCK_READINGS = 5  # exactly alike, on a stretch on which the wheel rolled
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The mean of a wheel's readings on one stretch of its path; SI units.
+
+    distance: that the vehicle had travelled at the end. place: of the wheel along the vehicle's path.
+    sinkage_variance: of the mean, from the sensor's noise. load_variance: of ln load, from the
+    sensor's. load_rate: d ln load / d time, 1/s. slip, speed: None where not known. count: readings
+    in the mean; dropped: left out as outliers. stuck: the sensor showed one number throughout.
+    """
+
+    wheel: str
+    time: float
+    distance: float
+    place: float
+    sinkage: float
+    sinkage_variance: float
+    load: float
+    load_variance: float
+    load_rate: float
+    slip: float | None
+    speed: float | None
+    pitch: float
+    diameter: float
+    width: float
+    contact: str
+    count: int
+    dropped: int
+    stuck: bool
+
+
+class SegmentCollector:
+    """Collects the readings of one wheel.
+
+    length: m of a segment. sinkage_std: m, noise of one reading until it is learnt. ahead: m that
+    the wheel is ahead of the vehicle's middle.
+    """
+
+    def __init__(self, length: float, sinkage_std: float, load_std: float, ahead: float) -> None:
+        self._length, self._ahead = length, ahead
+        self._sinkage_noise = sinkage_std**2
+        self._load_noise = load_std**2  # of ln load
+        self._noise_readings = _TOLD_READINGS
+        self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
+        self._rows: list[tuple[float, ...]] = []
+        self._start = 0.0
+        self._last: SinkageMeasurement | None = None
+
+    @property
+    def reading_variance(self) -> float:
+        """Variance of one reading of sinkage as learnt, m^2."""
+        return self._sinkage_noise
+
+    def add(self, given: SinkageMeasurement) -> Segment | None:
+        """Take a reading; return the segment that it closes, if any."""
+        closed = None
+        path = given.own_path
+        if self._rows and path - self._start >= self._length:
+            closed = self._close()
+            self._rows = []
+        if not self._rows:
+            self._start = path
+        elif len(self._rows) >= _MOST_ROWS:
+            del self._rows[1::2]
+        slip = math.nan if given.slip is None else given.slip
+        speed = math.nan if given.speed is None else given.speed
+        self._rows.append(
+            (
+                given.time,
+                given.distance,
+                given.sinkage,
+                math.log(given.load),
+                slip,
+                speed,
+                given.pitch,
+            )
+        )
+        self._last = given
+        return closed
+
+    def load(self) -> tuple[float, float]:
+        """Load (N) without its noise, and variance of its logarithm, from the newest readings."""
+        logs = [row[3] for row in self._rows]
+        return self._calibrated(sum(logs) / len(logs), len(logs))
+
+    def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
+        """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""
+        noise = self._load_noise / count
+        if self._segments == 0:
+            return math.exp(mean), noise
+        share = min(noise / max(self._load_spread, 1e-8), 1.0)
+        return math.exp(mean - share * (mean - self._load_mean)), noise * (1.0 - share)
+
+    def _close(self) -> Segment:
+        last = self._last
+        assert last is not None
+        time, distance, sinkage, log_load, slip, speed, pitch = np.array(self._rows).T
+        self._learn_noise(sinkage, log_load)
+        middle = float(np.median(sinkage))
+        deviation = math.sqrt(self._sinkage_noise) + float(np.median(np.abs(sinkage - middle)))
+        kept = np.abs(sinkage - middle) <= _KEPT * deviation
+        count = int(kept.sum())
+        mean_log_load = float(log_load.mean())
+        self._learn_loads(mean_log_load, len(self._rows))
+        load, load_variance = self._calibrated(mean_log_load, len(self._rows))
+        return Segment(
+            wheel=last.wheel,
+            time=float(time[-1]),
+            distance=float(distance[-1]),
+            place=float(distance.mean()) + self._ahead,
+            sinkage=float(sinkage[kept].mean()),
+            sinkage_variance=self._sinkage_noise / count,
+            load=load,
+            load_variance=load_variance,
+            load_rate=_slope(time, log_load),
+            slip=_known_mean(slip),
+            speed=_known_mean(speed),
+            pitch=float(pitch.mean()),
+            diameter=last.diameter,
+            width=last.width,
+            contact=last.contact,
+            count=count,
+            dropped=len(self._rows) - count,
+            stuck=count >= _STUCK_READINGS and float(np.ptp(sinkage)) == 0.0,
+        )
+
+    def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
+        if sinkage.size < 3:
+            return
+        weight = min(1.0, sinkage.size / (self._noise_readings + sinkage.size))
+        self._sinkage_noise += weight * (_noise(sinkage, self._sinkage_noise) - self._sinkage_noise)
+        self._load_noise += weight * (_noise(log_load, self._load_noise) - self._load_noise)
+        # A sensor that shows whole steps, or one number, is not for that without noise.
+        self._sinkage_noise = max(self._sinkage_noise, 1e-10)
+        self._noise_readings = min(self._noise_readings + sinkage.size, _NOISE_MEMORY)
+
+    def _learn_loads(self, mean: float, count: int) -> None:
+        """Mean and spread of ln load from stretch to stretch, noise included."""
+        self._segments += 1
+        gain = max(1.0 / self._segments, 1.0 / _LOAD_MEMORY)
+        if self._segments == 1:
+            self._load_mean = mean
+            self._load_spread += self._load_noise / count
+            return
+        off = mean - self._load_mean
+        self._load_mean += gain * off
+        self._load_spread += gain * ((1.0 - gain) * off * off - self._load_spread)
+
+
+def _noise(values: Array, believed: float) -> float:
+    """Variance of one reading from second differences, a few wild ones cut."""
+    squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
+    return float(np.minimum(squares, _WORST_NOISE * believed).mean())
+
+
+def _slope(time: Array, values: Array) -> float:
+    """Slope of values over time, 0 for too few."""
+    centred = time - time.mean()
+    square = float(centred @ centred)
+    return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
+
+
+def _known_mean(values: Array) -> float | None:
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if known.size else None
