@@ -167,12 +167,12 @@ def _smooth(rng: np.random.Generator, count: int, std: float, keep: float) -> Ar
     return values
 
 
-def _texture(world: World, rng: np.random.Generator, change: bool) -> tuple[Array, Array]:
+def _texture(world: World, rng: np.random.Generator) -> tuple[Array, Array]:
     """Ln of the factor on k in steps of 1 cm along the way, for the left and the right track."""
     count = int((world.distance + 4.0) / 0.01)
     way = 0.01 * np.arange(count) - 2.0
     common = np.cumsum(rng.standard_normal(count)) * world.drift * math.sqrt(0.01 / 5.0)
-    if change and world.change != 1.0:
+    if world.change != 1.0:
         over = max(world.change_over, 1e-6)
         common = common + math.log(world.change) * np.clip(
             (way - 0.5 * world.distance) / over, 0.0, 1.0
@@ -186,7 +186,7 @@ def make_drive(world: World, seed: int) -> RobotDrive:
     rng = np.random.default_rng([seed, 4711])
     base = soil("dry_sand")
     wheels = VEHICLES[world.vehicle]
-    way, texture = _texture(world, rng, change=True)
+    way, texture = _texture(world, rng)
     driving = int(world.distance / SPEED * RATE)
     path = np.cumsum(SPEED / RATE * (1.0 + 0.3 * np.sin(0.7 * np.arange(driving) / RATE)))
     path *= world.distance / path[-1]
@@ -207,9 +207,13 @@ def make_drive(world: World, seed: int) -> RobotDrive:
         a * np.sin(2.0 * np.pi * path / length + rng.uniform(0.0, 6.28))
         for a, length in ((0.22, 2.6 / bumps), (0.18, 1.4 / bumps))
     )
-    grip = 0.06 + 0.9 * np.clip(climb, -0.03, 1.0) + 0.3 * np.clip(
-        np.sin(2.0 * np.pi * path / 6.0 + rng.uniform(0.0, 6.28)) - 0.8, 0.0, 1.0
-    ) / 0.2
+    grip = (
+        0.06
+        + 0.9 * np.clip(climb, -0.03, 1.0)
+        + 0.3
+        * np.clip(np.sin(2.0 * np.pi * path / 6.0 + rng.uniform(0.0, 6.28)) - 0.8, 0.0, 1.0)
+        / 0.2
+    )
     while True:
         off = [std * rng.standard_normal() for std in STD]
         pressure, n, m = (
@@ -221,7 +225,7 @@ def make_drive(world: World, seed: int) -> RobotDrive:
         if not 0.25 < n < 1.8:
             continue
         parts = _truth(world, wheels, (pressure, n, m), way, texture, path, climb, twist, grip)
-        if all(np.isfinite(z).all() and z.max() < 0.4 * w.diameter for (z, *_), w in zip(parts, wheels, strict=True)):
+        if all(_carried(z, w) for (z, *_), w in zip(parts, wheels, strict=True)):
             break
     readings, true = [], []
     for j, (wheel, (z, load, slip)) in enumerate(zip(wheels, parts, strict=True)):
@@ -253,14 +257,9 @@ def make_drive(world: World, seed: int) -> RobotDrive:
             true.append(float(z[i]))
     order = sorted(range(len(readings)), key=lambda i: readings[i].time)
     end = float(np.interp(path[-1], way, texture.mean(axis=0)))
-    ends = pressure + end - float(np.mean(texture[:, -1] * 0.0))
-    law = np.array([ends, n, m])
-    told = replace(
-        base, k=base.k * math.exp(-world.prior[0]) * REFERENCE_SINKAGE ** (-world.prior[1] * 0.0)
-    )
-    prior = SoilPrior.from_soil(told)
+    law = np.array([pressure + end, n, m])
     prior = replace(
-        prior,
+        SoilPrior.from_soil(base),
         log_reference_pressure=base.log_reference_pressure - world.prior[0],
         n=max(base.n - world.prior[1], 0.2),
     )
@@ -268,6 +267,10 @@ def make_drive(world: World, seed: int) -> RobotDrive:
     return RobotDrive(
         world, prior, [readings[i] for i in order], np.array([true[i] for i in order]), law, border
     )
+
+
+def _carried(sinkage: Array, wheel: Wheel) -> bool:
+    return bool(np.isfinite(sinkage).all() and sinkage.max() < 0.4 * wheel.diameter)
 
 
 def _truth(

@@ -164,6 +164,7 @@ class LawFilter:
                 self._bank.append(_Member(kalman, fade, wide, odds, odds))
         self._law_prior = model.soil_covariance[:LAW, :LAW]
         self.used = 0
+        self.version = 0  # rises with every change of the state
         self._unsettled, self._settled_at = 0.0, -math.inf
         self._remember()
         self._mix()
@@ -318,6 +319,7 @@ class LawFilter:
 
     def _mix(self) -> None:
         """Mean and covariance of the soil's numbers (`LawModel.soil`)."""
+        self.version += 1
         weights = np.exp([member.log_weight for member in self._bank])
         self._weights = weights / weights.sum()
         model = self.model

@@ -74,6 +74,7 @@ class SegmentCollector:
         self._noise_readings = _TOLD_READINGS
         self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
         self._rows: list[tuple[float, ...]] = []
+        self._log_loads = 0.0  # sum over the rows
         self._start = 0.0
         self._last: SinkageMeasurement | None = None
 
@@ -88,11 +89,14 @@ class SegmentCollector:
         path = given.own_path
         if self._rows and path - self._start >= self._length:
             closed = self._close()
-            self._rows = []
+            self._rows, self._log_loads = [], 0.0
         if not self._rows:
             self._start = path
         elif len(self._rows) >= _MOST_ROWS:
             del self._rows[1::2]
+            self._log_loads = sum(row[3] for row in self._rows)
+        log_load = math.log(given.load)
+        self._log_loads += log_load
         slip = math.nan if given.slip is None else given.slip
         speed = math.nan if given.speed is None else given.speed
         self._rows.append(
@@ -100,7 +104,7 @@ class SegmentCollector:
                 given.time,
                 given.distance,
                 given.sinkage,
-                math.log(given.load),
+                log_load,
                 slip,
                 speed,
                 given.pitch,
@@ -111,8 +115,7 @@ class SegmentCollector:
 
     def load(self) -> tuple[float, float]:
         """Load (N) without its noise, and variance of its logarithm, from the newest readings."""
-        logs = [row[3] for row in self._rows]
-        return self._calibrated(sum(logs) / len(logs), len(logs))
+        return self._calibrated(self._log_loads / len(self._rows), len(self._rows))
 
     def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
         """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 from scipy.special import chdtri
@@ -47,6 +48,7 @@ from smallwheel_ros.estimator.sinkage_observation import observation
 from smallwheel_ros.estimator.soils import Soils
 from smallwheel_ros.estimator.strength import StrengthState
 from smallwheel_ros.estimator.wheel_track import (
+    Expected,
     WheelTrack,
     instant_segment,
     wheels_ahead,
@@ -189,32 +191,52 @@ class SoilEstimator:
 
     def _judged(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         """Compare a reading with what was expected of it."""
+        expected, log_load = self._expected(given, wheel)
+        more = expected.by_load * log_load
+        shown, true = expected.shown + more, expected.sinkage + more
         law = self._soils.law
         assert law is not None
-        now = instant_segment(given, *wheel.collector.load())
-        kalman, place = law.most_likely, wheel.place
-        shown = law.model.h(law.model.mean + kalman.x, now, place.passes, place.index)
-        true, variance = self._sinkage(law, now, place.passes)
-        spread = (
-            float(shown.row @ kalman.P @ shown.row)
-            + _place_variance(law, shown, now)
-            + wheel.collector.reading_variance
-            + law.scatter.additive
-        )
-        miss = given.sinkage - shown.value
+        noise = wheel.collector.reading_variance
+        spread = expected.shown_variance + noise + law.scatter.additive
+        variance = expected.sinkage_variance
+        miss = given.sinkage - shown
         square = miss * miss / spread
-        reading = math.sqrt(wheel.collector.reading_variance)
-        alone = abs(given.sinkage - float(np.median(wheel.recent))) > 3.0 * reading
+        alone = abs(given.sinkage - median(wheel.recent)) > 3.0 * math.sqrt(noise)
         outcome, reason, message = Outcome.ACCEPTED, "accepted", ""
         if square > self._gate and alone:
             outcome, reason = Outcome.OUTLIER, "gate"
             message = (
                 f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
-                f"{1e3 * shown.value:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
+                f"{1e3 * shown:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
             )
         if not math.isfinite(true + variance + spread):
             raise ArithmeticError("its uncertainty has no bounds")
         return UpdateResult(outcome, reason, message, true, variance, miss, spread, square)
+
+    def _expected(self, given: SinkageMeasurement, wheel: WheelTrack) -> tuple[Expected, float]:
+        """What was expected of a reading, and by how much its ln load is above that of it."""
+        law, place = self._soils.law, wheel.place
+        assert law is not None
+        load, load_variance = wheel.collector.load()
+        log_load, known = math.log(load), wheel.expected
+        if known is not None and known.holds(law.version, log_load, given):
+            return known, log_load - known.log_load
+        now = instant_segment(given, load, load_variance)
+        kalman = law.most_likely
+        shown = law.model.h(law.model.mean + kalman.x, now, place.passes, place.index)
+        true, variance = self._sinkage(law, now, place.passes)
+        wheel.expected = Expected(
+            law.version,
+            log_load,
+            given.slip,
+            given.pitch,
+            shown.value,
+            float(shown.row @ kalman.P @ shown.row) + _place_variance(law, shown, now),
+            true,
+            variance,
+            shown.by_load,
+        )
+        return wheel.expected, 0.0
 
     def _refuse(self, reason: str, message: str) -> UpdateResult:
         self._count(reason)

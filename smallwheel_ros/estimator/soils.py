@@ -60,6 +60,7 @@ class Soils:
         self._old: KnownSoil | None = None
         self._remembered: list[KnownSoil] = []
         self.law: LawFilter | None = None
+        self._newest: tuple[int, Array, Array] | None = None  # version of the law, and the law
         self.strength: StrengthState | None = None
         self.variety = Variety()
         self.changes = self.accepted = 0
@@ -94,7 +95,11 @@ class Soils:
         """
         if self._old is not None and wheel is not None and self.is_behind(wheel):
             return self._old.mean, self._old.covariance, self._old.variety
-        return None if self.law is None else (*self.law.law(), self.variety)
+        if self.law is None:
+            return None
+        if self._newest is None or self._newest[0] != self.law.version:
+            self._newest = self.law.version, *self.law.law()
+        return self._newest[1], self._newest[2], self.variety
 
     def drop(self, wheel: str) -> None:
         """Forget the waiting segments of a sensor that turns out to be stuck."""

@@ -14,7 +14,38 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
 
 _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
+# Of ln load, slip and pitch: sinkage is a straight line over so little.
+_NEAR = 0.02
 _RECENT = 9  # readings, for the median that an outlier is far from
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What was last expected of a wheel's readings, and what for.
+
+    shown: of the sensor, m; sinkage: of the wheel, m. by_load: slope of both by ln load.
+    shown_variance: by law and place; sinkage_variance. m^2.
+    """
+
+    version: int  # of the law
+    log_load: float
+    slip: float | None
+    pitch: float
+    shown: float
+    shown_variance: float
+    sinkage: float
+    sinkage_variance: float
+    by_load: float
+
+    def holds(self, version: int, log_load: float, given: SinkageMeasurement) -> bool:
+        """Whether it holds for a reading too, but for a little more or less load."""
+        if version != self.version or abs(log_load - self.log_load) > _NEAR:
+            return False
+        if abs(given.pitch - self.pitch) > _NEAR:
+            return False
+        if given.slip is None or self.slip is None:
+            return given.slip is self.slip
+        return abs(given.slip - self.slip) <= _NEAR
 
 
 @dataclass(eq=False)
@@ -36,6 +67,7 @@ class WheelTrack:
     slip: float | None = None
     slip_at: float = 0.0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    expected: Expected | None = None
 
     def out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
         """Reason and message if a reading is not behind the newest one."""

@@ -39,6 +39,7 @@ def entries(
     return [
         soil_status(f"{name}: soil", onboard),
         filter_status(f"{name}: filter", onboard),
+        sensor_status(f"{name}: sensors", onboard),
         alarm_status(f"{name}: alarms", onboard, estimates),
         cost_status(f"{name}: cost", cost),
         vehicle_status(f"{name}: vehicle", estimates),
@@ -98,6 +99,14 @@ def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
         return status(name, WARN, health.concern, values)
     text = "innovations are as expected" if health.count else "no measurement yet"
     return status(name, OK, text, values)
+
+
+def sensor_status(name: str, onboard: Onboard) -> DiagnosticStatus:
+    """What seems wrong with sensors, joints or wheels, and what to check."""
+    findings = onboard.findings
+    values = {f"finding {i + 1}": words for i, words in enumerate(findings)}
+    text = "; ".join(findings) or "nothing seems wrong"
+    return status(name, WARN if findings else OK, text, values)
 
 
 def alarms(onboard: Onboard, estimates: Iterable[MobilityEstimate]) -> list[str]:
