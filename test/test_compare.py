@@ -12,14 +12,12 @@ from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.document import comparison_document
 from smallwheel_ros.compare.text import comparison_text
-from smallwheel_ros.diagnosis.apply import held_out_rmse
-from smallwheel_ros.diagnosis.problem import Problem
+from smallwheel_ros.diagnosis import diagnose
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.fitting import FittingError, usable_points
+from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.soils import parameter_vector
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -58,7 +56,7 @@ def table(rows: int = 12, **more: object) -> Measurements:
 def standing(*contenders: Contender | Model, data: Measurements | None = None) -> Comparison:
     """Compare only these."""
     named = [
-        c if isinstance(c, Contender) else Contender(f"model {i}", "as it stands", None, c)
+        c if isinstance(c, Contender) else Contender(f"model {i}", "as it stands", c)
         for i, c in enumerate(contenders)
     ]
     return compare(data or table(), named, standard=False)
@@ -102,27 +100,28 @@ def test_no_run_is_predicted_by_a_model_that_saw_it() -> None:
     data = table(22)
     seen: list[set[int]] = []
 
-    def vector(training: Points) -> ParameterVector:
-        seen.append(set(training.run.tolist()))
-        return parameter_vector(training)
+    class Spy(Base):
+        def vector(self, points: Points) -> ParameterVector:
+            seen.append(set(points.run.tolist()))
+            return super().vector(points)
 
-    found = compare(data, [Contender("spy", "", vector)], standard=False)
+    found = compare(data, [Contender("spy", "", Spy())], standard=False)
     everything, *folds = seen
     assert everything == set(range(11))
     assert len(folds) == found.folds
     left_out = [everything - trained for trained in folds]
     assert sorted(run for runs in left_out for run in runs) == sorted(everything)  # each once
     # the folds are those of every other command
-    fold = folds_of(usable_points(data)[0])
+    fold = folds_of(Problem.of(data).points)
     assert left_out == [set(np.flatnonzero(fold == i).tolist()) for i in range(found.folds)]
 
 
 def test_progress_counts_every_fit() -> None:
     told: list[tuple[int, int]] = []
-    fitted = Contender("a", "", parameter_vector)
+    fitted = Contender("a", "", Base())
     found = compare(
         table(22),
-        [fitted, Contender("b", "", None, Model(SAND))],
+        [fitted, Contender("b", "", Model(SAND))],
         standard=False,
         progress=lambda done, needed: told.append((done, needed)),
     )
@@ -134,7 +133,8 @@ def test_held_out_errors_are_those_of_a_diagnosis(simulated: Measurements) -> No
     found = compare(simulated)
     score = found.score(found.models[-1], "sinkage", held_out=True)
     assert score is not None
-    assert score.rmse == pytest.approx(held_out_rmse(Problem.of(simulated))["sinkage"], rel=0.02)
+    base = diagnose(simulated).document["steps"][0]
+    assert score.rmse == pytest.approx(base["held_out_rmse"]["sinkage"], rel=1e-5)
 
 
 def test_the_truth_without_hidden_effect_is_met_to_the_noise_floor(comparison: Comparison) -> None:
@@ -322,7 +322,7 @@ def test_a_standing_model_says_whether_it_saw_the_data(
     fitted_to: str, words: str, unseen: bool
 ) -> None:
     """Only a model that did not see the data is held against others that did not."""
-    found = standing(Contender("m", "", None, Model(SAND), "m.yaml", fitted_to))
+    found = standing(Contender("m", "", Model(SAND), "m.yaml", fitted_to))
     assert words in found.models[0].notes[0]
     assert found.models[0].held_out is None
     assert (found.models[0].unseen is not None) == unseen
@@ -333,8 +333,8 @@ def test_a_model_that_saw_the_data_is_not_held_against_others(
 ) -> None:
     fitted = comparison.models[-1].model
     own = [
-        Contender("same", "", None, fitted, "same.yaml", simulated.sha256),
-        Contender("other", "", None, fitted, "other.yaml", "of another file"),
+        Contender("same", "", fitted, "same.yaml", simulated.sha256),
+        Contender("other", "", fitted, "other.yaml", "of another file"),
     ]
     found = compare(simulated, own)
     best = found.best("sinkage")
@@ -348,7 +348,7 @@ def test_a_model_that_saw_the_data_is_not_held_against_others(
 
 def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurements) -> None:
     def text() -> str:
-        found = compare(simulated, [Contender("own", "", None, Model(SAND))])
+        found = compare(simulated, [Contender("own", "", Model(SAND))])
         return json.dumps(comparison_document(found), allow_nan=False)
 
     first = text()

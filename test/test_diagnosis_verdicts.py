@@ -17,10 +17,10 @@ from plain_rig import PlainRig, rolled, table
 from smallwheel_ros.diagnosis import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.next_measurement import propose
-from smallwheel_ros.diagnosis.problem import Problem
 from smallwheel_ros.diagnosis.search import Budget, search
 from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.effects.registry import default_registry
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import REPLICATES
 from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.measurements.table import Measurements, read_measurements

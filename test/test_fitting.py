@@ -7,12 +7,11 @@ import pandas as pd
 import pytest
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import FittingError, fit_model
+from smallwheel_ros.fitting import Base, FittingError, fit_model
 from smallwheel_ros.fitting.files import calibrated, soil_priors
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.fitting.predictor import Predictor
-from smallwheel_ros.fitting.soils import parameter_vector
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
@@ -118,7 +117,7 @@ def test_slopes_agree_with_small_differences(tmp_path: Path) -> None:
     channels = ("sinkage", "resistance", "drawbar_pull")
     measured = table(tmp_path, simulate_rig(RigSettings(seed=2009, channels=channels)).table)
     points = points_of(measured)
-    vector = parameter_vector(points, parts=[part_of(effect("multipass", "power", p=0.2))])
+    vector = Base(parts=(part_of(effect("multipass", "power", p=0.2)),)).vector(points)
     predictor, theta = Predictor(points), vector.start
     value, slopes = predictor.with_slopes(vector, theta)
     np.testing.assert_allclose(value, predictor(vector, theta), rtol=1e-12)

@@ -10,11 +10,11 @@ from plain_rig import PlainRig, PlainSoil, joined
 from scipy.stats import binom
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import FitResult, fit_model, fit_points, usable_points
+from smallwheel_ros.fitting import Base, FitResult, Problem, fit_model
 from smallwheel_ros.fitting.fit import FittingError, inverse
+from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.result import posterior_covariance
-from smallwheel_ros.fitting.soils import parameter_vector
 from smallwheel_ros.measurements.table import Measurements
 
 GROWTH = 1.5
@@ -46,9 +46,9 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
     measured = RIG.measure(RUNS, 4)
     z, at = measured.channels["sinkage"], measured.conditions
     z -= 1e-7 * at.load / (at.width * np.sqrt(at.diameter * z))  # so that no bound is met
-    points, _ = usable_points(measured)
-    parts = [part_of(effect("slip_sinkage", "linear")), part_of(effect("elastic_rebound"))]
-    fitter, fit = fit_points(points, parameter_vector(points, parts=parts))
+    points = Problem.of(measured).points
+    parts = (part_of(effect("slip_sinkage", "linear")), part_of(effect("elastic_rebound")))
+    fitter, fit = fit_points(points, Base(parts=parts).vector(points))
     vector = fit.vector
     scale = vector.scale
     assert scale.max() / scale.min() > 1e6

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from plain_rig import PlainRig, table
 from random_examples import examples
 
-from smallwheel_ros.fitting import FittingError, fit_model, usable_points
+from smallwheel_ros.fitting import FittingError, Problem, fit_model
 from smallwheel_ros.fitting.constants import CURVE_POINTS, MOST_POINTS
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.measurements.table import Measurements
@@ -149,7 +149,8 @@ def test_ten_runs_of_correlated_rows_count_as_ten() -> None:
 def test_rows_far_off_their_run_are_flagged_with_their_line(repeated: int, wild: list[int]) -> None:
     measured = PlainRig().measure(RUNS * repeated, 2, rows=6)
     measured.channels["resistance"][wild] *= 3.0
-    points, outliers = usable_points(measured)
+    problem = Problem.of(measured)
+    points, outliers = problem.points, problem.outliers
     assert outliers.tolist() == wild
     assert not set(wild) & set(np.concatenate(points.rows))
     notes = " ".join(fit_model(measured).notes)
@@ -161,10 +162,10 @@ def test_heavy_noise_is_no_crowd_of_outliers() -> None:
     rng = np.random.default_rng(3)
     run = np.repeat(np.arange(20), 6).astype(str)
     sinkage = 0.01 * (1.0 + 0.05 * rng.standard_t(3, run.size))
-    found = usable_points(
+    found = Problem.of(
         table({"sinkage": sinkage}, run, load=np.repeat(np.linspace(20, 100, 20), 6))
     )
-    assert found[1].size <= 2
+    assert found.outliers.size <= 2
 
 
 def test_a_long_record_without_runs_becomes_stretches_of_each_wheel() -> None:

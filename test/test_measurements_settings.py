@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.measurements.noise_floor import noise_floor
+from smallwheel_ros.measurements.repeatability import repeatability
 from smallwheel_ros.measurements.settings import (
     cluster,
     repeats_of_rows,
@@ -206,7 +206,7 @@ def test_a_dense_curve_is_not_its_own_repeatability() -> None:
     """Neighbours of a curve agree in load, yet differ along the curve."""
     load = np.linspace(50.0, 100.0, 200)
     curve = table(200, ["a"] * 200, load=load, sinkage=load * 1e-4)
-    assert noise_floor(curve)["sinkage"].source is None
+    assert repeatability(curve) == {}
 
 
 def test_a_column_that_only_its_noise_moves_does_not_hide_repeats() -> None:
@@ -220,6 +220,4 @@ def test_a_column_that_only_its_noise_moves_does_not_hide_repeats() -> None:
         torque=rng.normal(size=40),
         trial=np.tile(np.arange(1.0, 6.0), 8),
     )  # fmt: skip
-    floor = noise_floor(noisy)["sinkage"]
-    assert floor.freedom == 32
-    assert floor.value == pytest.approx(2e-4, rel=0.3)
+    assert repeatability(noisy)["sinkage"] == pytest.approx(2e-4, rel=0.3)

@@ -90,7 +90,7 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     path = tmp_path_factory.mktemp("rig") / "rig<b>.csv"
     write_table(table, path)
     data = read_measurements(path)
-    soft = Contender("soft" + EVIL, "a model file" + EVIL, None, Model(Soil("mud", 3e3, 0.8, 0.4)))
+    soft = Contender("soft" + EVIL, "a model file" + EVIL, Model(Soil("mud", 3e3, 0.8, 0.4)))
     return compare(data, [soft])
 
 

@@ -10,15 +10,14 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.commands.inputs import check_column, limits, read_inputs, warn, without_ids
-from smallwheel_ros.diagnosis.apply import Added, add_effect, held_out_rmse
+from smallwheel_ros.diagnosis.apply import Added, add_effect
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
-from smallwheel_ros.diagnosis.problem import Base, Problem
 from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.display import display, number, words
 from smallwheel_ros.effects.registry import default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting import FitResult, fit_model
+from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
@@ -85,10 +84,10 @@ def fit(
         id, _, form = name.partition("/")
         effects.append(registry.form(id, form or None).suited_to(measurements.conditions))
     rule: Geometry = "closed_form" if geometry == "closed_form" else "contact_integral"
-    result = fit_model(measurements, effects, rule)
-    parts = tuple(part_of(effect) for effect in effects)
-    base = Base(tuple(effects), rule, parts=parts)
-    held_out = held_out_rmse(Problem.of(measurements, base))
+    base = Base(geometry=rule, parts=tuple(part_of(effect) for effect in effects))
+    problem = Problem.of(measurements, base)
+    result, errors = problem.result(), problem.held_out()
+    held_out = {} if errors is None else errors.rmse()
     write_model(output, calibrated(result, measurements, held_out))
     if json_file is not None:
         write_json(json_file, fit_document(result) | {"held_out_rmse": held_out})

@@ -99,7 +99,7 @@ def standing_contenders(
         effects = ", ".join(effect.id for effect in read.model.effects)
         about = f"model file {path}: {read.model.geometry}, " + (effects or "no effects")
         digest = str(read.provenance.get("sha256", ""))
-        found.append(Contender(name, about, None, read.model, str(path), digest))
+        found.append(Contender(name, about, read.model, str(path), digest))
     return found
 
 

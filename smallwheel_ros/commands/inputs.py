@@ -9,10 +9,12 @@ from typing import Any, TypeVar
 
 import click
 
-from smallwheel_ros.diagnosis.competitors import SETTINGS, drivers_of
-from smallwheel_ros.diagnosis.problem import Base, base_of
+from smallwheel_ros.diagnosis.competitors import drivers_of
+from smallwheel_ros.diagnosis.settings import SETTINGS
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting import Base
+from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.measurements.columns import TEXTS
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model_file import read_model

@@ -23,7 +23,7 @@ from smallwheel_ros.compare.results import (
     results_of,
 )
 from smallwheel_ros.compare.scores import Difference, Score, difference, score
-from smallwheel_ros.fitting import usable_points
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import CvErrors, folds_of, rows_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import Array, Mask
@@ -109,10 +109,11 @@ def compare(
     are done.
     Raises FittingError where nothing usable was measured, or too little for a fit.
     """
-    points, outliers = usable_points(measurements)
+    problem = Problem.of(measurements)
+    points = problem.points
     folds = int(folds_of(points).max()) + 1 if points.run_count > 1 else 0
     models = [*(standard_contenders(points) if standard else ()), *contenders]
-    results = results_of(models, points, folds, progress)
+    results = results_of(models, problem, folds, progress)
     reference = next((r for r in results if r.contender.name == STANDARD[-1]), None)
     unknown = Floor(None, None, "the contact integral was not fitted")
     return Comparison(
@@ -121,7 +122,7 @@ def compare(
         dict.fromkeys(points.channels, unknown) if reference is None else reference.floors,
         tuple(parts(measurements)),
         folds,
-        _left_out(points, outliers),
+        _left_out(points, problem.outliers),
         _notes(points, folds),
     )
 

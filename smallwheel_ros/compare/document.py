@@ -86,7 +86,7 @@ def _model(comparison: Comparison, result: ModelResult) -> dict[str, Any]:
     return {
         "name": contender.name,
         "description": contender.description,
-        "fitted": contender.vector is not None,
+        "fitted": contender.fitted,
         "file": contender.file or None,
         "notes": list(result.notes),
         **_parameters(result.model),

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.compare.contenders import Contender
-from smallwheel_ros.fitting.fit import Fit, Fitter, make_fitter
+from smallwheel_ros.fitting import Base, Problem
+from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.held_out import (
     CvErrors,
-    cross_validate,
     in_sample,
     row_errors,
     rows_of,
 )
-from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points, filled
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.measurements.columns import Mask
-from smallwheel_ros.measurements.noise_floor import repeatability
+from smallwheel_ros.measurements.repeatability import repeatability
 from smallwheel_ros.measurements.settings import runs_of_rows
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, ModelError, predict
@@ -72,44 +72,31 @@ class ModelResult:
 
 
 def results_of(
-    contenders: Sequence[Contender], points: Points, folds: int, progress: Progress
+    contenders: Sequence[Contender], problem: Problem, folds: int, progress: Progress
 ) -> list[ModelResult]:
     """Fit or take each model as it is. Raises FittingError where there are too few values."""
-    needed = (1 + folds) * sum(c.vector is not None for c in contenders)
-    done = 0
-    progress(done, needed)
+    needed = (1 + folds) * sum(c.fitted for c in contenders)
+    counted = itertools.count()
 
     def count() -> None:
-        nonlocal done
-        done += 1
-        progress(done, needed)
+        progress(next(counted), needed)
 
+    count()
     return [
-        _standing(c, points) if c.vector is None else _fitted(c, c.vector, points, folds, count)
+        _fitted(c, replace(problem, base=c.model), count)
+        if isinstance(c.model, Base)
+        else _standing(c, c.model, problem.points)
         for c in contenders
     ]
 
 
-def _fitted(
-    contender: Contender,
-    vector: Callable[[Points], ParameterVector],
-    points: Points,
-    folds: int,
-    count: Callable[[], None],
-) -> ModelResult:
-    fitter, fit = make_fitter(points, vector(points))
+def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -> ModelResult:
+    fit = problem.fit
     count()
-    model = fit.vector.model(fit.theta)
-
-    def choose(training: Points) -> list[Model]:
-        fold = _refit(fitter, fit, training, vector(training))
-        count()
-        return [fold.vector.model(fold.theta)]
-
-    held_out = cross_validate(points, choose, 1)[0] if folds else None
-    errors = in_sample(points, model)
-    floors = _floors(fitter, expected_error(fitter, fit))
-    return ModelResult(contender, model, errors, held_out, held_out, floors=floors)
+    errors = in_sample(problem.points, fit.model)
+    held_out = problem.held_out(count)
+    floors = _floors(problem.fitter, expected_error(problem.fitter, fit))
+    return ModelResult(contender, fit.model, errors, held_out, held_out, floors=floors)
 
 
 def _floors(fitter: Fitter, expected: Mapping[str, float]) -> dict[str, Floor]:
@@ -126,19 +113,8 @@ def _floors(fitter: Fitter, expected: Mapping[str, float]) -> dict[str, Floor]:
     return found
 
 
-def _refit(fitter: Fitter, fit: Fit, training: Points, vector: ParameterVector) -> Fit:
-    """The fit of some runs, under the levels and the repeatability of the whole table."""
-    mine = fitter.of_runs(training)
-    values = dict(zip(fit.vector.names, fit.theta, strict=True))
-    start = np.array([values.get(p.name, p.start) for p in vector.free])
-    # Without some runs a component may have nothing to act on: then all start at their priors.
-    same = mine.variance.names == fitter.variance.names
-    return mine.fit(vector, start, fit.scatter if same else None, turns=2)
-
-
-def _standing(contender: Contender, points: Points) -> ModelResult:
-    assert contender.model is not None
-    model, data = contender.model, points.measurements
+def _standing(contender: Contender, model: Model, points: Points) -> ModelResult:
+    data = points.measurements
     able, reasons = _known_soil(model, data)
     rows = {name: index[able[index]] for name, index in rows_of(points).items()}
     rows = {name: index for name, index in rows.items() if index.size}

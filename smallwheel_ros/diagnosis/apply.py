@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor, field_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
-from smallwheel_ros.diagnosis.problem import Base, Problem
 from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.fitting import FitResult
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting import Base, FitResult, Problem
+from smallwheel_ros.fitting.constants import WINDOW
+from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv, cross_validate
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
+
+Forms = Sequence[tuple[Competitor, NDArray[np.float64]]]  # each with where its numbers start
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,10 @@ def add_effect(
     Raises EffectError where there is no such effect or the data does not have what it needs.
     """
     known = registry or default_registry()
-    forms_of(effect, Problem.of(measurements, base), known)  # refused before the work, not after it
+    wanted = _forms_of(effect, Problem.of(measurements, base), known)
     judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
     problem = judged.problem
-    forms = forms_of(effect, problem, known)
-    best = fitted_with(problem, forms)
+    best, forms = with_effects(problem, [wanted])
     before, after = held_out_with(problem, forms)
     change = compare_cv(before, after)
     recommended, reason = _recommended(effect, judged, change)
@@ -65,7 +67,7 @@ def add_effect(
     return Added(
         effect,
         form.geometry or form.form,
-        problem.result(best.fit.vector, best.fit.theta),
+        problem.result(best.fit),
         before,
         after,
         change,
@@ -74,7 +76,7 @@ def add_effect(
     )
 
 
-def forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competitor]:
+def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competitor]:
     """The forms of an effect that can be fitted to this data. Raises EffectError where none can."""
     registry.family(effect)  # says what exists where there is none
     field = field_of(problem.points, problem.vector.model(problem.vector.start), registry)
@@ -85,47 +87,44 @@ def forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competit
     return found
 
 
-def fitted_with(problem: Problem, forms: list[Competitor]) -> CandidateFit:
-    """The base with one effect, in the form of the most evidence. Raises EffectError where none fits."""
-    return _best_form(problem.fitter, problem.fit, forms)
+def with_effects(
+    problem: Problem, effects: Sequence[Sequence[Competitor]]
+) -> tuple[CandidateFit, list[Forms]]:
+    """The base with effects, one after the other, each in the form of the most evidence.
+
+    And, by effect, the forms within `WINDOW` of the best, from which each fold chooses.
+    Raises EffectError where one cannot be fitted.
+    """
+    model = CandidateFit((), problem.fit, problem.fit.evidence)
+    near: list[Forms] = []
+    for forms in effects:
+        made = _extended(problem.fitter, model, [(c, c.part.start) for c in forms], 4)
+        if not made:
+            raise EffectError(f"effect '{forms[0].family}' cannot be fitted to this data")
+        model = made[0]
+        close = [m for m in made if m.weight > model.weight - WINDOW]
+        last = [(m.competitors[-1], m.fit) for m in close]
+        near.append([(c, fit.theta[fit.vector.places(c.part.id)]) for c, fit in last])
+    return model, near
 
 
-def _best_form(fitter: Fitter, fit: Fit, forms: list[Competitor]) -> CandidateFit:
-    none = CandidateFit((), fit, fit.evidence)
-    starts = [np.array([value for _, value, *_ in c.part.parameters]) for c in forms]
-    made = [refit(fitter, none, c, start) for c, start in zip(forms, starts, strict=True)]
-    good = [m for m in made if m is not None]
-    if not good:
-        raise EffectError(f"effect '{forms[0].family}' cannot be fitted to this data")
-    return max(good, key=lambda m: m.weight)
-
-
-def held_out_with(problem: Problem, forms: list[Competitor]) -> list[CvErrors]:
-    """Held-out errors of the base and of it with the effect, its form chosen anew in each fold."""
+def held_out_with(problem: Problem, effects: Sequence[Forms]) -> list[CvErrors]:
+    """Held-out errors of the base, and of it with these effects, their forms chosen in each fold."""
 
     def choose(training: Points) -> list[Model]:
-        fitter = problem.fitter.of_runs(training)
-        vector = problem.base.vector(fitter.points)
-        start = problem.fit.theta if vector.names == problem.fit.vector.names else None
-        fit = fitter.fit(vector, start, problem.fit.scatter, turns=2)
-        models = [fit.vector.model(fit.theta)]
-        best = _best_form(fitter, fit, forms).fit
-        return [*models, best.vector.model(best.theta)]
+        fitter, base = problem.fold(training)
+        best = CandidateFit((), base, base.evidence)
+        for forms in effects:
+            best = next(iter(_extended(fitter, best, forms, 1)), best)
+        return [base.model, best.fit.model]
 
     return cross_validate(problem.points, choose, 2)
 
 
-def held_out_rmse(problem: Problem) -> dict[str, float]:
-    """Held-out RMSE of the base fitted to these rows, by channel, m or N; empty with one run only."""
-    if problem.points.run_count < 2:
-        return {}
-
-    def choose(training: Points) -> list[Model]:
-        fitter = problem.fitter.of_runs(training)
-        fit = fitter.fit(problem.base.vector(fitter.points), None, problem.fit.scatter, turns=2)
-        return [fit.vector.model(fit.theta)]
-
-    return cross_validate(problem.points, choose, 1)[0].rmse()
+def _extended(fitter: Fitter, model: CandidateFit, forms: Forms, turns: int) -> list[CandidateFit]:
+    """The model with one more effect in each of these forms that can be fitted, the best first."""
+    made = [refit(fitter, model, form, start, turns) for form, start in forms]
+    return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
 
 
 def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bool, str]:

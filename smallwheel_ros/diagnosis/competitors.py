@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from smallwheel_ros.diagnosis.curves import (
     GENERALISES,
@@ -26,28 +25,22 @@ from smallwheel_ros.diagnosis.curves import (
     distinct,
     spans_of,
 )
+from smallwheel_ros.diagnosis.settings import SETTINGS, independent
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting.constants import (
-    ANSWERS,
     EXPECTED_EFFECTS,
     FEWEST_VALUES,
     INSTRUMENT,
-    SAME_ORDER,
-    WAVERS,
 )
-from smallwheel_ros.fitting.parameters import EffectPart, Prior, with_values
+from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.measurements.settings import cluster, set_columns
+from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.model import Geometry, Model
 
 Array = NDArray[np.float64]
 Kind = Literal["soil", "instrument", "unknown"]
 
-_VARIES = 0.05  # of a setting's largest value: less is no setting that was varied
-_ONE_RANK = 0.01  # of a column's range
-# Settings that have effects of their own: any other column is one that nobody has a law for.
-SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
 _MOST_TERMS = 3
 
 
@@ -138,83 +131,6 @@ def drivers_of(kind: type[Effect]) -> tuple[str, ...]:
     return kind.drivers or kind.needs
 
 
-def settings_of(points: Points) -> dict[str, Array]:
-    """Settings by name at each value: load, diameter, width and every covariate that is one."""
-    names = ("load", "diameter", "width", *set_columns(points.measurements))
-    return {name: points.column(name) for name in names}
-
-
-def varies(column: Array) -> bool:
-    """Whether a setting was varied."""
-    size = float(np.max(np.abs(column), initial=0.0))
-    return size > 0 and float(np.ptp(column)) > _VARIES * size
-
-
-def varied(points: Points) -> dict[str, Array]:
-    """The settings that were varied, by name, at each value."""
-    return {name: column for name, column in settings_of(points).items() if varies(column)}
-
-
-def independent(points: Points) -> dict[str, Array]:
-    """The settings that were varied and are no answers to others, by name, at each value."""
-    columns = varied(points)
-    wavers = _wavers(points)
-    return {
-        name: column
-        for name, column in columns.items()
-        if name in (*SETTINGS, "diameter", "width")
-        or (name == "load" and not wavers)
-        or not follows_others(name, columns)
-        if not (name == "load" and points.swept.all())  # depth by another name
-    }
-
-
-def _wavers(points: Points) -> bool:
-    """Whether the load differs within runs by a fair share of what it differs by at all.
-
-    Then it was not set: it answers the wheel's motion, where it also follows the other settings.
-    """
-    load = np.log(points.measurements.conditions.load)
-    steady = [rows for rows, swept in zip(points.rows, points.swept, strict=True) if not swept]
-    within = sum(float(np.sum((load[rows] - load[rows].mean()) ** 2)) for rows in steady)
-    freedom = sum(rows.size - 1 for rows in steady)
-    if not freedom:
-        return False
-    total = float(np.var(np.concatenate([load[rows] for rows in steady])))
-    return within / freedom > WAVERS * total
-
-
-def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
-    """Whether a column answers other settings (a rim's speed, a load that falls while skidding).
-
-    By ranks, so that any rising or falling law counts: of one setting, or of all together with their
-    squares and products (adjusted for how many terms that takes).
-    """
-    others = [c for n, c in columns.items() if n != name and n in SETTINGS]
-    others += [columns["load"]] if "load" in columns and name != "load" else []
-    if not others:
-        return False
-    met = np.unique(np.column_stack([columns[name], *others]), axis=0)  # once, not once a channel
-    y, *scaled = [_ranks(column) for column in met.T]
-    if any(abs(float(np.corrcoef(y, x)[0, 1])) > SAME_ORDER for x in scaled):
-        return True
-    terms = [np.ones(y.size), *scaled]
-    terms += [a * b for i, a in enumerate(scaled) for b in scaled[i:]]
-    design = np.column_stack(terms)
-    spare = len(design) - design.shape[1]
-    if spare < design.shape[1]:
-        return False
-    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    return 1.0 - float(left @ left) / spare / max(float(y.var(ddof=1)), 1e-300) > ANSWERS
-
-
-def _ranks(column: Array) -> Array:
-    """Ranks between -1 and 1; what agrees to a hundredth of the range has one rank."""
-    steps = cluster(column, _ONE_RANK * float(np.ptp(column)))
-    ranks = rankdata(steps)
-    return np.asarray(2.0 * (ranks - ranks.mean()) / max(float(np.ptp(ranks)), 1.0))
-
-
 def field_of(
     points: Points,
     model: Model,
@@ -289,7 +205,7 @@ def _why_not(
 ) -> str:
     if kind.kind == "instrument" and not set(kind.channels) & set(points.channels):
         return f"{' and '.join(kind.channels)} was not measured"
-    known = settings_of(points)
+    known = points.settings
     for need in (*kind.needs, *(d for d in drivers_of(kind) if d not in kind.needs)):
         if need not in known:
             return f"the data has no column '{need}'"
@@ -313,25 +229,18 @@ def _why_not(
 
 def _competitor(family: str, effect: Effect, points: Points, present: Effect | None) -> Competitor:
     same = present is not None and type(present) is type(effect)
-    values = dict((present if same and present is not None else effect).values())
-    listed = []
+    if present is not None and same:
+        effect = with_values(effect, dict(present.values()))
+    values, priors = dict(effect.values()), {}
     for p in effect.parameters():
         if same:
-            prior = _other_strength(p, values[p.name])
+            priors[p.name] = _other_strength(p, values[p.name])
         elif effect.kind == "instrument" and p.published is None:
-            prior = _instrument(p, points)
+            priors[p.name] = _instrument(p, points)
         else:
-            prior = _published(p)
-        listed.append((p.name, float(values[p.name]), p.unit, prior))
-
-    def build(numbers: Mapping[str, Any]) -> Effect:
-        return with_values(effect, numbers)
-
-    replaced = "" if present is None else family
-    geometry: Geometry | None = None
-    if effect.geometry:
-        geometry = "contact_integral"
-    part = EffectPart(family, tuple(listed), build, replaced)
+            priors[p.name] = _published(p)
+    part = part_of(effect, priors, "" if present is None else family)
+    geometry: Geometry | None = "contact_integral" if effect.geometry else None
     return Competitor(family, effect.form, effect.kind, part, effect, geometry, present is not None)
 
 
@@ -412,6 +321,3 @@ def _depth(points: Points) -> list[Competitor]:
     return [
         Competitor("unknown:depth@pressure", "curve", "unknown", part, stage="pressure", span=span)
     ]
-
-
-__all__ = ["SETTINGS", "Competitor", "Field", "field_of", "settings_of", "varied"]

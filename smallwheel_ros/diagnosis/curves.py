@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.fitting.constants import CURVE_SIZE
-from smallwheel_ros.fitting.parameters import EffectPart, Prior
+from smallwheel_ros.fitting.fit import Fit
+from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, Prior
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import compaction_resistance
 
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 # Where a setting does nothing to a rolling wheel.
 ANCHORS = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0, "grouser_height": 0.0}
 _LARGEST = 5.0  # of ln factor: e^5 is two decades
+_POINTS = 25  # of a curve that is shown
 _FALLS = (1.0, 0.5, 0.375)  # of the higher terms: curves are smooth
 
 
@@ -147,17 +149,15 @@ def curve_part(name: str, stage: str, span: Span, first: int, terms: int) -> Eff
     deviations = [CURVE_SIZE * fall for fall in _FALLS]
     if first == 0:
         deviations = [CURVE_SIZE, *deviations]
-    listed = tuple(
-        (f"c{first + i}", 0.0, "1", Prior(0.0, deviations[i], -_LARGEST, _LARGEST))
-        for i in range(terms)
-    )
+    priors = [Prior(0.0, deviation, -_LARGEST, _LARGEST) for deviation in deviations[:terms]]
+    listed = [FreeParameter(name, f"c{first + i}", 0.0, "1", p) for i, p in enumerate(priors)]
 
     def build(numbers: Mapping[str, Any]) -> Effect:
         made = object.__new__(kind)
         made.__dict__.update(span=span, coefficients=dict(numbers))
         return made
 
-    return EffectPart(name, listed, build)
+    return EffectPart(name, tuple(listed), build)
 
 
 def spans_of(column: str, values: Array) -> list[Span]:
@@ -182,3 +182,25 @@ def distinct(values: Array, span: Span) -> int:
         x = x[x > 1e-9]
         return int(np.unique(np.round(x, 2)).size)
     return int(np.unique(np.round(x, 2)).size) - 1
+
+
+def curve_shown(
+    part: EffectPart, stage: str, span: Span, values: Array, fit: Fit
+) -> dict[str, Any]:
+    """A fitted curve: factor over the setting, with its 95 % band. values: of the setting, met."""
+    mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
+    x = np.linspace(float(mine.min()), float(mine.max()), _POINTS)
+    conditions = Conditions.of(**({"load": 1.0, "diameter": 1.0, "width": 1.0} | {span.column: x}))
+    names = [p.field for p in part.parameters]
+    rows = []
+    for unit in np.eye(len(names)):
+        curve = part.build(dict(zip(names, unit, strict=True)))
+        assert isinstance(curve, Curve)
+        rows.append(curve.log_factor(conditions))
+    basis, at = np.array(rows).T, fit.vector.places(part.id)
+    middle = basis @ fit.theta[at]
+    spread = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", basis, fit.covariance[np.ix_(at, at)], basis))
+    return {
+        "setting": span.column, "stage": stage, "x": x, "factor": np.exp(middle),
+        "low": np.exp(middle - spread), "high": np.exp(middle + spread),
+    }  # fmt: skip

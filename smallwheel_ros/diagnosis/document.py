@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.next_measurement import Proposal
-from smallwheel_ros.diagnosis.regions import Region
+from smallwheel_ros.diagnosis.competitors import Competitor, Field
+from smallwheel_ros.diagnosis.screen import Screen
 from smallwheel_ros.diagnosis.search import CandidateFit, Search
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.fitting import Problem
+from smallwheel_ros.fitting.constants import TIE
+from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.result import posterior_covariance
+from smallwheel_ros.measurements.repeatability import repeatability
+
+Entry = dict[str, Any]
 
 SCHEMA = 1
 _DIGITS = 6
@@ -37,114 +40,129 @@ def plain(value: Any) -> Any:
     return float(f"{number:.{_DIGITS}g}") if math.isfinite(number) else None
 
 
-def region_entry(region: Region) -> dict[str, Any]:
-    """One region in which the model fails."""
+def head(problem: Problem, word: str, reason: str) -> Entry:
+    """What every document has, before there is a result."""
+    measurements = problem.measurements
     return {
-        "region": region.region,
-        "rows": region.rows,
-        "channel": region.channel,
-        "bias": region.bias,
-        "rmse": region.rmse,
-        "rmse_elsewhere": region.rmse_elsewhere,
-        "p_value": region.p,
+        "schema": SCHEMA,
+        "verdict": word,
+        "reason": reason,
+        "missing_effects": [],
+        "candidates": [],
+        "channels": {},
+        "lack_of_fit": {"p_value": None},
+        "where_it_fails": [],
+        "ranking": [],
+        "steps": [{"added": None, "held_out_rmse": {}}],
+        "next_measurements": [],
+        "notes": list(measurements.notes),
+        "warnings": list(measurements.warnings),
     }
 
 
-def proposal_entry(proposal: Proposal) -> dict[str, Any]:
-    """One measurement to make next."""
-    return {
-        "settings": proposal.settings,
-        "separates": list(proposal.separates),
-        "runs": proposal.runs,
-        "expected_power": proposal.power,
-        "text": proposal.text,
-    }
+def insufficient(problem: Problem, reason: str, field: Field | None = None) -> Entry:
+    """The document where there is too little data. field: where the base can be fitted at least."""
+    document = head(problem, "insufficient_data", reason)
+    if field is not None:
+        errors = in_sample(problem.points, problem.fit.model)
+        kinds = sorted((name, kind) for name, kind in field.kinds.items() if kind != "unknown")
+        document |= {
+            "channels": channels(problem, errors, {}),
+            "steps": [{"added": None, "held_out_rmse": errors.rmse()}],
+            "ranking": [_blocked(field, name, reason) for name, _ in kinds],
+            "notes": [
+                "the errors given here are in sample: with so little data nothing was held out",
+                *problem.result().notes,
+                *document["notes"],
+            ],
+        }
+    return dict(plain(document))
 
 
-def best_of_family(search: Search, family: str) -> CandidateFit | None:
-    """The family alone, in its best form; None where it was not refitted."""
-    alone = [m for m in search.ordered if m.families == {family} and len(m.competitors) == 1]
-    return alone[0] if alone else None
+def channels(problem: Problem, errors: CvErrors, floors: Mapping[str, float]) -> Entry:
+    """Errors of each channel beside the noise. floors: what the true model would leave."""
+    rmse, bias = errors.rmse(), errors.bias()
+    repeats = repeatability(problem.measurements)
+    found = {}
+    for name in problem.points.channels:
+        noise = problem.fitter.repeats.channels[name]
+        found[name] = {
+            "rows": int(np.isfinite(errors.error[name]).sum()),
+            "rmse": rmse[name],
+            "bias": bias[name],
+            "noise_floor": floors.get(name),
+            "noise_floor_source": noise.source if name in floors else None,
+            "repeatability": repeats.get(name),
+            "noise": {"absolute": noise.absolute, "relative": noise.relative},
+        }
+    return found
 
 
 def ranking(
-    search: Search,
-    verdict: Verdict,
-    errors: Mapping[str, CvErrors],
-    base: CvErrors,
-    alike: Mapping[str, Sequence[tuple[str, float]]],
-) -> list[dict[str, Any]]:
+    found: Search, verdict: Verdict, errors: Mapping[str, CvErrors], base: CvErrors
+) -> list[Entry]:
     """Every effect that competed or could not, the most probable first.
 
     errors: held-out errors of families alone, where they were worked out.
     """
-    listed = [name for name in search.field.kinds if name not in search.field.blocked]
-    chance = verdict.probabilities
+    field, chance = found.field, verdict.probabilities
     listed = [
-        n for n in listed
-        if search.field.kinds[n] != "unknown" or chance.get(n, 0.0) > _SHOWN or n in verdict.unknown
+        n for n, kind in field.kinds.items() if n not in field.blocked
+        and (kind != "unknown" or chance.get(n, 0.0) > _SHOWN or n in verdict.unknown)
     ]  # fmt: skip
     place = {name: i for i, name in enumerate(verdict.named)}
     listed.sort(
-        key=lambda n: (place.get(n, 99), -chance.get(n, 0.0), search.p_values.get(n, 1.0), n)
+        key=lambda n: (place.get(n, 99), -chance.get(n, 0.0), found.p_values.get(n, 1.0), n)
     )
-    rows = [_row(search, verdict, name, errors.get(name), base, alike) for name in listed]
-    blocked = [
-        {
-            "effect": name,
-            "kind": search.field.kinds.get(name, "soil"),
-            "status": "not_testable",
-            "reason": reason,
-        }
-        for name, reason in sorted(search.field.blocked.items())
-        if not name.startswith("unknown:")
-    ]
-    return rows + blocked
+    alike = {} if found.screen is None else _alike(found.screen)
+    rows = [_row(found, verdict, n, errors.get(n), base) for n in listed]
+    for row in rows:
+        row["confounded_with"] = alike.get(row["effect"], [])
+    blind = [name for name in sorted(field.blocked) if not name.startswith("unknown:")]
+    return rows + [_blocked(field, name, "") for name in blind]
+
+
+def _blocked(field: Field, name: str, reason: str) -> Entry:
+    return {
+        "effect": name,
+        "kind": field.kinds.get(name, "soil"),
+        "status": "not_testable",
+        "reason": field.blocked.get(name, reason),
+    }
 
 
 def _row(
-    search: Search,
-    verdict: Verdict,
-    name: str,
-    errors: CvErrors | None,
-    base: CvErrors,
-    alike: Mapping[str, Sequence[tuple[str, float]]],
-) -> dict[str, Any]:
+    found: Search, verdict: Verdict, name: str, errors: CvErrors | None, base: CvErrors
+) -> Entry:
     status = "not_significant"
     if name in verdict.named or (name in verdict.unknown and verdict.word == "unknown_effect"):
         status = "significant"
     elif name in verdict.rivals:
         status = "confounded"
-    alone = best_of_family(search, name)
+    alone = found.alone(name)
     model = verdict.best if name in verdict.best.families else alone
-    competitor = None
+    competitor, parameters, next_step = None, {}, ""
     if model is not None:
         competitor = next(c for c in model.competitors if c.family == name)
+        parameters = _parameters(found, model, competitor)
+        next_step = "" if competitor.effect is None else type(competitor.effect).next_step
+    form = "" if competitor is None else competitor.form
+    close = found.all_alone(name, within=TIE)
     probability = verdict.probabilities.get(name, 0.0)
-    parameters = (
-        {} if model is None or competitor is None else _parameters(search, model, competitor)
-    )
-    forms = sorted(
-        {c.form for m in search.ordered for c in m.competitors
-         if c.family == name and alone is not None and len(m.competitors) == 1
-         and m.weight > alone.weight - 3.0}
-    )  # fmt: skip
     return {
         "effect": name,
-        "kind": search.field.kinds[name],
+        "kind": found.field.kinds[name],
         "status": status,
-        "reason": _reason(status, probability, competitor, parameters, model),
+        "reason": _reason(status, probability, competitor, parameters),
         "probability": probability,
-        "p_value": search.p_values.get(name),
+        "p_value": found.p_values.get(name),
         "held_out_rmse": {} if errors is None else errors.rmse(),
         "reduction": None if errors is None else _reduction(base, errors),
-        "form": "" if competitor is None else competitor.form,
-        "forms_not_told_apart": [f for f in forms if competitor is None or f != competitor.form],
-        "next_step": "" if competitor is None or competitor.effect is None
-        else type(competitor.effect).next_step,
+        "form": form,
+        "forms_not_told_apart": sorted({m.competitors[0].form for m in close} - {form}),
+        "next_step": next_step,
         "parameters": parameters,
-        "confounded_with": [{"effect": o, "similarity": s} for o, s in alike.get(name, ())],
-    }  # fmt: skip
+    }
 
 
 def _reduction(before: CvErrors, after: CvErrors) -> float:
@@ -159,10 +177,8 @@ def _parameters(search: Search, model: CandidateFit, competitor: Competitor) -> 
     covariance = posterior_covariance(search.fitter, fit)
     known = {} if competitor.effect is None else {p.name: p for p in competitor.effect.parameters()}
     found = {}
-    for j, free in enumerate(fit.vector.free):
-        if not (free.of_effect and free.owner == competitor.part.id):
-            continue
-        value = float(fit.theta[j])
+    for j in fit.vector.places(competitor.part.id):
+        free, value = fit.vector.free[j], float(fit.theta[j])
         published = known[free.field].published if free.field in known else None
         plausible = None if published is None else published[0] <= value <= published[1]
         found[free.field] = {
@@ -180,7 +196,6 @@ def _reason(
     probability: float,
     competitor: Competitor | None,
     parameters: Mapping[str, Any],
-    model: CandidateFit | None,
 ) -> str:
     said = f"probability {probability:.2f}" if 0.01 <= probability <= 0.99 else (
         "probability under 0.01" if probability < 0.01 else "probability over 0.99"
@@ -197,12 +212,12 @@ def _reason(
     return said
 
 
-def similar(
-    names: Sequence[str], cosines: NDArray[np.float64]
-) -> dict[str, list[tuple[str, float]]]:
+def _alike(screen: Screen) -> dict[str, list[Entry]]:
     """By effect, the others that act alike on this data after the base is refitted."""
-    found: dict[str, list[tuple[str, float]]] = {}
+    names, cosines = screen.cosines()
+    found = {}
     for i, name in enumerate(names):
-        others = [(names[j], float(c)) for j, c in enumerate(cosines[i]) if j != i and c >= _ALIKE]
-        found[name] = sorted(others, key=lambda o: -o[1])
+        others = [(float(c), o) for o, c in zip(names, cosines[i], strict=True) if o != name]
+        near = sorted((o for o in others if o[0] >= _ALIKE), key=lambda o: -o[0])
+        found[name] = [{"effect": other, "similarity": c} for c, other in near]
     return found

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.problem import Problem
 from smallwheel_ros.diagnosis.screen import Column
 from smallwheel_ros.diagnosis.search import FOLD, CandidateFit, Search, refit, refitted, search
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.model import Model
@@ -22,14 +20,10 @@ from smallwheel_ros.model import Model
 _SHORTLIST = 4  # models of the whole search that a fold judges beside those it finds itself
 
 
-def in_order(found: Search, verdict: Verdict) -> list[CandidateFit]:
+def staircase(found: Search, verdict: Verdict) -> list[CandidateFit]:
     """The base and the models with one, two, ... of what is named, the one that says most first."""
-    named = [c for c in verdict.best.competitors if c.family in verdict.named]
-    return staircase(found, verdict.best, named)
-
-
-def staircase(found: Search, best: CandidateFit, remaining: list[Competitor]) -> list[CandidateFit]:
-    """The base, and models with one more of these competitors each, by their evidence."""
+    best = verdict.best
+    remaining = [c for c in best.competitors if c.family in verdict.named]
     models = [found.none]
     while remaining:
         parent = models[-1]
@@ -40,7 +34,7 @@ def staircase(found: Search, best: CandidateFit, remaining: list[Competitor]) ->
         models.append(max(known, key=lambda m: m.weight))
         keys = {c.key for c in models[-1].competitors}
         remaining = [c for c in remaining if c.key not in keys]
-    return models
+    return models[: len(verdict.named) + 1]
 
 
 def _with(
@@ -49,13 +43,7 @@ def _with(
     key = tuple(sorted([*(c.key for c in parent.competitors), competitor.key]))
     if key in found.models:
         return found.models[key]
-    start = np.array(
-        [
-            best.fit.theta[j]
-            for j, p in enumerate(best.fit.vector.free)
-            if p.of_effect and p.owner == competitor.part.id
-        ]
-    )
+    start = best.fit.theta[best.fit.vector.places(competitor.part.id)]
     made = refit(found.fitter, parent, competitor, start)
     found.add(made)
     return made
@@ -73,9 +61,10 @@ def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list
     budget = replace(FOLD, most=len(chain) - 1)
 
     def choose(training: Points) -> list[Model]:
-        fitter, base, keep = _training(problem, training)
-        models = [base.vector.model(base.theta)]
+        fitter, base = problem.fold(training)
+        models = [base.model]
         if len(chain) > 1:
+            keep = np.isin(problem.points.run, training.run)
             shorter = [Column(c.competitor, c.shift[keep], c.start) for c in columns]
             here = search(fitter, base, found.field, budget=budget, replicates=0, columns=shorter)
             for size, wanted in enumerate(chain[1:], start=1):
@@ -87,7 +76,7 @@ def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list
                 fits = [m for m in here.ordered if len(m.competitors) == size]
                 if size < len(chain) - 1:
                     fits = [m for m in fits if m.families == wanted] or fits
-                models += [m.fit.vector.model(m.fit.theta) for m in fits[:1]]
+                models += [m.fit.model for m in fits[:1]]
         return models
 
     return cross_validate(problem.points, choose, len(chain))
@@ -96,14 +85,6 @@ def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list
 def _laws(found: Search) -> list[CandidateFit]:
     """Models of laws of the library alone: what is named is added as one of them."""
     return [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
-
-
-def _training(problem: Problem, training: Points) -> tuple[Fitter, Fit, NDArray[np.bool_]]:
-    keep = np.isin(problem.points.run, np.unique(training.run))
-    fitter = problem.fitter.of_runs(training)
-    vector = problem.base.vector(fitter.points)
-    start = problem.fit.theta if vector.names == problem.fit.vector.names else None
-    return fitter, fitter.fit(vector, start, problem.fit.scatter, turns=2), keep
 
 
 def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]:
@@ -117,7 +98,20 @@ def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]
                 fit = fitter.fit(m.fit.vector, m.fit.theta, m.fit.scatter, turns=0)
             except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
                 fit = m.fit
-            made.append(fit.vector.model(fit.theta))
+            made.append(fit.model)
         return made
 
     return cross_validate(problem.points, choose, len(models))
+
+
+def with_pull(
+    problem: Problem, models: Sequence[CandidateFit], errors: list[CvErrors]
+) -> list[CvErrors]:
+    """Errors of models of the judged channels, with those of drawbar pull, which had no say in them."""
+    if problem.judged is problem:
+        return errors
+    full = [replace(m, fit=problem.with_all_channels(m.fit)) for m in models]
+    return [
+        replace(e, error={**e.error, "drawbar_pull": p.error["drawbar_pull"]})
+        for e, p in zip(errors, of_model(problem, full), strict=True)
+    ]

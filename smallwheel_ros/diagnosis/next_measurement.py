@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from smallwheel_ros.diagnosis.competitors import independent
-from smallwheel_ros.diagnosis.search import CandidateFit
-from smallwheel_ros.fitting.constants import TIE
+from smallwheel_ros.diagnosis.search import CandidateFit, Search, exchanged
+from smallwheel_ros.diagnosis.settings import independent
+from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
 from smallwheel_ros.fitting.fit import Fitter, stiffness
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.predictor import Predictor
@@ -35,17 +37,18 @@ _LEVELS = 3
 _MOST_SETTINGS = 6
 _DEEPEST = 0.3  # of the diameter: deeper, rigs and models fail
 _ROWS_PER_RUN = 3
+_MOST_PROPOSALS = 3
 _SAME = 0.1  # of a setting's range: nearer is the same setting
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Runs to make. settings: SI. separates: two names. power: chance that they then are apart."""
+    """Runs to make. settings: SI. separates: two names. expected_power: chance that these then are."""
 
     settings: dict[str, float]
     separates: tuple[str, str]
     runs: int
-    power: float
+    expected_power: float
     text: str
 
 
@@ -188,3 +191,49 @@ def _scatter(fitter: Fitter, model: CandidateFit, level: Array, stiff: Array) ->
         found[:, c, c] = noise + own**2 + zero**2
     found += deviations["tau"] ** 2 * np.einsum("ci,di->icd", stiff, stiff)
     return found
+
+
+def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]:
+    """Runs that would decide between the best explanation and those that come next."""
+    ordered = found.ordered
+    first = ordered[0] if verdict.word != "missing_effect" else verdict.best
+    pairs: list[tuple[CandidateFit, CandidateFit]] = []
+    if verdict.rivals:
+        models = [_explained_by(found, verdict, rival) for rival in verdict.rivals]
+        known = [m for m in models if m is not None]
+        pairs += [(known[0], other) for other in known[1:]]
+    pairs += [(first, m) for m in ordered if m.families != first.families][:_MOST_PROPOSALS]
+    found_runs: list[Proposal] = []
+    for one, other in pairs:
+        names = _told_apart(one, other)
+        if names is None or any(set(p.separates) == set(names) for p in found_runs):
+            continue
+        hints = [c.effect.next_step for m in (one, other) for c in m.competitors
+                 if c.family in names and c.effect is not None and c.effect.next_step]  # fmt: skip
+        try:
+            made = propose(found.fitter, one, other, names, hints[0] if hints else "", limits)
+        except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+            continue
+        if made is not None and made.expected_power > LEAST_POWER:
+            found_runs.append(made)
+    return found_runs[:_MOST_PROPOSALS]
+
+
+def _explained_by(found: Search, verdict: Verdict, rival: str) -> CandidateFit | None:
+    """The best model with a rival. One that is only tied was not fitted: it takes the name's place."""
+    known = next((m for m in found.ordered if rival in m.families), None)
+    named = next((m for m in found.ordered if verdict.rivals[0] in m.families), None)
+    if known is not None or named is None:
+        return known
+    tied = next(c for c in named.competitors if c.family == verdict.rivals[0])
+    forms = [c for c in found.field.competitors if c.family == rival]
+    made = [exchanged(found, named, tied, form) for form in forms]
+    return max((m for m in made if m is not None), key=lambda m: m.weight, default=None)
+
+
+def _told_apart(one: CandidateFit, other: CandidateFit) -> tuple[str, str] | None:
+    """What differs between two models: one name of each, `none` where one has nothing instead."""
+    first, second = sorted(one.families - other.families), sorted(other.families - one.families)
+    if not first and not second:
+        return None
+    return (first[0] if first else "none", second[0] if second else "none")

@@ -72,13 +72,12 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
         shift = fitter.predictor(vector, base) - fit.predicted
         return [Column(competitor, shift[:, None], np.zeros(0))]
     if competitor.kind == "unknown":
-        steps = np.array([_NUDGE * prior.deviation for *_, prior in listed])
+        steps = np.array([_NUDGE * p.prior.deviation for p in listed])
         thetas = np.hstack([np.tile(base, (steps.size, 1)), np.diag(steps)])
         moved = fitter.predictor.many(vector, thetas)
         return [Column(competitor, ((moved - fit.predicted) / _NUDGE).T, np.zeros(steps.size))]
-    main = competitor.strength
-    _, present, _, prior = listed[main]
-    start = np.array([value for _, value, *_ in listed])
+    main, start = competitor.strength, competitor.part.start
+    present, prior = start[main], listed[main].prior
     one_sided = prior.low >= 0.0 and prior.centre > 0.0 and not competitor.replaces
     absent = present if competitor.replaces else 0.0
     sizes = (0.25 * prior.centre, prior.centre) if one_sided else (
@@ -99,8 +98,7 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
 
 def theta_without(fit: Fit, competitor: Competitor) -> Array:
     """The fit's parameters less those of the effect that the competitor stands in for."""
-    keep = [not (p.of_effect and p.owner == competitor.family) for p in fit.vector.free]
-    return np.asarray(fit.theta[keep])
+    return np.delete(fit.theta, fit.vector.places(competitor.family))
 
 
 def with_geometry(vector: ParameterVector, competitor: Competitor) -> ParameterVector:

@@ -105,6 +105,15 @@ class Search:
         """The base model."""
         return self.models[()]
 
+    def all_alone(self, family: str, within: float = np.inf) -> list[CandidateFit]:
+        """The family alone in its forms that were refitted, the best first, within some nats of it."""
+        found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
+        return [m for m in found if m.weight > found[0].weight - within]
+
+    def alone(self, family: str) -> CandidateFit | None:
+        """The family alone, in its best form; None where it was not refitted."""
+        return next(iter(self.all_alone(family)), None)
+
     @cached_property
     def probabilities(self) -> dict[Key, float]:
         """Posterior probability of each model."""
@@ -330,8 +339,8 @@ def exchanged(
     if out.geometry is not None or put_in.geometry is not None:
         return None
     vector = model.fit.vector
-    keep = np.array([not (p.of_effect and p.owner == out.part.id) for p in vector.free])
-    theta = np.concatenate([model.fit.theta[keep], [v for _, v, *_ in put_in.part.parameters]])
+    theta = np.delete(model.fit.theta, vector.places(out.part.id))
+    theta = np.concatenate([theta, put_in.part.start])
     parts = [p for p in vector.parts if p.id != out.part.id]
     changed = vector.with_parts([*parts, put_in.part])
     return _candidate(found.fitter, changed, (*rest, put_in), theta, model.fit, 4)

@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis import Base, diagnose
-from smallwheel_ros.diagnosis.competitors import Competitor, field_of, settings_of, varied
-from smallwheel_ros.diagnosis.held_out import of_model
-from smallwheel_ros.diagnosis.problem import Problem
-from smallwheel_ros.diagnosis.search import CandidateFit, refit
+from smallwheel_ros.diagnosis.apply import held_out_with, with_effects
+from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.held_out import with_pull
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting import FitResult
-from smallwheel_ros.fitting.constants import WINDOW
+from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.files import calibrated
-from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv, cross_validate
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import write_model
 from smallwheel_ros.physics.soil import nearest
 from smallwheel_ros.report.residual_picture import failing_settings
 
 _FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 
-Forms = Sequence[tuple[Competitor, NDArray[np.float64]]]  # each with where its numbers start
 Progress = Callable[[str], None]
 
 
@@ -91,13 +84,12 @@ class Session:
             for name in self.kinds
             if name not in self.blocked
         }
-        self.present = tuple(e.id for e in base.effects)
+        self.present = base.names
         self.chosen = tuple(name for name in self.forms if name in self.present)
-        self.settings = tuple(varied(points)) or ("load",)
+        self.settings = tuple(points.varied) or ("load",)
         self._steps = self._diagnosed()
         self._views: dict[tuple[str, ...], View] = {}
         self._problems = {self.chosen: problem}
-        self._fold_fits: dict[tuple[int, bytes], tuple[Fitter, Fit]] = {}
 
     def _diagnosed(self) -> dict[tuple[str, ...], int]:
         """Effects of each step of the diagnosis: its fits and errors are shown, not others."""
@@ -128,7 +120,7 @@ class Session:
         Raises ExploreError where it is none, or does not vary.
         """
         if name is None:
-            failing = failing_settings(self.document, settings_of(self.problem.points))
+            failing = failing_settings(self.document, self.problem.points.settings)
             return next((s for _, s in failing if s in self.settings), self.settings[0])
         if name not in self.settings:
             raise ExploreError(
@@ -161,9 +153,10 @@ class Session:
             fit, after = self.diagnosis.fitted(step), self.diagnosis.steps[step].errors
         else:
             problem = self._problem(tuple(name for name in names if name in self.chosen))
-            model, forms = self._fitted(problem.judged, [n for n in names if n not in self.chosen])
-            fit = problem.result(model.fit.vector, model.fit.theta)
-            after = self._held_out(problem, model, forms)
+            added = [self.forms[name] for name in names if name not in self.chosen]
+            model, forms = with_effects(problem.judged, added)
+            fit = problem.result(model.fit)
+            after = with_pull(problem, [model], held_out_with(problem.judged, forms)[1:])[0]
         before = after if names == self.chosen else self.view(self.chosen).after
         return View(names, fit, before, after, compare_cv(before, after))
 
@@ -177,67 +170,3 @@ class Session:
                 self.problem, base=replace(base, parts=parts, effects=effects)
             )
         return self._problems[kept]
-
-    def _fitted(self, judged: Problem, names: Sequence[str]) -> tuple[CandidateFit, list[Forms]]:
-        """The base with these effects, one after the other, each in the form of the most evidence.
-
-        Always from the base and in one order: what was looked at before must not matter. And, by
-        effect, the forms within `WINDOW` of the best, from which each fold chooses.
-        """
-        model = CandidateFit((), judged.fit, judged.fit.evidence)
-        near: list[Forms] = []
-        for name in names:
-            forms = [(c, np.array([v for _, v, *_ in c.part.parameters])) for c in self.forms[name]]
-            made = _extended(judged.fitter, model, forms, 4)
-            if not made:
-                raise ExploreError(f"effect '{name}' cannot be fitted to this data")
-            model = made[0]
-            close = [m for m in made if m.weight > model.weight - WINDOW]
-            near.append([(m.competitors[-1], _numbers(m)) for m in close])
-        return model, near
-
-    def _held_out(self, problem: Problem, model: CandidateFit, forms: list[Forms]) -> CvErrors:
-        """Held-out errors, the form of each effect chosen anew in each fold."""
-        judged = problem.judged
-
-        def choose(training: Points) -> list[Model]:
-            fitter, base = self._fold(judged, training)
-            best = CandidateFit((), base, base.evidence)
-            for of_effect in forms:
-                best = next(iter(_extended(fitter, best, of_effect, 1)), best)
-            return [best.fit.vector.model(best.fit.theta)]
-
-        errors = cross_validate(judged.points, choose, 1)[0]
-        if judged is problem:
-            return errors
-        # Drawbar pull has no say in the choice of forms.
-        vector = problem.own(model.fit.vector)
-        known = dict(zip(model.fit.vector.names, model.fit.theta, strict=True))
-        start = np.array([known.get(p.name, p.start) for p in vector.free])
-        full = problem.fitter.fit(vector, start, problem.fit.scatter)
-        pull = of_model(problem, [replace(model, fit=full)])[0].error["drawbar_pull"]
-        return replace(errors, error={**errors.error, "drawbar_pull": pull})
-
-    def _fold(self, judged: Problem, training: Points) -> tuple[Fitter, Fit]:
-        """The base fitted to a fold's training points; kept, since each view begins with it."""
-        runs = np.unique(training.run)
-        key = (id(judged), runs.tobytes())
-        if key not in self._fold_fits:
-            fitter = judged.fitter.of_runs(training)
-            vector, known = judged.base.vector(fitter.points), judged.fit
-            start = known.theta if vector.names == known.vector.names else None
-            self._fold_fits[key] = fitter, fitter.fit(vector, start, known.scatter, turns=2)
-        return self._fold_fits[key]
-
-
-def _extended(fitter: Fitter, model: CandidateFit, forms: Forms, turns: int) -> list[CandidateFit]:
-    """The model with one more effect in each of these forms that can be fitted, the best first."""
-    made = [refit(fitter, model, form, start, turns) for form, start in forms]
-    return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
-
-
-def _numbers(model: CandidateFit) -> NDArray[np.float64]:
-    """The fitted numbers of the effect that was added last."""
-    owner, fit = model.competitors[-1].part.id, model.fit
-    mine = [j for j, p in enumerate(fit.vector.free) if p.of_effect and p.owner == owner]
-    return fit.theta[mine]

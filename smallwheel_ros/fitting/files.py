@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.parameters import (
     SOIL_PARAMETERS,
     STRENGTH_PARAMETERS,
@@ -17,6 +18,7 @@ from smallwheel_ros.fitting.parameters import (
     SoilPrior,
     part_of,
 )
+from smallwheel_ros.fitting.problem import Base
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
@@ -102,25 +104,32 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
     return priors
 
 
-def starting_soils(known: CalibratedModel, measurements: Measurements) -> tuple[Soil, ...]:
-    """The model's soils under the names that the rows use."""
-    return tuple(_matched(known.model, measurements).values())
+def base_of(known: CalibratedModel, measurements: Measurements) -> Base:
+    """A model file as the model to fit to these rows.
+
+    Soils and effects are refitted within the file's covariance, where it has one and was not made
+    from this data.
+    """
+    model = known.model
+    return Base(
+        geometry=model.geometry,
+        thrust_form=model.thrust_form,
+        soils=tuple(_matched(model, measurements).values()),
+        priors=soil_priors(known, measurements),
+        parts=tuple(_part(effect, known, measurements) for effect in model.effects),
+    )
 
 
-def effect_parts(known: CalibratedModel, measurements: Measurements) -> tuple[EffectPart, ...]:
-    """The model's effects as parts of a fit: each number within the deviation that the file states.
+def _part(effect: Effect, known: CalibratedModel, measurements: Measurements) -> EffectPart:
+    """An effect whose numbers are within the deviations that the file states.
 
     A number without one stays where it is, as near as a fit can hold it.
     """
-    parts = []
-    for effect in known.model.effects:
-        priors = {}
-        for p in effect.parameters():
-            value = float(getattr(effect, p.name))
-            std = known.standard_deviation(f"{effect.id}.{p.name}")
-            wide = p.bounds[1] - p.bounds[0]
-            free = _fitted_to(known, measurements)
-            deviation = wide if free else max(std or 0.0, 1e-4 * wide)
-            priors[p.name] = Prior(value, deviation, *p.bounds)
-        parts.append(part_of(effect, priors))
-    return tuple(parts)
+    priors, values = {}, dict(effect.values())
+    for p in effect.parameters():
+        std = known.standard_deviation(f"{effect.id}.{p.name}")
+        wide = p.bounds[1] - p.bounds[0]
+        free = _fitted_to(known, measurements)
+        deviation = wide if free else max(std or 0.0, 1e-4 * wide)
+        priors[p.name] = Prior(float(values[p.name]), deviation, *p.bounds)
+    return part_of(effect, priors)

@@ -21,18 +21,18 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.special import ndtr
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.noise import Repeats, repeats_of
+from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.fitting.variance import Scatter, VarianceModel
+from smallwheel_ros.model import Model
 
 Array = NDArray[np.float64]
 
 _TURNS = 4  # of theta and phi
 _STEPS = 10  # of Gauss-Newton in a turn
 _RESTS = 0.05  # nats: a gain below which a turn ends
-_SMALLEST = 0.05  # of a channel's median: least level of a value
 _AT_BOUND = 1e-6  # of the range
 
 
@@ -51,6 +51,11 @@ class Fit:
     scatter: Scatter
     evidence: float
     covariance: Array
+
+    @property
+    def model(self) -> Model:
+        """The model with these parameters."""
+        return self.vector.model(self.theta)
 
     @property
     def at_bound(self) -> NDArray[np.bool_]:
@@ -200,123 +205,5 @@ class Fitter:
 
 def stiffness(vector: ParameterVector, slopes: Array) -> Array:
     """df / d ln k of each value: each row has one soil."""
-    mine = [j for j, p in enumerate(vector.free) if not p.of_effect
-            and p.field == "log_reference_pressure"]  # fmt: skip
+    mine = [j for j, p in enumerate(vector.of_soils) if p.field == "log_reference_pressure"]
     return np.asarray(slopes[:, mine].sum(axis=1))
-
-
-def opening(points: Points, vector: ParameterVector) -> Array:
-    """Where to start: the best of a coarse grid in ln p_ref and n, by logarithms, for each soil.
-
-    Newton's steps in metres stray from a start that is a decade off.
-    """
-    theta = vector.start
-    channel = next((n for n in points.channels if n != "drawbar_pull"), None)
-    mine = {(p.owner, p.field): j for j, p in enumerate(vector.free) if not p.of_effect}
-    if channel is None:
-        return theta
-    grid = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 15.1, 1.0)]
-    thetas = np.tile(theta, (len(grid), 1))
-    for (_, field), j in mine.items():
-        at = {"log_reference_pressure": 0, "n": 1}.get(field)
-        if at is not None:
-            thetas[:, j] = np.clip([g[at] for g in grid], vector.low[j], vector.high[j])
-    predicted = Predictor(points).many(vector, thetas)
-    mask = points.of_channel(channel) & (points.value > 0)
-    said = np.log(np.maximum(predicted[:, mask], 1e-9))
-    off = np.abs(said - np.log(points.value[mask]))
-    named = points.conditions.soil
-    for soil in {owner for owner, _ in mine}:
-        here = np.ones(int(mask.sum()), dtype=bool)
-        if named is not None:
-            here = named[points.row[mask]] == soil
-        if here.any():
-            best = int(np.argmin(off[:, here].mean(axis=1)))
-            for field in ("log_reference_pressure", "n"):
-                theta[mine[soil, field]] = thetas[best, mine[soil, field]]
-    return theta
-
-
-def first_levels(points: Points) -> Array:
-    """The size of each value before any fit: as measured, a curve by its own power law of the load."""
-    level = _of_setting(points)
-    loads = points.column("load")
-    for channel in range(len(points.channels)):
-        mine = points.channel == channel
-        if points.channels[channel] == "drawbar_pull":
-            level[mine] = loads[mine]
-            continue
-        for run in np.unique(points.run[mine & points.swept]):
-            curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
-            if curve.size > 2 and np.ptp(np.log(loads[curve])) > 0.1:
-                line = np.polyfit(np.log(loads[curve]), np.log(points.value[curve]), 1)
-                level[curve] = np.exp(np.polyval(line, np.log(loads[curve])))
-    return _floored(points, level)
-
-
-def _of_setting(points: Points) -> Array:
-    """Mean size of the values of one setting and channel, shape (values,); of a curve each its own.
-
-    Not each value's own: relative errors of a model that predicts nothing would all be one.
-    """
-    size = np.maximum(np.abs(points.value), 1e-12)
-    key = points.setting * len(points.channels) + points.channel
-    code = np.unique(key, return_inverse=True)[1].reshape(-1)
-    mean = np.exp(np.bincount(code, np.log(size)) / np.bincount(code))
-    return np.where(points.swept, size, mean[code])
-
-
-def _floored(points: Points, level: Array) -> Array:
-    for channel in range(len(points.channels)):
-        mine = points.channel == channel
-        least = _SMALLEST * float(np.median(level[mine]))
-        level[mine] = np.maximum(level[mine], max(least, 1e-9))
-    return level
-
-
-def levels_from(points: Points, predicted: Array) -> Array:
-    """The size of each value as a model has it; of drawbar pull the load."""
-    level = np.abs(predicted)
-    pull = [points.channels[c] == "drawbar_pull" for c in points.channel]
-    return _floored(points, np.where(pull, points.column("load"), level))
-
-
-def shrunken_levels(points: Points, fitter: Fitter, fit: Fit) -> Array:
-    """Levels between what was measured and what a fit says, by how much of the difference is noise.
-
-    A weight that follows each measured value favours the low ones (their error looks smaller); one
-    that follows a model that lacks an effect is wrong. ln L = ln f + s ln(y / f) with James and
-    Stein's s = 1 - (variance of noise) / (mean square of ln(y / f)), not under 0, by channel.
-    """
-    level = levels_from(points, fit.predicted)
-    prior = fitter.variance.start
-    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), prior.log_length)
-    noise = np.diag(fitter.variance.covariance(prior, kernels)) / fitter.level**2
-    measured = first_levels(points)
-    for channel, name in enumerate(points.channels):
-        mine = points.channel == channel
-        good = mine & (points.value > 0) & (fit.predicted > 0)
-        if name == "drawbar_pull" or not good.any():
-            continue
-        apart = np.log(measured[good] / fit.predicted[good])
-        share = max(0.0, 1.0 - float(np.mean(noise[good]) / max(np.mean(apart**2), 1e-30)))
-        level[good] = fit.predicted[good] * np.exp(share * apart)
-    return _floored(points, level)
-
-
-def make_fitter(
-    points: Points, vector: ParameterVector, start: Array | None = None
-) -> tuple[Fitter, Fit]:
-    """A fitter whose levels suit these points, and the fit of that model with it.
-
-    Raises FittingError where there are too few values.
-    """
-    if len(points) < 2:
-        raise FittingError("one measurement cannot be fitted: measure at least a few loads")
-    level = first_levels(points)
-    rough = Fitter(points, level, repeats_of(points, level))
-    fit = rough.fit(vector, opening(points, vector) if start is None else start, turns=1)
-    fit = rough.fit(vector, fit.theta, fit.scatter)
-    level = shrunken_levels(points, rough, fit)
-    fitter = Fitter(points, level, repeats_of(points, level))
-    return fitter, fitter.fit(vector, fit.theta, fit.scatter)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from smallwheel_ros.physics.soil import Soil, k_from_reference
 from smallwheel_ros.physics.traction import ThrustForm
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _STEP = 1e-4  # of the prior's deviation: finite differences
 
@@ -71,11 +72,9 @@ class Prior:
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One free number. owner: name of the soil or id of the effect. at: index of that owner."""
+    """One free number. owner: name of the soil or id of the effect."""
 
     owner: str
-    at: int
-    of_effect: bool
     field: str
     start: float
     unit: str
@@ -148,12 +147,19 @@ class EffectPart:
     """
 
     id: str
-    parameters: tuple[tuple[str, float, str, Prior], ...]  # name, start, unit, prior
+    parameters: tuple[FreeParameter, ...]
     build: Build
     replaces: str = ""
 
+    @property
+    def start(self) -> Array:
+        """Where a fit of its numbers starts, shape (parameters,)."""
+        return np.array([p.start for p in self.parameters])
 
-def part_of(effect: Effect, priors: Mapping[str, Prior] | None = None) -> EffectPart:
+
+def part_of(
+    effect: Effect, priors: Mapping[str, Prior] | None = None, replaces: str = ""
+) -> EffectPart:
     """An effect with its own numbers free, started where it stands.
 
     priors: by parameter; where none is given, the bounds hold it and a prior as wide as they are.
@@ -163,13 +169,9 @@ def part_of(effect: Effect, priors: Mapping[str, Prior] | None = None) -> Effect
     listed = []
     for p in effect.parameters():
         low, high = p.bounds
-        wide = Prior(values[p.name], high - low, low, high)
-        listed.append((p.name, values[p.name], p.unit, known.get(p.name, wide)))
-
-    def build(numbers: Mapping[str, Any]) -> Effect:
-        return with_values(effect, numbers)
-
-    return EffectPart(effect.id, tuple(listed), build)
+        prior = known.get(p.name) or Prior(values[p.name], high - low, low, high)
+        listed.append(FreeParameter(effect.id, p.name, float(values[p.name]), p.unit, prior))
+    return EffectPart(effect.id, tuple(listed), partial(with_values, effect), replaces)
 
 
 def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
@@ -185,7 +187,8 @@ def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
 class ParameterVector:
     """The free parameters of a model and their joint prior.
 
-    soils: where they start. precision: of the soils' Gaussian prior, shape (soil parameters,) * 2.
+    soils: where they start. fixed: effects that are in the model as they are. of_soils: free numbers
+    of the soils; soil_precision: of their Gaussian prior, shape (soil parameters,) * 2.
     """
 
     soils: tuple[Soil, ...]
@@ -193,8 +196,13 @@ class ParameterVector:
     thrust_form: ThrustForm
     fixed: tuple[Effect, ...]
     parts: tuple[EffectPart, ...]
-    free: tuple[FreeParameter, ...]
+    of_soils: tuple[FreeParameter, ...]
     soil_precision: Array
+
+    @cached_property
+    def free(self) -> tuple[FreeParameter, ...]:
+        """The free parameters: those of the soils, then those of each effect."""
+        return (*self.of_soils, *(p for part in self.parts for p in part.parameters))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -229,7 +237,18 @@ class ParameterVector:
     @property
     def base_size(self) -> int:
         """How many parameters are the soils'; they come first."""
-        return int(self.soil_precision.shape[0])
+        return len(self.of_soils)
+
+    def places(self, effect: str) -> Index:
+        """Which parameters are that effect's, shape (its parameters,)."""
+        base = self.base_size
+        mine = [j for j, p in enumerate(self.free[base:], base) if p.owner == effect]
+        return np.array(mine, dtype=np.intp)
+
+    def begun_at(self, other: ParameterVector, theta: Array) -> Array:
+        """The start, with the numbers that another vector's theta has under the same names."""
+        known = dict(zip(other.names, theta, strict=True))
+        return np.array([known.get(p.name, p.start) for p in self.free])
 
     def steps(self, theta: Array) -> Array:
         """Finite differences, inward where a bound is near."""
@@ -257,32 +276,32 @@ class ParameterVector:
 
     def model(self, theta: Array) -> Model:
         """The model with these parameters, shape (parameters,)."""
-        return self._compose([theta], 1)
+        return self._compose(theta[None, :], 1)
 
     def tiled_model(self, thetas: Array, rows: int) -> Model:
         """One model for the rows repeated once for each parameter vector, shape (copies, parameters).
 
         Copy c of a row of soil s has the soil `c:s`; numbers of effects are arrays over the rows.
         """
-        return self._compose(list(thetas), rows)
+        return self._compose(thetas, rows)
 
-    def _compose(self, thetas: Sequence[Array], rows: int) -> Model:
+    def _compose(self, thetas: Array, rows: int) -> Model:
         many = len(thetas) > 1
         soils = []
         for copy, theta in enumerate(thetas):
-            values: dict[int, dict[str, float]] = {}
-            for p, v in zip(self.free[: self.base_size], theta, strict=False):
-                values.setdefault(p.at, {})[p.field] = float(v)
             for i, soil in enumerate(self.soils):
-                soils.append(soil_from(soil, values.get(i, {}), f"{copy}:{i}" if many else ""))
+                values = {p.field: float(v) for p, v in zip(self.of_soils, theta, strict=False)
+                          if p.owner == soil.name}  # fmt: skip
+                soils.append(soil_from(soil, values, f"{copy}:{i}" if many else ""))
         effects = list(self.fixed)
         j = self.base_size
         for part in self.parts:
-            numbers: dict[str, Any] = {}
-            for name, *_ in part.parameters:
-                column = np.array([theta[j] for theta in thetas])
-                numbers[name] = np.repeat(column, rows) if many else float(column[0])
-                j += 1
+            columns = thetas[:, j : j + len(part.parameters)].T
+            j += len(columns)
+            numbers = {
+                p.field: np.repeat(column, rows) if many else float(column[0])
+                for p, column in zip(part.parameters, columns, strict=True)
+            }
             effect = part.build(numbers)
             held = [i for i, e in enumerate(effects) if e.id == part.replaces]
             if held:
@@ -293,10 +312,4 @@ class ParameterVector:
 
     def with_parts(self, parts: Sequence[EffectPart]) -> ParameterVector:
         """The same soils with other effects."""
-        free = list(self.free[: self.base_size])
-        for i, part in enumerate(parts):
-            free += [
-                FreeParameter(part.id, i, True, name, start, unit, prior)
-                for name, start, unit, prior in part.parameters
-            ]
-        return replace(self, parts=tuple(parts), free=tuple(free))
+        return replace(self, parts=tuple(parts))

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import CURVE_POINTS, MOST_POINTS
-from smallwheel_ros.measurements.settings import runs_of_rows, settings_of_rows
+from smallwheel_ros.measurements.settings import (
+    runs_of_rows,
+    setting_columns,
+    settings_of_rows,
+    varies,
+)
 from smallwheel_ros.measurements.table import CHANNELS, Measurements
 from smallwheel_ros.model import Prediction
 from smallwheel_ros.physics.conditions import Conditions
@@ -101,6 +106,16 @@ class Points:
     def column(self, name: str) -> Array:
         """A setting at each value, shape (values,)."""
         return np.asarray(self.conditions[name][self.row])
+
+    @property
+    def settings(self) -> dict[str, Array]:
+        """Everything that was set by name, at each value."""
+        return {name: self.column(name) for name in setting_columns(self.measurements)}
+
+    @property
+    def varied(self) -> dict[str, Array]:
+        """The settings that were varied, by name, at each value."""
+        return {name: column for name, column in self.settings.items() if varies(column)}
 
 
 def filled(conditions: Conditions) -> Conditions:

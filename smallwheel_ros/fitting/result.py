@@ -13,7 +13,7 @@ from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
-from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, STRENGTH_PARAMETERS, FreeParameter
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.model import Model, Prediction, predict
@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]
 
 _ALIKE = 0.98  # correlation from which two numbers are said to be tied
-_SURE = 1.0  # deviations of ln tau that the runs' scatter must be over what soils show
 
 _REMEDIES = {
     "log_reference_pressure": "measure sinkage at a few loads",
@@ -99,17 +98,6 @@ class FitResult:
         """What the fitted model says of other conditions."""
         return predict(self.model, conditions)
 
-    def soil_covariance(self, soil: str) -> Array:
-        """Covariance of (ln p_ref, n, m) of that soil, shape (3, 3); a held parameter's is its prior's."""
-        fields = list(SOIL_PARAMETERS)
-        full = np.diag([prior.deviation**2 for _, prior in SOIL_PARAMETERS.values()])
-        at = {f: self.names.index(f"{soil}.{f}") for f in fields if f"{soil}.{f}" in self.names}
-        for i, a in enumerate(fields):
-            for j, b in enumerate(fields):
-                if a in at and b in at:
-                    full[i, j] = self.covariance[at[a], at[b]]
-        return full
-
 
 def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     """Covariance of theta with the components' own uncertainty in it.
@@ -164,9 +152,10 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     """Turn a fit into a result for people and for model files."""
     points = fitter.points
     covariance = posterior_covariance(fitter, fit)
-    model = fit.vector.model(fit.theta)
+    model = fit.model
+    # Strength that nothing reads is no part of the result.
     used = [j for j, p in enumerate(fit.vector.free)
-            if p.of_effect or p.field in SOIL_PARAMETERS or np.any(fit.slopes[:, j])]  # fmt: skip
+            if p.field not in STRENGTH_PARAMETERS or np.any(fit.slopes[:, j])]  # fmt: skip
     parameters = [_parameter(fit, covariance, j) for j in used]
     names = {p.full_name for p in parameters}
     for soil in fit.vector.soils:
@@ -193,17 +182,19 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
 
 
 def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
-    free: FreeParameter = fit.vector.free[j]
-    prior = free.prior
+    free = fit.vector.free[j]
+    prior, of_soil = free.prior, j < fit.vector.base_size
+    # Before any data at all, also where this fit began from a known soil.
+    before = (SOIL_PARAMETERS | STRENGTH_PARAMETERS)[free.field][1] if of_soil else prior
     std = float(np.sqrt(covariance[j, j]))
     status: Status = "determined"
     if fit.at_bound[j]:
         status = "at its bound"
-    elif std > DETERMINED * _before(free):
+    elif std > DETERMINED * before.deviation:
         status = "not determined"
-    remedy = _REMEDIES.get(free.field, "") if not free.of_effect else (
-        f"vary what '{free.owner}' depends on over a wider range, with the rest held"
-    )  # fmt: skip
+    remedy = f"vary what '{free.owner}' depends on over a wider range, with the rest held"
+    if of_soil:
+        remedy = _REMEDIES[free.field]
     return FittedParameter(
         free.owner,
         free.field,
@@ -214,13 +205,6 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
         status,
         "" if status == "determined" else remedy,
     )
-
-
-def _before(free: FreeParameter) -> float:
-    """Deviation of a parameter before any data at all, also where this fit began from a known soil."""
-    table = SOIL_PARAMETERS | STRENGTH_PARAMETERS
-    known = None if free.of_effect else table.get(free.field)
-    return free.prior.deviation if known is None else known[1].deviation
 
 
 def _notes(

@@ -141,7 +141,7 @@ def measured_against_predicted(comparison: Comparison, channel: str) -> Figure:
         found = comparison.score(result, channel, held_out)
         error = "" if found is None else f"   RMSE {number(found.rmse * shown.scale)} {shown.unit}"
         kind = (
-            "held out" if held_out else "in sample" if result.contender.vector else "as it stands"
+            "held out" if held_out else "in sample" if result.contender.fitted else "as it stands"
         )
         style(axes, f"predicted {shown.label}", f"measured {shown.label}",
               f"{result.contender.name}\n{kind}{error}")  # fmt: skip

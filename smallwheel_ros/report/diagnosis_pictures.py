@@ -7,7 +7,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from smallwheel_ros.diagnosis.competitors import settings_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.output import OutputError, write_bytes
 from smallwheel_ros.pictures.comparison import resistance_ratio
@@ -33,7 +32,7 @@ def residual_figure(diagnosis: Diagnosis) -> Figure | None:
     if added:
         names = [step.added for step in added if step.added is not None]
         shown.append(Shown(added[-1].errors, AFTER, f"with {listed(names)}"))
-    settings = settings_of(diagnosis.problem.points)
+    settings = diagnosis.problem.points.settings
     pairs = failing_settings(diagnosis.document, settings)
     return residual_panels(diagnosis.measurements, shown, pairs)
 

@@ -1,0 +1,79 @@
+"""Which settings of a table an effect can follow: those that were varied, and not as answers to others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from smallwheel_ros.fitting.constants import ANSWERS, SAME_ORDER, WAVERS
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.settings import cluster
+
+Array = NDArray[np.float64]
+
+# Settings that have effects of their own: any other column is one that nobody has a law for.
+SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
+_ONE_RANK = 0.01  # of a column's range
+
+
+def independent(points: Points) -> dict[str, Array]:
+    """The settings that were varied and are no answers to others, by name, at each value."""
+    columns = points.varied
+    wavers = _wavers(points)
+    return {
+        name: column
+        for name, column in columns.items()
+        if name in (*SETTINGS, "diameter", "width")
+        or (name == "load" and not wavers)
+        or not follows_others(name, columns)
+        if not (name == "load" and points.swept.all())  # depth by another name
+    }
+
+
+def _wavers(points: Points) -> bool:
+    """Whether the load differs within runs by a fair share of what it differs by at all.
+
+    Then it was not set: it answers the wheel's motion, where it also follows the other settings.
+    """
+    load = np.log(points.measurements.conditions.load)
+    steady = [rows for rows, swept in zip(points.rows, points.swept, strict=True) if not swept]
+    within = sum(float(np.sum((load[rows] - load[rows].mean()) ** 2)) for rows in steady)
+    freedom = sum(rows.size - 1 for rows in steady)
+    if not freedom:
+        return False
+    total = float(np.var(np.concatenate([load[rows] for rows in steady])))
+    return within / freedom > WAVERS * total
+
+
+def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
+    """Whether a column answers other settings (a rim's speed, a load that falls while skidding).
+
+    By ranks, so that any rising or falling law counts: of one setting, or of all together with their
+    squares and products (adjusted for how many terms that takes).
+    """
+    others = [c for n, c in columns.items() if n != name and n in SETTINGS]
+    others += [columns["load"]] if "load" in columns and name != "load" else []
+    if not others:
+        return False
+    met = np.unique(np.column_stack([columns[name], *others]), axis=0)  # once, not once a channel
+    y, *scaled = [_ranks(column) for column in met.T]
+    if any(abs(float(np.corrcoef(y, x)[0, 1])) > SAME_ORDER for x in scaled):
+        return True
+    terms = [np.ones(y.size), *scaled]
+    terms += [a * b for i, a in enumerate(scaled) for b in scaled[i:]]
+    design = np.column_stack(terms)
+    spare = len(design) - design.shape[1]
+    if spare < design.shape[1]:
+        return False
+    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    return 1.0 - float(left @ left) / spare / max(float(y.var(ddof=1)), 1e-300) > ANSWERS
+
+
+def _ranks(column: Array) -> Array:
+    """Ranks between -1 and 1; what agrees to a hundredth of the range has one rank."""
+    steps = cluster(column, _ONE_RANK * float(np.ptp(column)))
+    ranks = rankdata(steps)
+    return np.asarray(2.0 * (ranks - ranks.mean()) / max(float(np.ptp(ranks)), 1.0))

@@ -1,0 +1,226 @@
+"""What every command starts from: a table reduced to points, the model that is fitted, and its fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
+from smallwheel_ros.fitting.levels import fit_points, make_fitter
+from smallwheel_ros.fitting.noise import outlier_rows
+from smallwheel_ros.fitting.parameters import (
+    SOIL_PARAMETERS,
+    STRENGTH_PARAMETERS,
+    Array,
+    EffectPart,
+    FreeParameter,
+    ParameterVector,
+    Prior,
+    SoilPrior,
+    soil_from,
+    soil_numbers,
+)
+from smallwheel_ros.fitting.points import FittingError, Points, points_of
+from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.physics.traction import ThrustForm
+
+_ONE_SIZE = 1.02  # wheels that differ by less are of one diameter: m is then not determined
+
+
+@dataclass(frozen=True)
+class Base:
+    """A model to fit. effects: in it as they are. parts: effects whose numbers are fitted.
+
+    soils: where to start, by name. priors: soils known beforehand. fixed_m: m of every soil, held (0
+    is the law of Bernstein and Goriatchkin); None fits it where bodies of several diameters met the
+    soil.
+    """
+
+    effects: tuple[Effect, ...] = ()
+    geometry: Geometry = "contact_integral"
+    thrust_form: ThrustForm = "integrated"
+    soils: tuple[Soil, ...] = ()
+    priors: Mapping[str, SoilPrior] = field(default_factory=dict)
+    parts: tuple[EffectPart, ...] = ()
+    fixed_m: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Ids of its effects."""
+        return (*(e.id for e in self.effects), *(part.id for part in self.parts))
+
+    def vector(self, points: Points) -> ParameterVector:
+        """The free parameters on these points. Raises FittingError where an effect is given twice."""
+        twice = [name for name in self.names if self.names.count(name) > 1]
+        if twice:
+            raise FittingError(f"effect '{twice[0]}' is given twice: name it once")
+        given = {s.name: s for s in self.soils} | {n: p.soil for n, p in self.priors.items()}
+        start: list[Soil] = []
+        free: list[FreeParameter] = []
+        precision: list[Array] = []
+        for name in soil_names(points):
+            soil = given.get(name) or Soil(name, 1e6, 0.9, 0.0)
+            if self.fixed_m is not None:
+                soil = soil_from(soil, {"m": self.fixed_m})
+            start.append(soil)
+            numbers = soil_numbers(soil)
+            held = self.fixed_m is not None or one_diameter(points, name)
+            priors, blocks = self._soil(name, numbers, ["m"] if held else [])
+            strength = _strength(points)
+            precision += [*blocks, np.diag([p.deviation**-2 for _, p in strength.values()])]
+            for number, (unit, prior) in (priors | strength).items():
+                value = numbers[number] if name in given else prior.centre
+                value = float(np.clip(value, prior.low, prior.high))
+                free.append(FreeParameter(name, number, value, unit, prior))
+        return ParameterVector(
+            tuple(start), self.geometry, self.thrust_form, self.effects, self.parts, tuple(free),
+            np.asarray(block_diag(*(p for p in precision if p.size))),
+        )  # fmt: skip
+
+    def _soil(
+        self, name: str, numbers: Mapping[str, float], held: list[str]
+    ) -> tuple[dict[str, tuple[str, Prior]], list[Array]]:
+        """Units and priors of a soil's free numbers, and the precision of these together."""
+        listed = {f: known for f, known in SOIL_PARAMETERS.items() if f not in held}
+        prior = self.priors.get(name)
+        if prior is None:
+            return listed, [np.diag([p.deviation**-2 for _, p in listed.values()])]
+        kept = [i for i, f in enumerate(SOIL_PARAMETERS) if f not in held]
+        covariance = prior.covariance[np.ix_(kept, kept)]
+        known = {
+            f: (unit, replace(p, centre=numbers[f], deviation=float(deviation)))
+            for (f, (unit, p)), deviation in zip(
+                listed.items(), np.sqrt(np.diag(covariance)), strict=True
+            )
+        }
+        return known, [np.asarray(np.linalg.inv(covariance))]
+
+
+def _strength(points: Points) -> dict[str, tuple[str, Prior]]:
+    """The numbers of a soil's strength that these channels could depend on.
+
+    Without drawbar pull that is where an effect reads it (bulldozing); elsewhere it has no influence,
+    and its posterior is its prior.
+    """
+    if "drawbar_pull" in points.channels:
+        return STRENGTH_PARAMETERS
+    if "resistance" not in points.channels:
+        return {}
+    return {n: p for n, p in STRENGTH_PARAMETERS.items() if n != "log_shear_displacement"}
+
+
+def soil_names(points: Points) -> list[str]:
+    """Names of the soils of these points; `soil` where the rows name none."""
+    if points.conditions.soil is None:
+        return ["soil"]
+    return [str(name) for name in np.unique(points.conditions.soil)]
+
+
+def one_diameter(points: Points, soil: str) -> bool:
+    """Whether all bodies in that soil are of one size."""
+    rows = np.unique(points.row)
+    if points.conditions.soil is not None:
+        rows = rows[points.conditions.soil[rows] == soil]
+    sizes = points.conditions.diameter[rows]
+    return sizes.size == 0 or bool(sizes.max() <= _ONE_SIZE * sizes.min())
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The points of a table, and the model on them. outliers: rows that were left out."""
+
+    points: Points
+    outliers: NDArray[np.intp]
+    base: Base
+
+    @classmethod
+    def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
+        """Reduce a table, without gross outliers. Raises FittingError where nothing is usable."""
+        points = points_of(measurements)
+        outliers = outlier_rows(points)
+        if outliers.size:
+            points = points_of(measurements, outliers)
+        return cls(points, outliers, base or Base())
+
+    @property
+    def measurements(self) -> Measurements:
+        """The table."""
+        return self.points.measurements
+
+    @cached_property
+    def vector(self) -> ParameterVector:
+        """The free parameters of the base."""
+        return self.base.vector(self.points)
+
+    @cached_property
+    def _made(self) -> tuple[Fitter, Fit]:
+        return make_fitter(self.points, self.vector)
+
+    @property
+    def fitter(self) -> Fitter:
+        """Fits models to the points, all under the same levels."""
+        return self._made[0]
+
+    @property
+    def fit(self) -> Fit:
+        """The base, fitted."""
+        return self._made[1]
+
+    @cached_property
+    def _folds(self) -> dict[bytes, Fit]:
+        return {}
+
+    def fold(self, training: Points) -> tuple[Fitter, Fit]:
+        """A fitter of a fold's training points, and the base fitted to them from where it was."""
+        key, fitter = np.unique(training.run).tobytes(), self.fitter.of_runs(training)
+        if key not in self._folds:
+            vector = self.base.vector(training)
+            start = vector.begun_at(self.vector, self.fit.theta)
+            self._folds[key] = fitter.fit(vector, start, self.fit.scatter, turns=2)
+        return fitter, self._folds[key]
+
+    def held_out(self, done: Callable[[], object] = lambda: None) -> CvErrors | None:
+        """Held-out errors of the base; None with one run only. done: called after each fold's fit."""
+        if self.points.run_count < 2:
+            return None
+
+        def choose(training: Points) -> list[Model]:
+            fit = self.fold(training)[1]
+            done()
+            return [fit.model]
+
+        return cross_validate(self.points, choose, 1)[0]
+
+    @cached_property
+    def judged(self) -> Problem:
+        """The channels that decide about effects: all, but drawbar pull only where it is alone.
+
+        The law of thrust is wrong by a share of the load; it must not decide about sinkage.
+        """
+        if "drawbar_pull" not in self.points.channels or len(self.points.channels) == 1:
+            return self
+        return replace(self, points=self.points.without_channel("drawbar_pull"))
+
+    def _own(self, fit: Fit) -> tuple[ParameterVector, Array]:
+        """The parameters of a fit of the judged channels, for all channels, and where they start."""
+        vector = replace(self.vector.with_parts(fit.vector.parts), geometry=fit.vector.geometry)
+        return vector, vector.begun_at(fit.vector, fit.theta)
+
+    def with_all_channels(self, fit: Fit) -> Fit:
+        """A model of the judged channels fitted to all."""
+        return self.fitter.fit(*self._own(fit), self.fit.scatter)
+
+    def result(self, fit: Fit | None = None) -> FitResult:
+        """A model, the base where None, fitted for people and files, with the noise at its own level."""
+        fitter, own = fit_points(self.points, *((self.vector,) if fit is None else self._own(fit)))
+        return result_of(fitter, own, self.outliers)
