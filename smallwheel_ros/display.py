@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,20 @@ _SCALES = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 def words(name: str) -> str:
     """Turn a column's name into words: `drawbar_pull` is drawbar pull."""
     return _WORDS.get(name, name.replace("_", " "))
+
+
+def effect_words(name: str) -> str:
+    """An effect in words; `unknown:slip@sinkage` is a curve without a name."""
+    if not name.startswith("unknown:"):
+        return "nothing more" if name == "none" else words(name)
+    setting, _, stage = name.removeprefix("unknown:").partition("@")
+    return f"something that follows {words(setting)}" + (f" (at the {stage})" if stage else "")
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Join names in words: `a, b and c`; "" for none."""
+    shown = [effect_words(name) for name in names]
+    return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
 
 
 def display(name: str, unit: str) -> Display:
@@ -65,3 +80,11 @@ def number(value: ArrayLike | None, digits: int = 3) -> str:
     if places < -3 or places > 8:
         return scientific
     return f"{float(scientific):.{max(places, 0)}f}"
+
+
+def shown_value(channel: str, value: float | None) -> str:
+    """Show a value of a channel with its unit, "-" for none."""
+    if value is None:
+        return "-"
+    shown = display(channel, unit_of(channel))
+    return f"{number(value * shown.scale)} {shown.unit}".rstrip()

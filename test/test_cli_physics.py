@@ -172,7 +172,9 @@ def test_effects_are_listed() -> None:
     assert set(listed) == set(families())
     slip = listed["slip_sinkage"][0]
     assert slip["parameters"][0]["name"] == "a"
-    assert slip["needs"] == ["slip"]
+    assert slip["needs"] == slip["drivers"] == ["slip"]
+    kinds = {id: forms[0]["kind"] for id, forms in listed.items()}
+    assert (kinds["slip_sinkage"], kinds["load_gain"]) == ("soil", "instrument")
 
 
 @pytest.mark.parametrize("id", [*families(), "covariate:temperature"])
@@ -182,6 +184,8 @@ def test_effects_are_explained(id: str, tmp_path: Path) -> None:
     for form in families().get(id, ()):
         assert form.formula in result.output
         assert form.source in result.output
+        assert form.next_step in result.output
+        assert f"({form.kind})" in result.output
     assert (tmp_path / "effect.png").read_bytes().startswith(b"\x89PNG")
 
 

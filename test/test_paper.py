@@ -7,17 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from smallwheel_ros.paper import BEKKER, LOADS, PROPOSED, TABLE_3, paper_lines, resistance, sinkage
+from smallwheel_ros.paper import (
+    BEKKER,
+    LOADS,
+    MEIRION_GRIFFITH_SPENKO,
+    TABLE_3,
+    paper_lines,
+    resistance,
+    sinkage,
+)
 from smallwheel_ros.pictures.physics import plot_paper
 
 # Worked out by hand from the printed tables: (quantity, printed, computed to the digits given)
 BY_HAND = [
     ("Table 7: compaction resistance, Bekker", 50.6, 50.59, "inferred"),
-    ("Table 7: compaction resistance, proposed", 17.9, 17.92, "inferred"),
-    ("Table 7: compaction resistance, proposed", 17.9, 13.02, "not"),
+    ("Table 7: compaction resistance, Meirion-Griffith & Spenko", 17.9, 17.92, "inferred"),
+    ("Table 7: compaction resistance, Meirion-Griffith & Spenko", 17.9, 13.02, "not"),
     ("Table 7: sinkage, Bekker", 5.2, 5.17, "inferred"),
-    ("Table 7: sinkage, proposed", 9.8, 11.89, "not"),
-    ("Table 7: sinkage, proposed", 9.8, 9.78, "inferred"),
+    ("Table 7: sinkage, Meirion-Griffith & Spenko", 9.8, 11.89, "not"),
+    ("Table 7: sinkage, Meirion-Griffith & Spenko", 9.8, 9.78, "inferred"),
     ("improvement of sinkage", 3.6, 1.17, "not"),
     ("improvement of resistance", 10.0, 10.28, "reproduced"),
     ("Table 7: measured sinkage", 8.8, 8.50, "not"),
@@ -47,7 +55,7 @@ def test_equations_by_hand() -> None:
         assert z == pytest.approx(expected, abs=5e-6)
     # eq. 14 with Table 6 at 14.2 mm
     work = 0.085 * 1604e3 * 0.17**0.39 * 14.2e-3**1.8 / 1.8
-    assert resistance(PROPOSED, 14.2e-3) == pytest.approx(work, rel=1e-12)
+    assert resistance(MEIRION_GRIFFITH_SPENKO, 14.2e-3) == pytest.approx(work, rel=1e-12)
 
 
 def test_measured_points_rise_more_steeply_than_any_of_the_laws() -> None:

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.compare.scores import difference, score
-from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.measurements.parts import levels, parts
 from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.measurements.table import Measurements
@@ -17,47 +16,44 @@ def errors(values: np.ndarray, run: np.ndarray) -> CvErrors:
 
 def test_rmse_and_bias_of_known_residuals() -> None:
     made = errors(np.array([3.0, -1.0, np.nan, 1.0]), np.array([0, 0, 1, 2]))
-    found = score(made, "sinkage")
+    found = made.score("sinkage")
     assert found is not None
     assert (found.rows, found.runs) == (3, 2)
     assert found.rmse == pytest.approx(np.sqrt(11 / 3))
     assert found.bias == pytest.approx(1.0)
     assert found.rmse_std is None  # two runs say nothing of the spread between runs
-    some = score(made, "sinkage", np.array([True, False, True, False]))
+    some = made.score("sinkage", np.array([True, False, True, False]))
     assert some is not None
     assert (some.rows, some.rmse) == (1, 3.0)
 
 
 def test_nothing_to_score_is_none() -> None:
     empty = errors(np.full(3, np.nan), np.arange(3))
-    assert score(empty, "sinkage") is None
-    assert score(empty, "resistance") is None
-    assert score(errors(np.ones(3), np.arange(3)), "sinkage", np.zeros(3, dtype=bool)) is None
-    assert difference(errors(np.ones(3), np.arange(3)), empty, "sinkage") is None
+    assert empty.score("sinkage") is None
+    assert empty.score("resistance") is None
+    assert errors(np.ones(3), np.arange(3)).score("sinkage", np.zeros(3, dtype=bool)) is None
+    assert "sinkage" not in compare_cv(errors(np.ones(3), np.arange(3)), empty).reduction
 
 
 def test_a_difference_is_paired_over_runs() -> None:
     """Two models that share their error are told apart by far less than the error itself."""
     rng = np.random.default_rng(6)
     run, noise = np.repeat(np.arange(30), 3), rng.normal(0, 1.0, 90)
-    same = difference(errors(noise, run), errors(noise, run), "sinkage")
-    assert same is not None
-    assert (same.increase, same.z_score, same.worse) == (0.0, 0.0, False)
-    longer = difference(errors(noise, run), errors(1.1 * noise, run), "sinkage")
-    assert longer is not None
-    assert longer.increase == pytest.approx(0.1)
-    assert longer.worse
-    other = difference(errors(noise, run), errors(rng.permutation(noise), run), "sinkage")
-    assert other is not None
+    same = compare_cv(errors(noise, run), errors(noise, run))
+    assert (same.reduction, same.z_score) == ({"sinkage": 0.0}, {"sinkage": 0.0})
+    assert not same.worse
+    longer = compare_cv(errors(noise, run), errors(1.1 * noise, run))
+    assert longer.reduction["sinkage"] == pytest.approx(-0.1)
+    assert longer.worse == ("sinkage",)
+    other = compare_cv(errors(noise, run), errors(rng.permutation(noise), run))
     assert not other.worse
 
 
 def test_a_difference_is_of_the_rows_that_both_predict() -> None:
     one, run = np.array([1.0, 1.0, 9.0, 9.0]), np.arange(4)
     half = np.array([2.0, 2.0, np.nan, np.nan])
-    found = difference(errors(one, run), errors(half, run), "sinkage")
-    assert found is not None
-    assert found.increase == pytest.approx(1.0)
+    found = compare_cv(errors(one, run), errors(half, run))
+    assert found.reduction["sinkage"] == pytest.approx(-1.0)
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,12 @@ from smallwheel_ros.diagnosis.apply import Added, add_effect
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
 from smallwheel_ros.diagnosis.text import diagnosis_text
-from smallwheel_ros.display import display, number, words
+from smallwheel_ros.display import number, shown_value, words
 from smallwheel_ros.effects.registry import default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Geometry
 from smallwheel_ros.model_file import write_model
@@ -42,11 +41,6 @@ _WITHOUT = click.option("--without", default="", metavar="ID,ID",
 
 class BenchError(SmallwheelError):
     """Options of fit, diagnose or add that do not go together."""
-
-
-def _value(channel: str, value: float) -> str:
-    how = display(channel, CHANNEL_UNITS[channel])
-    return f"{number(value * how.scale)} {how.unit}"
 
 
 @click.command("fit", short_help="Calibrate soil and effects on measurements.")
@@ -96,7 +90,7 @@ def fit(
         if held_out:
             click.echo("Held-out error (runs left out of the fit)")
         for name, value in held_out.items():
-            click.echo(f"  {words(name)}: {_value(name, value)}")
+            click.echo(f"  {words(name)}: {shown_value(name, value)}")
         click.echo(f"written: {output}")
 
 
@@ -142,7 +136,7 @@ def fit_text(result: FitResult) -> str:
         )
     lines.append("Noise of one row")
     for name, noise in result.noise.items():
-        size = f"{_value(name, noise.absolute)} and {100 * noise.relative:.1f} %"
+        size = f"{shown_value(name, noise.absolute)} and {100 * noise.relative:.1f} %"
         lines.append(f"  {words(name)}: {size} (from {noise.source})")
     lines += ["Notes", *[f"  {note}" for note in result.notes]] if result.notes else []
     return "\n".join(lines)
@@ -319,4 +313,6 @@ def added_text(result: Added) -> str:
 
 def _with_error(name: str, values: Mapping[str, float], stds: Mapping[str, float | None]) -> str:
     std = stds[name]
-    return _value(name, values[name]) + ("" if std is None else f" +- {_value(name, std)}")
+    return shown_value(name, values[name]) + (
+        "" if std is None else f" +- {shown_value(name, std)}"
+    )

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import click
 
-from smallwheel_ros.diagnosis.competitors import drivers_of
 from smallwheel_ros.diagnosis.settings import SETTINGS
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
@@ -83,7 +82,7 @@ def check_column(effect: str, measurements: Measurements, registry: Registry) ->
         follow = [
             family
             for family, forms in registry.families.items()
-            if any(name in drivers_of(form) for form in forms)
+            if any(name in form.drivers for form in forms)
         ]
         known = f" ({', '.join(follow)})" if follow else ""
         why = (

@@ -189,12 +189,15 @@ def effects(
 def _described(form: type[Effect]) -> dict[str, object]:
     return {
         "form": form.form,
+        "kind": form.kind,
         "summary": form.summary,
         "formula": form.formula,
         "source": form.source,
         "needs": list(form.needs),
+        "drivers": list(form.drivers),
         "channels": list(form.channels),
         "stage": form.stage,
+        "next_step": form.next_step,
         "parameters": [
             {
                 "name": p.name,
@@ -218,11 +221,14 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
     first = family[0]
     needed = ", ".join(first.needs) or "nothing beyond load, diameter and width"
     lines = [
-        first.id,
+        f"{first.id} ({first.kind})",
         f"  {first.summary}",
         f"  needs: {needed}",
+        f"  follows: {', '.join(first.drivers) or 'no setting'}",
         f"  changes: {', '.join(first.channels)}",
     ]
+    if first.next_step:
+        lines.append(f"  to be sure: {first.next_step}")
     for form in family:
         lines += ["", f"  form '{form.form}': {form.formula}", f"    source: {form.source}"]
         lines.append(f"    acts at: {form.stage}")

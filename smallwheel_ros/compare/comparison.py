@@ -22,9 +22,9 @@ from smallwheel_ros.compare.results import (
     Reasons,
     results_of,
 )
-from smallwheel_ros.compare.scores import Difference, Score, difference, score
 from smallwheel_ros.fitting import Problem
-from smallwheel_ros.fitting.held_out import CvErrors, folds_of, rows_of
+from smallwheel_ros.fitting.held_out import Comparison as Change
+from smallwheel_ros.fitting.held_out import CvErrors, Score, compare_cv, folds_of, rows_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import Array, Mask
 from smallwheel_ros.measurements.parts import Part, parts
@@ -70,26 +70,26 @@ class Comparison:
     ) -> Score | None:
         """Score one model on one channel, on some rows if given; None where it predicts none."""
         errors = result.held_out if held_out else result.in_sample
-        return None if errors is None else score(errors, channel, rows)
+        return None if errors is None else errors.score(channel, rows)
 
     def best(self, channel: str) -> ModelResult | None:
         """The model of the least error on runs that it was not fitted to.
 
         Where no model has such runs, of the least error in sample. None where none predicts it.
         """
-        scores = [(m, score(e, channel)) for m, e in self._compared()]
+        scores = [(m, e.score(channel)) for m, e in self._compared()]
         known = [(s.rmse, i) for i, (_, s) in enumerate(scores) if s is not None]
         return scores[min(known)[1]][0] if known else None
 
-    def differences(self, channel: str) -> dict[str, Difference]:
+    def differences(self, channel: str) -> dict[str, Change]:
         """How the models compare with the best one, by name, of those that can be compared."""
         best = self.best(channel)
         errors = {m.contender.name: e for m, e in self._compared()}
         if best is None:
             return {}
         of_best = errors.pop(best.contender.name)
-        found = {name: difference(of_best, e, channel) for name, e in errors.items()}
-        return {name: change for name, change in found.items() if change is not None}
+        found = {name: compare_cv(of_best, e) for name, e in errors.items()}
+        return {name: change for name, change in found.items() if channel in change.reduction}
 
     def _compared(self) -> list[tuple[ModelResult, CvErrors]]:
         unseen = [(m, m.unseen) for m in self.models if m.unseen is not None]

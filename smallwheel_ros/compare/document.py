@@ -27,7 +27,7 @@ from typing import Any
 
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import Index, ModelResult
-from smallwheel_ros.compare.scores import Score
+from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.model import Model
 
@@ -68,9 +68,9 @@ def _differences(comparison: Comparison, channel: str) -> list[dict[str, Any]]:
             "channel": channel,
             "best": best.contender.name,
             "other": name,
-            "increase": change.increase,
-            "z_score": change.z_score,
-            "within_standard_error": not change.worse,
+            "increase": -change.reduction[channel],
+            "z_score": change.z_score[channel],
+            "within_standard_error": channel not in change.worse,
         }
         for name, change in comparison.differences(channel).items()
         if best is not None

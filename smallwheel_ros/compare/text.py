@@ -43,7 +43,7 @@ def against_best(comparison: Comparison, channel: str, model: ModelResult) -> st
         return BEST
     if change is None:
         return "-"
-    return f"{100.0 * change.increase:+.0f} %" if change.worse else WITHIN
+    return f"{-100.0 * change.reduction[channel]:+.0f} %" if channel in change.worse else WITHIN
 
 
 def _channel(comparison: Comparison, channel: str) -> list[str]:

@@ -123,7 +123,7 @@ def held_out_with(problem: Problem, effects: Sequence[Forms]) -> list[CvErrors]:
 
 def _extended(fitter: Fitter, model: CandidateFit, forms: Forms, turns: int) -> list[CandidateFit]:
     """The model with one more effect in each of these forms that can be fitted, the best first."""
-    made = [refit(fitter, model, form, start, turns) for form, start in forms]
+    made = [refit(fitter, model, form, start, turns=turns) for form, start in forms]
     return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
 
 

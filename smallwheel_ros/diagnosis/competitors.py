@@ -84,7 +84,7 @@ class Competitor:
         """Settings that it follows."""
         if self.span is not None:
             return () if self.stage == "pressure" else (self.span.column,)
-        return () if self.effect is None else drivers_of(type(self.effect))
+        return () if self.effect is None else self.effect.drivers
 
     def generalises(self, other: Competitor) -> bool:
         """Whether this curve is the most general form of that named effect."""
@@ -126,11 +126,6 @@ class Field:
         return replace(self, competitors=kept, blocked={**self.blocked, **families}).with_shares()
 
 
-def drivers_of(kind: type[Effect]) -> tuple[str, ...]:
-    """Settings that an effect follows."""
-    return kind.drivers or kind.needs
-
-
 def field_of(
     points: Points,
     model: Model,
@@ -148,7 +143,7 @@ def field_of(
     rolling = points.conditions.rolling[points.row]
     free = [n for n in columns if n not in (*SETTINGS, "load", "diameter", "width")]
     families = dict(registry.families)
-    own = {need for forms in families.values() for f in forms for need in drivers_of(f)}
+    own = {need for forms in families.values() for f in forms for need in f.drivers}
     for name in free:
         if name not in own:
             families[f"covariate:{name}"] = registry.family(f"covariate:{name}")
@@ -206,7 +201,7 @@ def _why_not(
     if kind.kind == "instrument" and not set(kind.channels) & set(points.channels):
         return f"{' and '.join(kind.channels)} was not measured"
     known = points.settings
-    for need in (*kind.needs, *(d for d in drivers_of(kind) if d not in kind.needs)):
+    for need in dict.fromkeys((*kind.needs, *kind.drivers)):
         if need not in known:
             return f"the data has no column '{need}'"
         if need == "load" and need not in columns and varies(known[need]):

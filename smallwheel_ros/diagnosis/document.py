@@ -81,15 +81,14 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
 
 def channels(problem: Problem, errors: CvErrors, floors: Mapping[str, float]) -> Entry:
     """Errors of each channel beside the noise. floors: what the true model would leave."""
-    rmse, bias = errors.rmse(), errors.bias()
     repeats = repeatability(problem.measurements)
     found = {}
-    for name in problem.points.channels:
+    for name, score in errors.scores().items():
         noise = problem.fitter.repeats.channels[name]
         found[name] = {
-            "rows": int(np.isfinite(errors.error[name]).sum()),
-            "rmse": rmse[name],
-            "bias": bias[name],
+            "rows": score.rows,
+            "rmse": score.rmse,
+            "bias": score.bias,
             "noise_floor": floors.get(name),
             "noise_floor_source": noise.source if name in floors else None,
             "repeatability": repeats.get(name),

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.screen import Column
-from smallwheel_ros.diagnosis.search import FOLD, CandidateFit, Search, refit, refitted, search
+from smallwheel_ros.diagnosis.screen import FAILURES, Column
+from smallwheel_ros.diagnosis.search import FOLD, CandidateFit, Search, refit, search
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
 from smallwheel_ros.fitting.points import Points
@@ -72,7 +71,7 @@ def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list
                 named = [m for m in listed[_SHORTLIST:] if m.families == wanted]
                 listed = [*listed[:_SHORTLIST], *named[:_SHORTLIST]]
                 for model in listed:
-                    here.add(refitted(fitter, model))
+                    here.add(refit(fitter, model, turns=1))
                 fits = [m for m in here.ordered if len(m.competitors) == size]
                 if size < len(chain) - 1:
                     fits = [m for m in fits if m.families == wanted] or fits
@@ -96,7 +95,7 @@ def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]
         for m in models:
             try:
                 fit = fitter.fit(m.fit.vector, m.fit.theta, m.fit.scatter, turns=0)
-            except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+            except FAILURES:
                 fit = m.fit
             made.append(fit.model)
         return made

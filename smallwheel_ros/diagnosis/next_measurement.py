@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from smallwheel_ros.diagnosis.screen import FAILURES
 from smallwheel_ros.diagnosis.search import CandidateFit, Search, exchanged
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
 from smallwheel_ros.fitting.fit import Fitter, stiffness
 from smallwheel_ros.fitting.points import Points
@@ -212,7 +212,7 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
                  if c.family in names and c.effect is not None and c.effect.next_step]  # fmt: skip
         try:
             made = propose(found.fitter, one, other, names, hints[0] if hints else "", limits)
-        except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+        except FAILURES:
             continue
         if made is not None and made.expected_power > LEAST_POWER:
             found_runs.append(made)

@@ -25,11 +25,12 @@ from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector
+from smallwheel_ros.fitting.parameters import ParameterVector
 
 Array = NDArray[np.float64]
 
 _WAY = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
+FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 
 
@@ -45,11 +46,15 @@ class Column:
     start: Array
 
 
-def extended(vector: ParameterVector, parts: Sequence[EffectPart]) -> ParameterVector:
-    """The vector with further effects; one that the base has already is put in its place."""
-    given = {part.id for part in parts}
-    kept = [part for part in vector.parts if part.id not in given]
-    return vector.with_parts([*kept, *parts])
+def changed(
+    vector: ParameterVector, put_in: Competitor, out: Competitor | None = None
+) -> ParameterVector:
+    """The vector with a competitor, in the place of what it replaces or of another competitor."""
+    gone = {put_in.part.id} | ({out.part.id} if out is not None else set())
+    parts = [part for part in vector.parts if part.id not in gone]
+    if put_in.geometry is not None:  # no effect with numbers
+        return replace(vector.with_parts(parts), geometry=put_in.geometry)
+    return vector.with_parts([*parts, put_in.part])
 
 
 def columns_of(fitter: Fitter, fit: Fit, competitors: Sequence[Competitor]) -> list[Column]:
@@ -58,17 +63,17 @@ def columns_of(fitter: Fitter, fit: Fit, competitors: Sequence[Competitor]) -> l
     for competitor in competitors:
         try:
             found += _columns(fitter, fit, competitor)
-        except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        except FAILURES:
             continue
     return [c for c in found if np.isfinite(c.shift).all()]
 
 
 def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     listed = competitor.part.parameters
-    vector = extended(fit.vector, [competitor.part])
-    base = theta_without(fit, competitor)
+    vector = changed(fit.vector, competitor)
+    begun = vector.begun_at(fit.vector, fit.theta)
+    base = np.delete(begun, vector.places(competitor.part.id))
     if competitor.geometry is not None:
-        vector = with_geometry(vector, competitor)
         shift = fitter.predictor(vector, base) - fit.predicted
         return [Column(competitor, shift[:, None], np.zeros(0))]
     if competitor.kind == "unknown":
@@ -94,18 +99,6 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
         Column(competitor, ((f - fit.predicted) * scale / (s[main] - absent))[:, None], s)
         for f, s in zip(moved, starts, strict=True)
     ]
-
-
-def theta_without(fit: Fit, competitor: Competitor) -> Array:
-    """The fit's parameters less those of the effect that the competitor stands in for."""
-    return np.delete(fit.theta, fit.vector.places(competitor.family))
-
-
-def with_geometry(vector: ParameterVector, competitor: Competitor) -> ParameterVector:
-    """The vector under the competitor's contact rule, which is no effect with numbers."""
-    parts = [part for part in vector.parts if part.id != competitor.family]
-    changed = vector.with_parts(parts)
-    return replace(changed, geometry=competitor.geometry or vector.geometry)
 
 
 def _whitened(factor: Array, level: float, white: Array, errors: Array) -> tuple[Array, Array]:

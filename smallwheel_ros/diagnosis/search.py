@@ -8,7 +8,6 @@ Models are found by linearised evidence (`screen`), refitted, and extended while
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,15 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor, Field
-from smallwheel_ros.diagnosis.screen import (
-    Column,
-    Screen,
-    columns_of,
-    extended,
-    theta_without,
-    with_geometry,
-)
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.diagnosis.screen import FAILURES, Column, Screen, changed, columns_of
 from smallwheel_ros.fitting.constants import (
     FIRST_REFITS,
     MOST_EFFECTS,
@@ -35,7 +26,6 @@ from smallwheel_ros.fitting.constants import (
     WINDOW,
 )
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.parameters import ParameterVector
 
 Array = NDArray[np.float64]
 Key = tuple[tuple[str, str], ...]
@@ -131,39 +121,30 @@ class Search:
 
 def refit(
     fitter: Fitter,
-    parent: CandidateFit,
-    competitor: Competitor,
-    start: Array,
+    model: CandidateFit,
+    put_in: Competitor | None = None,
+    start: Array | None = None,
+    out: Competitor | None = None,
     turns: int = 4,
 ) -> CandidateFit | None:
-    """The parent with one more competitor; None where it cannot be fitted."""
-    vector = extended(parent.fit.vector, [competitor.part])
-    theta = np.concatenate([theta_without(parent.fit, competitor), start])
-    if competitor.geometry is not None:
-        vector, theta = with_geometry(vector, competitor), parent.fit.theta
-    competitors = (*parent.competitors, competitor)
-    return _candidate(fitter, vector, competitors, theta, parent.fit, turns)
+    """A model fitted from where it was, with one more competitor, or one in the place of another.
 
-
-def refitted(fitter: Fitter, model: CandidateFit) -> CandidateFit | None:
-    """A model of other runs fitted to these, from where it was; None where it cannot be."""
-    return _candidate(fitter, model.fit.vector, model.competitors, model.fit.theta, model.fit, 1)
-
-
-def _candidate(
-    fitter: Fitter,
-    vector: ParameterVector,
-    competitors: Sequence[Competitor],
-    theta: Array,
-    near: Fit,
-    turns: int,
-) -> CandidateFit | None:
+    start: of the new competitor's numbers. None where it cannot be fitted.
+    """
+    near, vector = model.fit, model.fit.vector
+    competitors = [c for c in model.competitors if out is None or c.key != out.key]
+    if put_in is not None:
+        competitors.append(put_in)
+        vector = changed(vector, put_in, out)
+    theta = vector.begun_at(near.vector, near.theta)
+    if put_in is not None:
+        theta[vector.places(put_in.part.id)] = put_in.part.start if start is None else start
     # A missing effect inflates the scatter, under which no effect is needed: start without.
     usual, scatter = fitter.variance.start.log_deviation, fitter.variance.suited(near.scatter)
     scatter = replace(scatter, log_deviation=np.minimum(scatter.log_deviation, usual))
     try:
         fit = fitter.fit(vector, theta, scatter, turns=turns)
-    except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+    except FAILURES:
         return None
     odds = sum(float(np.log(c.share)) for c in competitors)
     return CandidateFit(tuple(competitors), fit, fit.evidence + odds)
@@ -279,7 +260,7 @@ def _extend(
             key = tuple(sorted([*(c.key for c in parent.competitors), column.competitor.key]))
             if key in found.models:
                 continue
-            made = refit(found.fitter, parent, column.competitor, column.start, budget.turns)
+            made = refit(found.fitter, parent, column.competitor, column.start, turns=budget.turns)
             found.add(made)
             if made is not None:
                 reached = max(reached, made.weight)
@@ -332,15 +313,9 @@ def exchanged(
     found: Search, model: CandidateFit, out: Competitor, put_in: Competitor
 ) -> CandidateFit | None:
     """The model with one competitor in the place of another."""
-    rest = tuple(c for c in model.competitors if c.key != out.key)
-    key = tuple(sorted([*(c.key for c in rest), put_in.key]))
+    key = tuple(sorted([*(k for k in model.key if k != out.key), put_in.key]))
     if key in found.models:
         return found.models[key]
     if out.geometry is not None or put_in.geometry is not None:
         return None
-    vector = model.fit.vector
-    theta = np.delete(model.fit.theta, vector.places(out.part.id))
-    theta = np.concatenate([theta, put_in.part.start])
-    parts = [p for p in vector.parts if p.id != out.part.id]
-    changed = vector.with_parts([*parts, put_in.part])
-    return _candidate(found.fitter, changed, (*rest, put_in), theta, model.fit, 4)
+    return refit(found.fitter, model, put_in, out=out)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from smallwheel_ros.display import brief, display, number, words
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.display import brief, listed, number, shown_value, words
 
 _SHOWN = 0.01  # probability under which an effect is counted, not listed
 
@@ -19,35 +18,21 @@ _SAID = {
 }
 
 
-def _listed(names: Sequence[str], last: str) -> str:
-    shown = [words(name) for name in names]
-    if len(shown) < 2:
-        return "".join(shown)
-    return f"{', '.join(shown[:-1])} {last} {shown[-1]}"
-
-
-def _shown(channel: str, value: float | None) -> str:
-    if value is None:
-        return "-"
-    how = display(channel, CHANNEL_UNITS[channel])
-    return f"{number(value * how.scale)} {how.unit}"
-
-
 def diagnosis_text(document: Mapping[str, Any]) -> str:
     """The document for people, in the order in which one asks."""
     lines = [
         _SAID[document["verdict"]].format(
-            named=_listed(document["missing_effects"], "and"),
-            candidates=_listed(document["candidates"], "or"),
+            named=listed(document["missing_effects"], "and"),
+            candidates=listed(document["candidates"], "or"),
         )
     ]
     if document["verdict"] == "missing_effect" and document["candidates"]:
-        rivals = _listed(document["candidates"], "or")
+        rivals = listed(document["candidates"], "or")
         lines.append(f"Something more is missing: {rivals}. This data cannot tell which.")
     faults = [r["effect"] for r in document["ranking"] if r.get("kind") == "instrument"]
     blamed = [n for n in (*document["missing_effects"], *document["candidates"]) if n in faults]
     if blamed:
-        lines.append(f"{_listed(blamed, 'and')}: the instrument, not the soil.")
+        lines.append(f"{listed(blamed, 'and')}: the instrument, not the soil.")
     if document.get("reason"):
         lines.append(str(document["reason"])[:1].upper() + str(document["reason"])[1:] + ".")
     p = document["lack_of_fit"]["p_value"]
@@ -72,11 +57,13 @@ def _steps(document: Mapping[str, Any]) -> list[str]:
     little = document["verdict"] == "insufficient_data"
     lines = ["Error of the fit itself: nothing was held out" if little else "Held-out error"]
     for name, channel in document["channels"].items():
-        path = [_shown(name, step["held_out_rmse"].get(name)) for step in document["steps"]]
+        path = [shown_value(name, step["held_out_rmse"].get(name)) for step in document["steps"]]
         floor = channel.get("noise_floor")
-        known = "" if floor is None else f"; noise floor {_shown(name, floor)}"
+        known = "" if floor is None else f"; noise floor {shown_value(name, floor)}"
         if channel.get("repeatability") is not None:
-            known += f" (repeats of one run differ by {_shown(name, channel['repeatability'])})"
+            known += (
+                f" (repeats of one run differ by {shown_value(name, channel['repeatability'])})"
+            )
         lines.append(f"  {words(name)}, {channel['rows']} rows: {' -> '.join(path)}{known}")
     return lines
 
@@ -89,10 +76,12 @@ def _regions(document: Mapping[str, Any]) -> list[str]:
         channel = region["channel"]
         p = region["p_value"]
         doubt = f"; too few runs to be sure (p {p:.2g})" if p > 0.05 else ""
+        here, elsewhere, bias = (
+            shown_value(channel, region[name]) for name in ("rmse", "rmse_elsewhere", "bias")
+        )
         lines.append(
-            f"  {words(channel)} where {region['region']} ({region['rows']} rows): error "
-            f"{_shown(channel, region['rmse'])}, elsewhere {_shown(channel, region['rmse_elsewhere'])}, "
-            f"measured - predicted {_shown(channel, region['bias'])} on average{doubt}"
+            f"  {words(channel)} where {region['region']} ({region['rows']} rows): error {here}, "
+            f"elsewhere {elsewhere}, measured - predicted {bias} on average{doubt}"
         )
     return lines
 

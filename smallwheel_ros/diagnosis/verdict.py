@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.diagnosis.screen import FAILURES
 from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
 from smallwheel_ros.effects.base import STAGES, Effect
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import (
     ALARM,
     APART,
@@ -275,6 +275,6 @@ def _does_as_well(search: Search, best: CandidateFit, law: Competitor, other: st
     swapped = replace(vector, parts=tuple(parts))
     try:
         fit = search.fitter.fit(swapped, best.fit.theta, best.fit.scatter)
-    except (SmallwheelError, ArithmeticError, np.linalg.LinAlgError):
+    except FAILURES:
         return False
     return fit.evidence > best.fit.evidence - TIE

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from html import escape
 from pathlib import Path
 
-from smallwheel_ros.display import column_display, display, number, words
+from smallwheel_ros.display import column_display, display, listed, number, shown_value, words
 from smallwheel_ros.explore.pictures import view_picture
 from smallwheel_ros.explore.session import Session, View
 from smallwheel_ros.explore.style import CSS
@@ -14,11 +14,9 @@ from smallwheel_ros.fitting import FittedParameter
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.report.page import Block, Callout, Details, Picture, Table, Text
 from smallwheel_ros.report.verdict_section import (
-    listed,
     parameter_cells,
     per_cent,
     said,
-    shown_value,
     verdict_block,
 )
 
@@ -142,14 +140,14 @@ def _doubts(session: Session, view: View) -> list[str]:
 
 
 def _errors(session: Session, view: View) -> Table:
-    before, after = view.before.rmse(), view.after.rmse()
-    stds, bias = view.after.rmse_std(), view.after.bias()
+    before, after = view.before.rmse(), view.after.scores()
     channels = session.document["channels"]
     base = view.names == session.chosen
     rows = []
     for channel, known in channels.items():
         how = display(channel, CHANNEL_UNITS[channel])
-        scaled = (before[channel], after[channel], stds[channel], bias[channel],
+        now = after[channel]
+        scaled = (before[channel], now.rmse, now.rmse_std, now.bias,
                   known["noise_floor"], known["repeatability"])  # fmt: skip
         cells = [number(None if v is None else v * how.scale) for v in scaled]
         if not base:

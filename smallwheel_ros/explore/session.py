@@ -7,12 +7,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from smallwheel_ros.diagnosis import Base, diagnose
 from smallwheel_ros.diagnosis.apply import held_out_with, with_effects
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.held_out import with_pull
+from smallwheel_ros.diagnosis.screen import FAILURES
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, Problem
@@ -22,8 +21,6 @@ from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import write_model
 from smallwheel_ros.physics.soil import nearest
 from smallwheel_ros.report.residual_picture import failing_settings
-
-_FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 
 Progress = Callable[[str], None]
 
@@ -134,7 +131,7 @@ class Session:
         if chosen not in self._views:
             try:
                 self._views[chosen] = self._view(chosen)
-            except _FAILURES as error:
+            except FAILURES as error:
                 what = f"with {', '.join(chosen)}" if chosen else "of the base model"
                 raise ExploreError(f"the fit {what} failed: {error}") from error
         return self._views[chosen]

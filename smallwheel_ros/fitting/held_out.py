@@ -26,6 +26,21 @@ _FEWEST_RUNS = 3  # from which runs' differences have a deviation
 
 
 @dataclass(frozen=True)
+class Score:
+    """Error of predictions against measurements, in the channel's SI unit.
+
+    bias: mean of measured less predicted, so a positive one says that the model predicts too
+    little. rmse_std: standard error of the rmse, from the spread over runs; None with under 3 runs.
+    """
+
+    rows: int
+    runs: int
+    rmse: float
+    bias: float
+    rmse_std: float | None
+
+
+@dataclass(frozen=True)
 class CvErrors:
     """Held-out measured less predicted, by channel, shape (rows,), NaN where a row has none.
 
@@ -35,34 +50,35 @@ class CvErrors:
     error: Mapping[str, Array]
     run: Index
 
+    def score(self, name: str, rows: Mask | None = None) -> Score | None:
+        """The error of one channel, on some rows if given, shape (rows,); None where it has none."""
+        known = np.isfinite(self.error.get(name, np.full(self.run.size, np.nan)))
+        known &= True if rows is None else rows
+        if not known.any():
+            return None
+        error = self.error[name][known]
+        squares = self._by_run(error**2, known)
+        rmse, std = float(np.sqrt(np.mean(error**2))), None
+        if squares.size >= _FEWEST_RUNS and rmse > 0.0:
+            std = float(np.std(squares, ddof=1) / np.sqrt(squares.size)) / (2.0 * rmse)
+        return Score(error.size, squares.size, rmse, float(np.mean(error)), std)
+
+    def scores(self) -> dict[str, Score]:
+        """The error of each channel that has one."""
+        return {name: found for name in self.error if (found := self.score(name)) is not None}
+
     def rmse(self) -> dict[str, float]:
         """By channel, m or N."""
-        return {name: float(np.sqrt(np.nanmean(e**2))) for name, e in self.error.items()}
-
-    def bias(self) -> dict[str, float]:
-        """Mean of measured less predicted by channel, m or N."""
-        return {name: float(np.nanmean(e)) for name, e in self.error.items()}
-
-    def by_run(self, name: str) -> Array:
-        """Mean square of a channel's errors in each run, shape (runs,), NaN where it has none."""
-        known = np.isfinite(self.error[name])
-        runs = int(self.run.max()) + 1
-        count = np.bincount(self.run[known], minlength=runs)
-        total = np.bincount(self.run[known], self.error[name][known] ** 2, minlength=runs)
-        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        return {name: score.rmse for name, score in self.scores().items()}
 
     def rmse_std(self) -> dict[str, float | None]:
-        """Standard error of the rmse by channel, from the spread over runs; None with under 3."""
-        found: dict[str, float | None] = {}
-        for name, value in self.rmse().items():
-            squares = self.by_run(name)
-            squares = squares[np.isfinite(squares)]
-            if squares.size < _FEWEST_RUNS or value == 0.0:
-                found[name] = None
-                continue
-            error = float(np.std(squares, ddof=1) / np.sqrt(squares.size))
-            found[name] = error / (2.0 * value)
-        return found
+        """Standard error of the rmse by channel."""
+        return {name: score.rmse_std for name, score in self.scores().items()}
+
+    def _by_run(self, values: Array, rows: Mask) -> Array:
+        """Mean of these rows' values in each run that has some, shape (runs,)."""
+        count = np.bincount(self.run[rows])
+        return np.asarray((np.bincount(self.run[rows], values) / np.maximum(count, 1))[count > 0])
 
 
 @dataclass(frozen=True)
@@ -88,14 +104,18 @@ class Comparison:
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
-    """How much better the second predicts what it did not see, channel by channel."""
-    first, second = before.rmse(), after.rmse()
+    """How much better the second predicts, channel by channel, on the rows that both predict."""
     reduction, z_score = {}, {}
-    for name in first:
-        change = before.by_run(name) - after.by_run(name)
-        change = change[np.isfinite(change)]
+    for name in (n for n in before.error if n in after.error):
+        first, second = before.error[name], after.error[name]
+        both = np.isfinite(first) & np.isfinite(second)
+        if not both.any():
+            continue
+        squares = first[both] ** 2, second[both] ** 2
+        rmse = [float(np.sqrt(s.mean())) for s in squares]
+        reduction[name] = 1.0 - rmse[1] / rmse[0] if rmse[0] > 0 else 0.0
+        change = before._by_run(squares[0], both) - before._by_run(squares[1], both)
         spread = float(np.std(change, ddof=1) / np.sqrt(change.size)) if change.size > 1 else np.inf
-        reduction[name] = 1.0 - second[name] / first[name] if first[name] > 0 else 0.0
         z_score[name] = float(change.mean()) / max(spread, 1e-300) if np.any(change) else 0.0
     return Comparison(reduction, z_score)
 

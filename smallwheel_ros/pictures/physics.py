@@ -16,7 +16,7 @@ from smallwheel_ros.paper import (
     BEKKER,
     DIAMETER,
     MEAN_LOAD,
-    PROPOSED,
+    MEIRION_GRIFFITH_SPENKO,
     TABLE_3,
     WIDTH,
     sinkage,
@@ -147,16 +147,27 @@ def _over_load(quantity: str) -> Figure:
     load = np.linspace(5.0, 150.0, 100)
     figure = new_figure(4.6, 3.2)
     panel = figure.subplots()
+    newer = MEIRION_GRIFFITH_SPENKO
     laws: list[tuple[str, Array, float, float]] = []
-    for label, soil in (("Bekker, eq. 7", BEKKER), ("proposed, eq. 10", PROPOSED)):
+    for label, soil in (
+        ("Bekker, eq. 7", BEKKER),
+        ("Meirion-Griffith & Spenko, eq. 10", newer),
+    ):
         modulus = float(effective_modulus(soil.k, soil.m, DIAMETER))
         z = closed_form_sinkage(load, DIAMETER, WIDTH, modulus, soil.n)
         laws.append((label, z, modulus, soil.n))
-    modulus = float(effective_modulus(PROPOSED.k, PROPOSED.m, DIAMETER))
-    exact = contact_sinkage(load, DIAMETER, WIDTH, modulus, PROPOSED.n).sinkage
-    laws.append(("proposed, contact integral", exact, modulus, PROPOSED.n))
+    modulus = float(effective_modulus(newer.k, newer.m, DIAMETER))
+    exact = contact_sinkage(load, DIAMETER, WIDTH, modulus, newer.n).sinkage
+    laws.append(("Meirion-Griffith & Spenko, contact integral", exact, modulus, newer.n))
     other_n = closed_form_sinkage(load, DIAMETER, WIDTH, modulus, BEKKER.n)
-    laws.append((f"proposed, eq. 10 with n = {BEKKER.n:g} (inferred)", other_n, modulus, BEKKER.n))
+    laws.append(
+        (
+            f"Meirion-Griffith & Spenko, eq. 10 with n = {BEKKER.n:g} (inferred)",
+            other_n,
+            modulus,
+            BEKKER.n,
+        )
+    )
     for colour, look, (label, z, k, n) in zip(COLOURS, ("-", "-", "-", "--"), laws, strict=False):
         y = 1e3 * z if quantity == "sinkage" else compaction_resistance(z, WIDTH, k, n)
         panel.plot(load, y, color=colour, linestyle=look, label=label)

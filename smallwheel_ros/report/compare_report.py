@@ -6,9 +6,9 @@ import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import ModelResult
-from smallwheel_ros.compare.scores import Score
 from smallwheel_ros.compare.text import against_best
 from smallwheel_ros.display import brief, column_display, display, number, words
+from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.parts import Part
 from smallwheel_ros.pictures.comparison import (
@@ -72,7 +72,7 @@ def summary(comparison: Comparison) -> list[str]:
             f"{_value(channel, best.rmse)} RMSE over {best.rows} rows"
         )
         changes = comparison.differences(channel)
-        ties = [name for name, change in changes.items() if not change.worse]
+        ties = [name for name, change in changes.items() if channel not in change.worse]
         if ties:
             line += f" (the difference to {', '.join(ties)} is within its standard error)"
         floor = comparison.noise[channel]

@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.display import listed
 from smallwheel_ros.output import OutputError, write_bytes
 from smallwheel_ros.pictures.comparison import resistance_ratio
 from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase, unknown_curves
@@ -20,7 +21,6 @@ from smallwheel_ros.report.residual_picture import (
     failing_settings,
     residual_panels,
 )
-from smallwheel_ros.report.verdict_section import listed
 
 
 def residual_figure(diagnosis: Diagnosis) -> Figure | None:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.display import brief, display, number, words
+from smallwheel_ros.display import brief, display, effect_words, listed, number, shown_value, words
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.pictures.diagnosis import SHOWN, ranking_bars, staircase, unknown_curves
 from smallwheel_ros.report.page import (
@@ -22,13 +22,10 @@ from smallwheel_ros.report.page import (
 )
 from smallwheel_ros.report.verdict_section import (
     HEADLINES,
-    effect_words,
-    listed,
     p_text,
     parameter_cells,
     per_cent,
     said,
-    shown_value,
     verdict_block,
 )
 

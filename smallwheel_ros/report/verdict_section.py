@@ -5,23 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.display import brief, display, number, sentence, words
+from smallwheel_ros.display import brief, display, listed, number, sentence, shown_value, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.report.page import Callout
-
-
-def effect_words(name: str) -> str:
-    """An effect in words; `unknown:slip@sinkage` is a curve without a name."""
-    if not name.startswith("unknown:"):
-        return "nothing more" if name == "none" else words(name)
-    setting, _, stage = name.removeprefix("unknown:").partition("@")
-    return f"something that follows {words(setting)}" + (f" (at the {stage})" if stage else "")
-
-
-def listed(names: Sequence[str], last: str = "and") -> str:
-    """Join names in words: `a, b and c`."""
-    shown = [effect_words(name) for name in names]
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
 
 
 def said(text: str) -> str:
@@ -81,14 +67,6 @@ def _fall(document: Mapping[str, Any]) -> list[str]:
             what = "it" if len(steps) == 2 else "them"
             lines.append(f"Adding {what} takes the held-out error of {words(channel)} {ends}.")
     return lines
-
-
-def shown_value(channel: str, value: float | None) -> str:
-    """Show a value of a channel with its unit, "-" for none."""
-    if value is None:
-        return "-"
-    shown = display(channel, CHANNEL_UNITS.get(channel, ""))
-    return f"{number(value * shown.scale)} {shown.unit}".rstrip()
 
 
 def p_text(p: float | None) -> str:
