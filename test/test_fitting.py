@@ -118,7 +118,7 @@ def test_slopes_agree_with_small_differences(tmp_path: Path) -> None:
     measured = table(tmp_path, simulate_rig(RigSettings(seed=2009, channels=channels)).table)
     points = points_of(measured)
     vector = Base(parts=(part_of(effect("multipass", "power", p=0.2)),)).vector(points)
-    predictor, theta = Predictor(points), vector.start
+    predictor, theta = Predictor.of(points), vector.start
     value, slopes = predictor.with_slopes(vector, theta)
     np.testing.assert_allclose(value, predictor(vector, theta), rtol=1e-12)
     for j, step in enumerate(10.0 * np.abs(vector.steps(theta))):

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.competitors import Competitor, field_of
+from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, refit
+from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
-from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
+from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem

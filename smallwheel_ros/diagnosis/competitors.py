@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.diagnosis.candidate import Competitor, Kind
 from smallwheel_ros.diagnosis.curves import (
     GENERALISES,
     Span,
@@ -33,69 +33,15 @@ from smallwheel_ros.fitting.constants import (
     FEWEST_VALUES,
     INSTRUMENT,
 )
-from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
+from smallwheel_ros.fitting.parameters import part_of, with_values
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.prior import Prior
 from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.model import Geometry, Model
 
 Array = NDArray[np.float64]
-Kind = Literal["soil", "instrument", "unknown"]
 
 _MOST_TERMS = 3
-
-
-@dataclass(frozen=True)
-class Competitor:
-    """One law that could be missing.
-
-    family: the physical idea; its forms share it. effect: of the library, None for a curve.
-    geometry: the contact rule that it brings. replaces: the model has another law of the family. stage,
-    span: of a curve; stands_for: stages of effects of which it is the most general form. share: prior
-    odds against its absence.
-    """
-
-    family: str
-    form: str
-    kind: Kind
-    part: EffectPart
-    effect: Effect | None = None
-    geometry: Geometry | None = None
-    replaces: bool = False
-    stage: str = ""
-    span: Span | None = None
-    stands_for: tuple[str, ...] = ()
-    share: float = 1.0
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """What tells it from all others."""
-        return self.family, self.form
-
-    @property
-    def strength(self) -> int:
-        """Index of the parameter at whose neutral value it is absent."""
-        if self.effect is None:
-            return 0
-        known = self.effect.parameters()
-        return next((i for i, p in enumerate(known) if p.neutral is not None), 0)
-
-    @property
-    def drivers(self) -> tuple[str, ...]:
-        """Settings that it follows."""
-        if self.span is not None:
-            return () if self.stage == "pressure" else (self.span.column,)
-        return () if self.effect is None else self.effect.drivers
-
-    def generalises(self, other: Competitor) -> bool:
-        """Whether this curve is the most general form of that named effect."""
-        if self.span is None or other.effect is None:
-            return False
-        kind = type(other.effect)
-        if self.stage == "pressure":
-            return kind.overrides("pressure_factor")
-        if self.span.column not in other.drivers or self.span.side * kind.side < 0:
-            return False
-        return any(kind.overrides(stage) for stage in self.stands_for)
 
 
 @dataclass(frozen=True)
@@ -110,20 +56,15 @@ class Field:
     kinds: Mapping[str, Kind]
     columns: Mapping[str, Array]
 
-    def with_shares(self) -> Field:
-        """Prior odds: `EXPECTED_EFFECTS` over the families, a family's over its forms."""
-        families = [c.family for c in self.competitors]
-        count = len(set(families))
-        shared = tuple(
-            replace(c, share=EXPECTED_EFFECTS / count / families.count(c.family))
-            for c in self.competitors
-        )
-        return replace(self, competitors=shared)
+    def only(self, competitors: Sequence[Competitor], blocked: Mapping[str, str]) -> Field:
+        """With these competitors, and others blocked for these reasons.
 
-    def without(self, families: Mapping[str, str]) -> Field:
-        """Without these families, each with the reason."""
-        kept = tuple(c for c in self.competitors if c.family not in families)
-        return replace(self, competitors=kept, blocked={**self.blocked, **families}).with_shares()
+        Prior odds: `EXPECTED_EFFECTS` over the families, a family's over its forms.
+        """
+        families = [c.family for c in competitors]
+        each = EXPECTED_EFFECTS / max(len(set(families)), 1)
+        shared = tuple(replace(c, share=each / families.count(c.family)) for c in competitors)
+        return replace(self, competitors=shared, blocked={**self.blocked, **blocked})
 
 
 def field_of(
@@ -159,7 +100,7 @@ def field_of(
     if "unknown" not in without:
         found += _curves(points, columns, free)
     kinds |= {c.family: c.kind for c in found}
-    return Field(tuple(found), blocked, kinds, columns).with_shares()
+    return Field((), {}, kinds, columns).only(found, blocked)
 
 
 def _forms(
@@ -175,19 +116,19 @@ def _forms(
     found: list[Competitor] = []
     reason = ""
     for kind in forms:
-        why = _why_not(family, kind, points, columns, rolling)
-        if kind.geometry and model.geometry == kind.geometry:
-            why = "the model has this geometry"
-        if kind.known_physics:
-            why = "known physics: applied where its columns are there, not a discovery"
         if kind.same_as:
             continue
+        if kind.known_physics:
+            why = "known physics: applied where its columns are there, not a discovery"
+        elif kind.geometry and model.geometry == kind.geometry:
+            why = "the model has this geometry"
+        else:
+            why = _why_not(family, kind, points, columns, rolling)
         effect = None if why else kind.suited_to(points.conditions)
         why = why or (effect.objection(points.conditions) if effect else "")
-        if why or effect is None:
-            reason = reason or why
-            continue
-        found.append(_competitor(family, effect, points, present))
+        if effect is not None and not why:
+            found.append(_competitor(family, effect, points, present))
+        reason = reason or why
     return found, reason or "no form of it acts on this data"
 
 

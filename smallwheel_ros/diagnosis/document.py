@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.competitors import Competitor, Field
+from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor
+from smallwheel_ros.diagnosis.competitors import Field
 from smallwheel_ros.diagnosis.screen import Screen
-from smallwheel_ros.diagnosis.search import CandidateFit, Search
+from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import TIE

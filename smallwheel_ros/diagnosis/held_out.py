@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.screen import FAILURES, Column
-from smallwheel_ros.diagnosis.search import FOLD, CandidateFit, Search, refit, search
+from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, refit
+from smallwheel_ros.diagnosis.screen import Column
+from smallwheel_ros.diagnosis.search import FOLD, Search, search
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate

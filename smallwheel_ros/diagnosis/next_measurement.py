@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from smallwheel_ros.diagnosis.screen import FAILURES
-from smallwheel_ros.diagnosis.search import CandidateFit, Search, exchanged
+from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
+from smallwheel_ros.diagnosis.search import Search, exchanged
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
@@ -75,45 +75,28 @@ def candidate_runs(points: Points, limits: Limits) -> tuple[Conditions, list[dic
 
     limits: by setting (SI), the levels that the user can set.
     """
-    columns = independent(points)
-    order = [
-        *(n for n in limits if n in points.conditions),
-        *(n for n in columns if n not in limits),
-    ]
-    order = sorted(
-        order, key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width"))
-    )
+    columns, conditions = independent(points), points.conditions
+    order = [*(n for n in limits if n in conditions), *(n for n in columns if n not in limits)]
+    order.sort(key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width")))
     used = order[:_MOST_SETTINGS]
-    choices = {
-        n: [_rounded(v) for v in _levels(columns.get(n, points.column(n)), n, limits)] for n in used
-    }
-    combined = [
-        dict(zip(choices, picks, strict=True)) for picks in itertools.product(*choices.values())
-    ]
-    conditions = points.conditions
+    choices = [_levels(columns.get(n, points.column(n)), n, limits) for n in used]
+    combined = np.array([[_rounded(v) for v in run] for run in itertools.product(*choices)])
+    count = len(combined)
     made: dict[str, Array] = {}
     for name in ("load", "diameter", "width", *conditions.covariates):
         column = points.column(name)
-        if name in used:
-            made[name] = np.array([run[name] for run in combined])
-        else:  # one that exists
-            middle = column[np.argmin(np.abs(column - np.median(column)))]
-            made[name] = np.full(len(combined), float(middle))
+        middle = column[np.argmin(np.abs(column - np.median(column)))]  # one that exists
+        made[name] = combined[:, used.index(name)] if name in used else np.full(count, middle)
+    shown = dict.fromkeys(("load", "diameter", "width", *used))
+    settings = [{name: _rounded(made[name][i]) for name in shown} for i in range(count)]
     soil = None
     if conditions.soil is not None:
         names, counts = np.unique(conditions.soil[points.row], return_counts=True)
-        soil = np.full(len(combined), names[np.argmax(counts)])
+        soil = np.full(count, names[np.argmax(counts)])
     rolling = conditions.rolling[points.row].any()
-    contact = np.full(len(combined), ROLLING if rolling else conditions.contact[points.row[0]])
-    there = Conditions(
-        made.pop("load"), made.pop("diameter"), made.pop("width"), contact, soil, made
-    )
-    shown = ("load", "diameter", "width", *used)
-    settings = [
-        {name: _rounded(float(there[name][i])) for name in dict.fromkeys(shown)}
-        for i in range(len(combined))
-    ]
-    return there, settings
+    contact = np.full(count, ROLLING if rolling else conditions.contact[points.row[0]])
+    load, diameter, width = (made.pop(name) for name in ("load", "diameter", "width"))
+    return Conditions(load, diameter, width, contact, soil, made), settings
 
 
 def _enough(points: Points, there: Conditions, used: Sequence[str]) -> NDArray[np.bool_]:
@@ -142,8 +125,8 @@ def propose(
     points = fitter.points
     there, settings = candidate_runs(points, limits or {})
     count, channels = len(there), len(points.channels)
-    synthetic = _as_points(points, there)
-    predictor = Predictor(synthetic)
+    channel, row = np.divmod(np.arange(channels * count), count)
+    predictor = Predictor(there, points.channels, channel, row)
     a = predictor(first.fit.vector, first.fit.theta).reshape(channels, count)
     predicted, slopes = predictor.with_slopes(second.fit.vector, second.fit.theta)
     b = predicted.reshape(channels, count)
@@ -165,18 +148,6 @@ def propose(
     shown = ", ".join(f"{name} {value:g}" for name, value in settings[best].items())
     text = f"{RUNS} runs at {shown} tell {names[0]} from {names[1]}" + (f"; {hint}" if hint else "")
     return Proposal(settings[best], names, RUNS, power, text)
-
-
-def _as_points(points: Points, there: Conditions) -> Points:
-    """One value of each channel at each condition, every one a run of its own."""
-    count, channels = len(there), len(points.channels)
-    row = np.tile(np.arange(count), channels)
-    blank = np.zeros(row.size)
-    return Points(
-        points.measurements, there, points.channels, tuple(str(i) for i in range(count)), blank, row,
-        np.repeat(np.arange(channels), count), row, row, np.zeros(row.size, dtype=bool), blank,
-        np.full(row.size, np.nan), tuple(np.array([0]) for _ in range(row.size)),
-    )  # fmt: skip
 
 
 def _scatter(fitter: Fitter, model: CandidateFit, level: Array, stiff: Array) -> Array:

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.diagnosis import document as written
+from smallwheel_ros.diagnosis.candidate import CandidateFit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_pull
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
-from smallwheel_ros.diagnosis.search import Budget, CandidateFit, Search, search
+from smallwheel_ros.diagnosis.search import Budget, Search, search
 from smallwheel_ros.diagnosis.verdict import Verdict, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem

@@ -21,16 +21,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.diagnosis.candidate import FAILURES, Competitor, changed
 from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.fitting.parameters import ParameterVector
 
 Array = NDArray[np.float64]
 
 _WAY = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
-FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 
 
@@ -44,17 +41,6 @@ class Column:
     competitor: Competitor
     shift: Array
     start: Array
-
-
-def changed(
-    vector: ParameterVector, put_in: Competitor, out: Competitor | None = None
-) -> ParameterVector:
-    """The vector with a competitor, in the place of what it replaces or of another competitor."""
-    gone = {put_in.part.id} | ({out.part.id} if out is not None else set())
-    parts = [part for part in vector.parts if part.id not in gone]
-    if put_in.geometry is not None:  # no effect with numbers
-        return replace(vector.with_parts(parts), geometry=put_in.geometry)
-    return vector.with_parts([*parts, put_in.part])
 
 
 def columns_of(fitter: Fitter, fit: Fit, competitors: Sequence[Competitor]) -> list[Column]:

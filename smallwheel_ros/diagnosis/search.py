@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.competitors import Competitor, Field
-from smallwheel_ros.diagnosis.screen import FAILURES, Column, Screen, changed, columns_of
+from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, Key, refit
+from smallwheel_ros.diagnosis.competitors import Field
+from smallwheel_ros.diagnosis.screen import Column, Screen, columns_of
 from smallwheel_ros.fitting.constants import (
     FIRST_REFITS,
     MOST_EFFECTS,
@@ -28,30 +29,10 @@ from smallwheel_ros.fitting.constants import (
 from smallwheel_ros.fitting.fit import Fit, Fitter
 
 Array = NDArray[np.float64]
-Key = tuple[tuple[str, str], ...]
 
 _SIBLINGS = 2  # best models of which every form is fitted
 _FORMS = 2  # of a family, refitted among the extensions of one model
 _REST = 4.0  # nats: a larger model that is so far behind the best is not extended further
-
-
-@dataclass(frozen=True)
-class CandidateFit:
-    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
-
-    competitors: tuple[Competitor, ...]
-    fit: Fit
-    weight: float
-
-    @property
-    def key(self) -> Key:
-        """What tells the model from others."""
-        return tuple(sorted(c.key for c in self.competitors))
-
-    @property
-    def families(self) -> frozenset[str]:
-        """Families of its competitors."""
-        return frozenset(c.family for c in self.competitors)
 
 
 @dataclass(frozen=True)
@@ -117,37 +98,6 @@ class Search:
             self.models[model.key] = model
             self.__dict__.pop("ordered", None)
             self.__dict__.pop("probabilities", None)
-
-
-def refit(
-    fitter: Fitter,
-    model: CandidateFit,
-    put_in: Competitor | None = None,
-    start: Array | None = None,
-    out: Competitor | None = None,
-    turns: int = 4,
-) -> CandidateFit | None:
-    """A model fitted from where it was, with one more competitor, or one in the place of another.
-
-    start: of the new competitor's numbers. None where it cannot be fitted.
-    """
-    near, vector = model.fit, model.fit.vector
-    competitors = [c for c in model.competitors if out is None or c.key != out.key]
-    if put_in is not None:
-        competitors.append(put_in)
-        vector = changed(vector, put_in, out)
-    theta = vector.begun_at(near.vector, near.theta)
-    if put_in is not None:
-        theta[vector.places(put_in.part.id)] = put_in.part.start if start is None else start
-    # A missing effect inflates the scatter, under which no effect is needed: start without.
-    usual, scatter = fitter.variance.start.log_deviation, fitter.variance.suited(near.scatter)
-    scatter = replace(scatter, log_deviation=np.minimum(scatter.log_deviation, usual))
-    try:
-        fit = fitter.fit(vector, theta, scatter, turns=turns)
-    except FAILURES:
-        return None
-    odds = sum(float(np.log(c.share)) for c in competitors)
-    return CandidateFit(tuple(competitors), fit, fit.evidence + odds)
 
 
 def search(
@@ -217,8 +167,8 @@ def _testable(
         for family, size in power.items()
         if size < TESTABLE
     }
-    field = field.without(blind)
-    field = replace(field, competitors=_different(columns, field)).with_shares()
+    seen = [c for c in field.competitors if c.family not in blind]
+    field = field.only(_different(columns, seen), blind)
     kept = {c.key: c for c in field.competitors}
     columns = [
         replace(c, competitor=kept[c.competitor.key]) for c in columns if c.competitor.key in kept
@@ -226,13 +176,13 @@ def _testable(
     return field, columns, Screen(fitter, base, columns)
 
 
-def _different(columns: list[Column], field: Field) -> tuple[Competitor, ...]:
+def _different(columns: list[Column], competitors: list[Competitor]) -> list[Competitor]:
     """Without forms that do the same as an earlier one of their family on this data."""
     shifts: dict[tuple[str, str], list[Array]] = {}
     for column in columns:
         shifts.setdefault(column.competitor.key, []).append(column.shift)
     kept: list[Competitor] = []
-    for c in field.competitors:
+    for c in competitors:
         mine = shifts.get(c.key, [])
         twin = any(
             len(other) == len(mine) and all(np.allclose(a, b) for a, b in zip(mine, other, strict=True))
@@ -240,7 +190,7 @@ def _different(columns: list[Column], field: Field) -> tuple[Competitor, ...]:
         )  # fmt: skip
         if mine and not twin:
             kept.append(c)
-    return tuple(kept)
+    return kept
 
 
 def _extend(

@@ -17,9 +17,8 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.screen import FAILURES
-from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
+from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, Key
+from smallwheel_ros.diagnosis.search import Search, exchanged
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
     ALARM,

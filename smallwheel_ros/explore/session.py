@@ -9,9 +9,9 @@ from pathlib import Path
 
 from smallwheel_ros.diagnosis import Base, diagnose
 from smallwheel_ros.diagnosis.apply import held_out_with, with_effects
+from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.held_out import with_pull
-from smallwheel_ros.diagnosis.screen import FAILURES
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, Problem

@@ -10,14 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.fitting.parameters import (
-    SOIL_PARAMETERS,
-    STRENGTH_PARAMETERS,
-    EffectPart,
-    Prior,
-    SoilPrior,
-    part_of,
-)
+from smallwheel_ros.fitting.parameters import EffectPart, part_of
+from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, Prior, SoilPrior
 from smallwheel_ros.fitting.problem import Base
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.table import Measurements

@@ -94,7 +94,7 @@ class Fitter:
     def __init__(self, points: Points, level: Array, repeats: Repeats) -> None:
         self.points, self.level, self.repeats = points, level, repeats
         self.variance = VarianceModel(points, level, repeats.variance, repeats.stated)
-        self.predictor = Predictor(points)
+        self.predictor = Predictor.of(points)
 
     def of_runs(self, training: Points) -> Fitter:
         """A fitter of some of the runs, under the same levels and repeatability."""

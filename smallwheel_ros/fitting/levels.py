@@ -30,7 +30,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
         at = {"log_reference_pressure": 0, "n": 1}.get(field)
         if at is not None:
             thetas[:, j] = np.clip([g[at] for g in grid], vector.low[j], vector.high[j])
-    predicted = Predictor(points).many(vector, thetas)
+    predicted = Predictor.of(points).many(vector, thetas)
     mask = points.of_channel(channel) & (points.value > 0)
     said = np.log(np.maximum(predicted[:, mask], 1e-9))
     off = np.abs(said - np.log(points.value[mask]))

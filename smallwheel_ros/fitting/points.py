@@ -1,8 +1,6 @@
 """Measurements as a fit sees them: points, each the mean of a steady stretch of one run.
 
-Rows of a run are no independent evidence. A run in which nothing was changed becomes one point of
-each channel; a run in which a setting was swept (a plate's curve, a time series) becomes one point
-for each setting, or, where it passes through many, at most `CURVE_POINTS` bins along its path.
+Rows of a run are no independent evidence (`runs`).
 """
 
 from __future__ import annotations
@@ -14,25 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.constants import CURVE_POINTS, MOST_POINTS
+from smallwheel_ros.fitting.runs import Group, groups_of, runs_of
 from smallwheel_ros.measurements.settings import (
-    runs_of_rows,
     setting_columns,
     settings_of_rows,
     varies,
 )
 from smallwheel_ros.measurements.table import CHANNELS, Measurements
-from smallwheel_ros.model import Prediction
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-_FEWEST_BINS = 4  # a curve's level, slope and bend, and one to check them
 _ALONG = np.radians(10.0)  # slip angle up to which a law of thrust along the wheel's plane holds
-_STRETCHES = MOST_POINTS // 8  # of a long record: so that two channels have four points in each
-_TOUCHED = 0.01  # of a curve's depth: before it the body has not settled on the soil
 
 
 class FittingError(SmallwheelError):
@@ -81,11 +74,6 @@ class Points:
     def of_channel(self, name: str) -> Mask:
         """Mask of the values of that channel."""
         return np.asarray(self.channel == self.channels.index(name))
-
-    def pick(self, prediction: Prediction) -> Array:
-        """The predicted numbers in the order of the values."""
-        columns = np.stack([getattr(prediction, name) for name in self.channels])
-        return np.asarray(columns[self.channel, self.row])
 
     def without_channel(self, name: str) -> Points:
         """The values of the other channels."""
@@ -148,67 +136,47 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
             "or drawbar_pull (which needs slip): measure at least one of them"
         )
     channels = tuple(name for name in CHANNELS if name in usable and usable[name].any())
-    names, run = _runs(measurements)
-    groups, swept, path = _groups(measurements, run, np.any([usable[c] for c in channels], axis=0))
-    value: list[float] = []
-    rows: list[Index] = []
-    index: list[int] = []
-    channel: list[int] = []
-    curved: list[bool] = []
-    for c, name in enumerate(channels):
-        measured = measurements.channels[name]
-        for g, members in enumerate(groups):
-            used = members[usable[name][members]]
-            if used.size:
-                log = swept[g] and name == "sinkage"
-                value.append(_mean(measured[used], log))
-                rows.append(used)
-                index.append(g)
-                channel.append(c)
-                curved.append(swept[g])
-    row = np.array(index, dtype=np.intp)
-    first = np.array([g[0] for g in groups], dtype=np.intp)
-    mean = _mean_conditions(conditions, groups, swept)
+    names, run = runs_of(measurements)
+    groups = groups_of(measurements, run, np.any([usable[c] for c in channels], axis=0))
+    # A value for each channel and group of rows that has it.
+    values = [
+        (c, g, used)
+        for c, name in enumerate(channels)
+        for g, group in enumerate(groups)
+        if (used := group.rows[usable[name][group.rows]]).size
+    ]
+    channel, row = np.array([value[:2] for value in values], dtype=np.intp).T
+    swept = np.array([group.swept for group in groups])
+    first = np.array([group.rows[0] for group in groups], dtype=np.intp)
+    mean = _mean_conditions(conditions, groups)
     setting = settings_of_rows(replace(measurements.take(first), conditions=mean))
     return Points(
         measurements,
         mean,
         channels,
         names,
-        np.array(value),
+        np.array([
+            _mean(measurements.channels[channels[c]][used], swept[g] and channels[c] == "sinkage")
+            for c, g, used in values
+        ]),
         row,
-        np.array(channel, dtype=np.intp),
+        channel,
         run[first][row],
         setting[row],
-        np.array(curved, dtype=bool),
-        path[row],
-        _declared(measurements, channels, channel, rows),
-        tuple(rows),
+        swept[row],
+        np.array([group.path for group in groups])[row],
+        np.array([_declared(measurements, channels[c], used) for c, _, used in values]),
+        tuple(used for *_, used in values),
         tuple(notes),
-    )
+    )  # fmt: skip
 
 
-def _runs(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
-    """Names of the runs and each row's run; of a long record without runs, stretches of each wheel."""
-    names, run = runs_of_rows(measurements)
-    if measurements.runs_given or len(names) <= MOST_POINTS:
-        return names, run
-    stretch = np.empty(len(measurements), dtype=np.intp)
-    for wheel in np.unique(measurements.wheel):
-        rows = np.flatnonzero(measurements.wheel == wheel)
-        stretch[rows] = np.arange(rows.size) * _STRETCHES // rows.size
-    return tuple(f"stretch {i + 1}" for i in range(_STRETCHES)), stretch
-
-
-def _declared(
-    measurements: Measurements, channels: tuple[str, ...], channel: list[int], rows: list[Index]
-) -> Array:
-    found = np.full(len(rows), np.nan)
-    for i, (c, used) in enumerate(zip(channel, rows, strict=True)):
-        stated = measurements.declared_std.get(channels[c])
-        if stated is not None and np.isfinite(stated[used]).all():
-            found[i] = np.sqrt(np.mean(stated[used] ** 2))
-    return found
+def _declared(measurements: Measurements, channel: str, rows: Index) -> float:
+    """Stated deviation of one of these rows, NaN where the table does not state it for each."""
+    stated = measurements.declared_std.get(channel)
+    if stated is None or not np.isfinite(stated[rows]).all():
+        return float("nan")
+    return float(np.sqrt(np.mean(stated[rows] ** 2)))
 
 
 def _usable(
@@ -245,66 +213,6 @@ def _usable(
     return found, notes
 
 
-def _groups(
-    measurements: Measurements, run: Index, usable: Mask
-) -> tuple[list[Index], list[bool], Array]:
-    """Rows of each point, whether its run was swept, and its place along the run."""
-    setting = settings_of_rows(measurements)
-    runs = [np.flatnonzero((run == r) & usable) for r in range(int(run.max()) + 1)]
-    runs = [rows for rows in runs if rows.size]
-    channels = len(measurements.channels)
-    room = MOST_POINTS // max(1, channels * len(runs))
-    bins = int(np.clip(room, _FEWEST_BINS, CURVE_POINTS))
-    groups: list[Index] = []
-    swept: list[bool] = []
-    path: list[float] = []
-    for rows in runs:
-        if not _is_swept(measurements.conditions, rows):
-            parts = [rows]
-        else:
-            parts = _along(measurements, rows, setting, bins)
-        groups += parts
-        swept += [len(parts) > 1] * len(parts)
-        path += [float(i) / max(len(parts) - 1, 1) for i in range(len(parts))]
-    return groups, swept, np.array(path)
-
-
-def _is_swept(conditions: Conditions, rows: Index) -> bool:
-    """Whether a setting was changed within the run, by more than it wavers.
-
-    Of the middle four fifths of its rows, so that it does not depend on how many there are.
-    """
-    low, high = np.quantile(conditions.load[rows], [0.1, 0.9])
-    if high > 1.5 * low:
-        return True
-    for name in ("slip", "slip_angle"):
-        if name in conditions and np.isfinite(conditions[name][rows]).all():
-            low, high = np.quantile(conditions[name][rows], [0.1, 0.9])
-            if high - low > 0.1:
-                return True
-    kept = [conditions.diameter, conditions.width]
-    kept += [conditions[n] for n in ("pass_number", "grouser_height") if n in conditions]
-    return any(np.ptp(np.nan_to_num(column[rows])) > 1e-3 for column in kept)
-
-
-def _along(measurements: Measurements, rows: Index, setting: Index, bins: int) -> list[Index]:
-    """The rows of a swept run by setting where those are few, else in bins along its path."""
-    codes = np.unique(setting[rows], return_inverse=True)[1].reshape(-1)
-    if codes.max() < bins:
-        parts = [rows[codes == c] for c in range(int(codes.max()) + 1)]
-        return sorted(parts, key=lambda part: float(measurements.conditions.load[part].mean()))
-    depth = measurements.channels.get("sinkage")
-    if measurements.conditions.rolling[rows].all() or depth is None:
-        parts = [part for part in np.array_split(rows, bins) if part.size]
-        steady = [part for part in parts if not _is_swept(measurements.conditions, part)]
-        return steady or parts
-    settled = rows[depth[rows] > _TOUCHED * np.nanmax(depth[rows])]
-    z = depth[settled]
-    edges = np.linspace(z.min(), z.max(), bins + 1)[1:-1]
-    place = np.searchsorted(edges, z)
-    return [settled[place == b] for b in range(bins) if (place == b).any()]
-
-
 def _mean(values: Array, log: bool) -> float:
     """Mean, geometric along a curve: between its points pressure is a power of depth."""
     if log and np.all(values > 0):
@@ -312,17 +220,17 @@ def _mean(values: Array, log: bool) -> float:
     return float(np.mean(values))
 
 
-def _mean_conditions(conditions: Conditions, groups: list[Index], swept: list[bool]) -> Conditions:
-    first = np.array([g[0] for g in groups])
+def _mean_conditions(conditions: Conditions, groups: list[Group]) -> Conditions:
+    first = np.array([group.rows[0] for group in groups])
 
-    def mean(column: Array, log: bool) -> Array:
-        return np.array([_mean(column[g], log and s) for g, s in zip(groups, swept, strict=True)])
+    def mean(column: Array) -> Array:
+        return np.array([_mean(column[group.rows], False) for group in groups])
 
     return Conditions(
-        mean(conditions.load, True),
-        mean(conditions.diameter, False),
-        mean(conditions.width, False),
+        np.array([_mean(conditions.load[group.rows], group.swept) for group in groups]),
+        mean(conditions.diameter),
+        mean(conditions.width),
         conditions.contact[first],
         None if conditions.soil is None else conditions.soil[first],
-        {name: mean(column, False) for name, column in conditions.covariates.items()},
+        {name: mean(column) for name, column in conditions.covariates.items()},
     )

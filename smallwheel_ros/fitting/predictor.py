@@ -6,38 +6,56 @@ more for ten vectors than for one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.model import predict
+from smallwheel_ros.model import Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _AGREE = 1e-9  # rounding of one model evaluated alone or among copies
 
 
 class Predictor:
-    """Predicts one set of points. Keeps the repeated conditions between calls."""
+    """Predicts values: of a channel (an index into channels) at a row of the conditions each.
 
-    def __init__(self, points: Points) -> None:
-        self.points = points
+    Keeps the repeated conditions between calls.
+    """
+
+    def __init__(
+        self, conditions: Conditions, channels: Sequence[str], channel: Index, row: Index
+    ) -> None:
+        self.conditions, self.channels = conditions, tuple(channels)
+        self.channel, self.row = channel, row
         self._tiled: dict[int, Conditions] = {}
         self._singly: set[tuple[str, ...]] = set()
         self._checked: set[tuple[str, ...]] = set()
-        names = points.conditions.soil
-        codes = np.zeros(len(points.conditions), dtype=np.intp)
+        names = conditions.soil
+        codes = np.zeros(len(conditions), dtype=np.intp)
         if names is not None:
             codes = np.unique(names, return_inverse=True)[1].reshape(-1)
         self._soil = codes.astype(str)
 
+    @classmethod
+    def of(cls, points: Points) -> Predictor:
+        """Predicts these points."""
+        return cls(points.conditions, points.channels, points.channel, points.row)
+
     def __call__(self, vector: ParameterVector, theta: Array) -> Array:
         """Predictions, shape (values,)."""
-        model = vector.model(theta)
-        return self.points.pick(predict(model, self.points.conditions))
+        return np.asarray(self._picked(predict(vector.model(theta), self.conditions), 1)[0])
+
+    def _picked(self, predicted: Prediction, count: int) -> Array:
+        """The values of each copy of the conditions, shape (copies, values)."""
+        columns = np.stack([getattr(predicted, n).reshape(count, -1) for n in self.channels])
+        return np.asarray(columns[self.channel, :, self.row].T)
 
     def many(self, vector: ParameterVector, thetas: Array) -> Array:
         """Predictions of each parameter vector, shape (vectors, values).
@@ -64,15 +82,12 @@ class Predictor:
         return found
 
     def _together(self, vector: ParameterVector, thetas: Array) -> Array:
-        points, count = self.points, len(thetas)
-        rows = len(points.conditions)
-        predicted = predict(vector.tiled_model(thetas, rows), self._copies(count))
-        columns = np.stack([getattr(predicted, n).reshape(count, rows) for n in points.channels])
-        return np.asarray(columns[points.channel, :, points.row].T)
+        model = vector.tiled_model(thetas, len(self.conditions))
+        return self._picked(predict(model, self._copies(len(thetas))), len(thetas))
 
     def _copies(self, count: int) -> Conditions:
         if count not in self._tiled:
-            c = self.points.conditions
+            c = self.conditions
             tags = np.concatenate([np.char.add(f"{i}:", self._soil) for i in range(count)])
             self._tiled[count] = Conditions(
                 np.tile(c.load, count),

@@ -15,19 +15,16 @@ from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
 from smallwheel_ros.fitting.levels import fit_points, make_fitter
 from smallwheel_ros.fitting.noise import outlier_rows
-from smallwheel_ros.fitting.parameters import (
+from smallwheel_ros.fitting.parameters import Array, EffectPart, FreeParameter, ParameterVector
+from smallwheel_ros.fitting.points import FittingError, Points, points_of
+from smallwheel_ros.fitting.prior import (
     SOIL_PARAMETERS,
     STRENGTH_PARAMETERS,
-    Array,
-    EffectPart,
-    FreeParameter,
-    ParameterVector,
     Prior,
     SoilPrior,
     soil_from,
     soil_numbers,
 )
-from smallwheel_ros.fitting.points import FittingError, Points, points_of
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Geometry, Model

@@ -13,8 +13,8 @@ from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
-from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
