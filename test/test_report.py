@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.display import effect_words
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.output import OutputError
@@ -42,7 +43,6 @@ from smallwheel_ros.report import (
     write_page,
 )
 from smallwheel_ros.report.residual_picture import failing_settings
-from smallwheel_ros.report.verdict_section import effect_words
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 DOCUMENT: dict[str, Any] = json.loads(

@@ -7,7 +7,7 @@ import numpy as np
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.compare.text import against_best
-from smallwheel_ros.display import brief, column_display, display, number, words
+from smallwheel_ros.display import brief, column_display, display, number, shown_value, words
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.parts import Part
@@ -44,11 +44,6 @@ def compare_report(comparison: Comparison) -> str:
     )
 
 
-def _value(channel: str, value: float | None) -> str:
-    shown = display(channel, CHANNEL_UNITS[channel])
-    return "-" if value is None else f"{number(value * shown.scale)} {shown.unit}"
-
-
 def _summary(comparison: Comparison) -> Callout:
     sentences = summary(comparison)
     if not sentences:
@@ -69,7 +64,7 @@ def summary(comparison: Comparison) -> list[str]:
         kind = "held-out" if held_out else "remaining"
         line = (
             f"{words(channel).capitalize()}: {model.contender.name} has the smallest {kind} error, "
-            f"{_value(channel, best.rmse)} RMSE over {best.rows} rows"
+            f"{shown_value(channel, best.rmse)} RMSE over {best.rows} rows"
         )
         changes = comparison.differences(channel)
         ties = [name for name, change in changes.items() if channel not in change.worse]
@@ -79,7 +74,7 @@ def summary(comparison: Comparison) -> list[str]:
         if floor.value:
             line += (
                 f"; that is {number(best.rmse / floor.value, 2)} times the noise floor of "
-                f"{_value(channel, floor.value)}"
+                f"{shown_value(channel, floor.value)}"
             )
         sentences.append(line + ".")
     return sentences
