@@ -353,7 +353,7 @@ def test_a_fit_that_fails_is_said_in_the_page(
         raise ValueError("<i>more than I can bear</i>")
 
     broken = copy.copy(session)
-    monkeypatch.setattr(broken, "_fitted", crumble, raising=True)
+    monkeypatch.setattr("smallwheel_ros.explore.session.with_effects", crumble)
     with serving(broken) as running:
         for path in ("/view?effects=hardpan&over=slip", "/?effects=hardpan&over=slip"):
             answer, text = ask(running, path)

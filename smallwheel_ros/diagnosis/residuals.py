@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import column_display, number, words
+from smallwheel_ros.display import column_display, words
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
@@ -192,6 +192,6 @@ def worst_left(left: list[Entry], measurements: Measurements) -> str:
         where = f"{entry['group']} is {part['at']}"
     else:
         shown = column_display(measurements, entry["setting"])
-        at = f"{number(shown.scale * part['at'])} {shown.unit}".rstrip()
+        at = f"{shown.scale * part['at']:.4g} {shown.unit}".rstrip()
         where = f"{words(entry['setting'])} is about {at}"
     return f"{words(entry['channel'])} is {100 * part['mean']:+.0f} % off where {where}"
