@@ -294,3 +294,66 @@ def test_a_reset_deletes_the_markers(peer: Peer, tmp_path: Path) -> None:
         peer.wait_for_turn()
         assert len(arrays) == count
         assert node.death() is None
+
+
+def test_a_callback_that_fails_ends_nothing(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log) as node:
+        peer.wait_for_node()
+        # A type that there is not makes rclpy itself raise, and nobody answers.
+        wrong = Parameter(name="front.width", value=ParameterValue(type=200))
+        client = peer.node.create_client(SetParameters, "/mobility_estimator/set_parameters")
+        peer.spin_until(client.service_is_ready, "the service")
+        client.call_async(SetParameters.Request(parameters=[wrong]))
+        peer.spin_until(lambda: "a callback failed" in log.read_text(), "it is loud")
+        peer.drive(0.0, 0.5)
+        peer.spin_until(lambda: len(peer.mobility) > 5, "estimates")
+        assert node.death() is None
+
+
+def test_what_fails_half_way_leaves_it_unconfigured(
+    peer: Peer, one_wheel: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The node in this process, where its parts can be made to fail."""
+    from rclpy.lifecycle import TransitionCallbackReturn
+    from rclpy.parameter import Parameter
+
+    from smallwheel_ros.onboard.parameter_files import read_parameters
+    from smallwheel_ros.ros.inputs import Inputs
+    from smallwheel_ros.ros.mobility_estimator import MobilityEstimator
+    from smallwheel_ros.ros.outputs import Outputs
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("no network")
+
+    def current() -> str:
+        return str(node._state_machine.current_state[1])
+
+    values = read_parameters(one_wheel)
+    given = [Parameter(name, value=value) for name, value in values.items()]
+    node = MobilityEstimator(parameter_overrides=given)
+    success = TransitionCallbackReturn.SUCCESS
+    own = {publisher.topic_name for publisher in node.publishers}
+    try:
+        for part, name in ((Outputs, "apply"), (Outputs, "publish_soil_of"), (Inputs, "use")):
+            with monkeypatch.context() as patch:
+                patch.setattr(part, name, fail)
+                configured = node.trigger_configure() == success
+                activated = configured and node.trigger_activate() == success
+                if activated:
+                    (result,) = node.set_parameters([Parameter("noise.load", value=0.7)])
+                    assert result.successful
+            assert current() == "unconfigured"
+            assert "no network" in node.problem
+            assert not any("front" in listened.topic_name for listened in node.subscriptions)
+            assert {publisher.topic_name for publisher in node.publishers} == own
+        # and it can be configured again
+        assert node.trigger_configure() == success
+        assert node.trigger_activate() == success
+        assert node.problem == ""
+        assert current() == "active"
+    finally:
+        node.destroy_node()

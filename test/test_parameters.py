@@ -21,6 +21,7 @@ from smallwheel_ros.onboard.parameters import (
     SinkageSource,
     parameters_for,
     problems,
+    read_models,
     settings_from,
     unknown_parameters,
 )
@@ -132,6 +133,11 @@ class TestSettings:
         assert loads["b"].value == pytest.approx(0.4 * 196.2)
         assert loads["b"].standard_deviation == pytest.approx(0.04 * 196.2)
 
+    @pytest.mark.parametrize("name", ["load", "/a/b_1", "~/load", "A/b/c"])
+    def test_names_of_topics(self, name: str) -> None:
+        made = settings_from({**ONE_WHEEL, "front.load_topic": name})
+        assert made.inputs["front"].load_topic == name
+
     def test_velocity_sources(self) -> None:
         def source(**changes: object) -> VelocitySource:
             return settings_from({**ONE_WHEEL, **changes}).onboard.velocity
@@ -178,6 +184,16 @@ class TestSettings:
             ({"cost.size": 400.0, "cost.resolution": 0.01}, "cells, expected at most 4000000"),
             ({"effects_file": "mine.py"}, "effects_file is given without model_file"),
             ({"model_file": "none.yaml"}, "none.yaml: cannot be read"),
+            ({"model_file": "/dev/zero"}, "/dev/zero: cannot be read: it is a device or a pipe"),
+            ({"model_file": "a\0b"}, "the name is not possible"),
+            ({"soil.file": "~nouser/x"}, "soil.file is '~nouser/x', expected the path of a file"),
+            ({"soil.file": "x" * 5000}, "File name too long"),
+            ({"front.load_topic": "a b"}, "'a b', expected the name of a topic"),
+            ({"front.load_topic": "a/"}, "'a/', expected the name of a topic"),
+            ({"front.load_topic": "//a"}, "'//a', expected the name of a topic"),
+            ({"front.load_topic": "a~"}, "'a~', expected the name of a topic"),
+            ({"front.load_topic": "läst"}, "expected the name of a topic"),
+            ({"velocity_topic": "v" * 201}, "expected the name of a topic, at most 200 letters"),
             ({"soil.n": 3.5}, r"soil.n is 3\.5, expected a double from 0.04 to 2.9"),
             ({"estimator.surprises_to_reopen": 0}, "surprises_to_reopen is 0, expected an integer"),
             ({"wheels": []}, r"wheels is missing: name the wheels, for example wheels: \["),
@@ -244,6 +260,23 @@ class TestModelFile:
         write_model(path, CalibratedModel(Model(soil("moist_earth"))))
         made = settings_from(self.given(model_file=str(path))).onboard
         assert made.prior.soil.name == "moist_earth"
+
+    def test_files_are_read_once(self, tmp_path: Path) -> None:
+        model, effects, proof = (tmp_path / name for name in ("m.yaml", "e.py", "runs"))
+        effects.write_text(
+            "from smallwheel_ros.effects.slip_sinkage import Exponential\n"
+            f"open({str(proof)!r}, 'a').write('x')\n"
+            "from dataclasses import dataclass\n"
+            "@dataclass(frozen=True)\nclass Mine(Exponential):\n    id = 'mine'\n"
+        )
+        write_model(model, CalibratedModel(Model([soil("dry_sand"), soil("moist_earth")])))
+        values = self.given(model_file=str(model), effects_file=str(effects))
+        models = read_models(values)
+        model.unlink()
+        for name in ("dry_sand", "moist_earth"):
+            made = settings_from({**values, "soil.name": name}, models)
+            assert made.onboard.prior.soil.name == name
+        assert proof.read_text() == "x"
 
     def test_closed_form_and_missing_covariates_are_refused(self, tmp_path: Path) -> None:
         path = tmp_path / "model.yaml"

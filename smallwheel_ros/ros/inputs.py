@@ -90,35 +90,29 @@ class Inputs:
         }
 
     def listen(self, topics: Sequence[Topic]) -> None:
-        """Subscribe to these topics in place of others; where that fails, the old ones are back."""
+        """Subscribe to these topics in place of others. Where that fails, there is none."""
         wanted = [(topic.name, topic.type) for topic in topics]
         if self.on and wanted == self._subscribed:
             return
-        before, listened = self._subscribed, self.on
+        self.stop()
         try:
-            self.stop()
-            self._subscribe_to(wanted)
+            for i, (name, kind) in enumerate(wanted):
+                take_all = partial(self._take_all, i)
+                self._subscribe(message_class(kind), name, take_all, qos.INPUT)
+            # A classifier's grids come as they are made, a map server's was there before us.
+            classes = self._take_classes
+            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
+            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
         except Exception:
             self.stop()
-            if listened:
-                self._subscribe_to(before)
             raise
+        self._subscribed = wanted
 
     def stop(self) -> None:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
-
-    def _subscribe_to(self, wanted: list[tuple[str, str]]) -> None:
-        for i, (name, kind) in enumerate(wanted):
-            take_all = partial(self._take_all, i)
-            self._subscribe(message_class(kind), name, take_all, qos.INPUT)
-        # A classifier's grids come as they are made, a map server's one grid was there before us.
-        classes = self._take_classes
-        self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
-        self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
-        self._subscribed = wanted
 
     def _subscribe(
         self,

@@ -42,19 +42,19 @@ class Outputs:
         self._node = node
         self._report = report
         self._publishers: list[LifecyclePublisher] = []
+        self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
+        self._wheels = _wheels(settings)
+        self.newest: dict[str, Result] = {}
+        self._soil_sent: int | None = None
+        self._soil_waits: Result | None = None
         try:
             self._mobility, self._soil, self._markers, self._cost = (
                 self._publisher(topic) for topic in OUTPUTS
             )
+            self.cost = CostPublisher(settings.cost, self._wheels, self._cost, report)
         except Exception:
             self.destroy()
             raise
-        self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
-        self._wheels = _wheels(settings)
-        self.cost = CostPublisher(settings.cost, self._wheels, self._cost, report)
-        self.newest: dict[str, Result] = {}
-        self._soil_sent: int | None = None
-        self._soil_waits: Result | None = None
 
     def _publisher(self, topic: str) -> LifecyclePublisher:
         kind, profile = OUTPUTS[topic]

@@ -158,7 +158,7 @@ class Session:
         topics = check_topics(self._node, settings)
         if self.active:
             self._keep(self._onboard.flush())
-            self._inputs.listen(topics)  # raises where that cannot be, and all is as it was
+            self._inputs.listen(topics)
         before, self._settings = self._settings, settings
         words = [f"parameters changed: {changes}"]
         if before.onboard != settings.onboard and self._onboard.apply(settings.onboard):
