@@ -214,6 +214,13 @@ def test_quality_of_service_can_be_overridden(peer: Peer, one_wheel: Path, tmp_p
         answer = peer.set_parameter("qos_overrides./front/load.subscription.reliability", "x")
         assert not answer.successful
         assert "only counts at the start" in answer.reason
+        # Configured anew, the node says no more of them than before.
+        assert transition(peer, label="deactivate")
+        assert transition(peer, label="cleanup")
+        assert transition(peer, label="configure")
+        assert transition(peer, label="activate")
+        peer.wait_for_turn()
+        assert peer.entry("parameters").message == message
         # They hold when a topic is subscribed to anew.
         assert peer.set_parameter("front.load_topic", "/scale").successful
         assert peer.set_parameter("front.load_topic", "/front/load").successful

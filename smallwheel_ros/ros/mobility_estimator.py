@@ -106,7 +106,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Read the parameters, and make everything but the subscriptions."""
         try:
             settings = self._table.read()
-            session = Session(self, settings, self._table.given(), self._wall)
+            session = Session(self, settings, self._table.overrides(), self._wall)
         except ParametersError as error:
             self.problem = f"cannot be configured: {error}"
             self.get_logger().error(self.problem)
@@ -192,7 +192,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.fail(f"unconfigured: {changes} could not be applied: {error}")
             if self._session.active:
                 self.trigger_deactivate()
-            self.trigger_cleanup()
+            if self._session is not None:  # a deactivation that fails has forgotten it
+                self.trigger_cleanup()
 
     @_answers
     def _on_save_soil(

@@ -63,7 +63,12 @@ class NodeParameters:
         self._apply = apply
         self.in_use = False
         self._models = StartingModels()
-        given = self.given()
+        self._checked: NodeSettings | None = None  # what the newest change makes
+        given = {
+            name: _plain(parameter.value)
+            for name, parameter in node.get_parameters_by_prefix("").items()
+        }
+        self._overrides = [name for name in given if name.startswith(OVERRIDES)]
         self._problems: dict[str, str] = {}
         self._table: dict[str, Parameter] = {}
         try:
@@ -77,10 +82,9 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._after)
 
-    def given(self) -> dict[str, object]:
-        """Return the value of every parameter that has been declared, known or not."""
-        found = self._node.get_parameters_by_prefix("")
-        return {name: _plain(parameter.value) for name, parameter in found.items()}
+    def overrides(self) -> dict[str, object]:
+        """Return the value of each parameter `qos_overrides.*` that was given at the start."""
+        return {name: _plain(self._node.get_parameter_or(name).value) for name in self._overrides}
 
     def values(self) -> dict[str, object]:
         """Return the value of each known parameter, None where there is none."""
@@ -141,15 +145,17 @@ class NodeParameters:
             if self.in_use and overrides:
                 return f"parameter {change.name} only counts at the start of the node"
         if known and self.in_use:
-            self._check(settings_from(self.values() | known, self._models))
+            self._checked = settings_from(self.values() | known, self._models)
+            self._check(self._checked)
         for name in known:
             self._problems.pop(name, None)
         return None
 
     def _after(self, changes: Sequence[RosParameter]) -> None:
         words = ", ".join(f"{c.name}={_plain(c.value)}" for c in changes if c.name in self._table)
-        if words and self.in_use:
-            self._apply(settings_from(self.values(), self._models), words)
+        settings, self._checked = self._checked, None
+        if words and settings is not None and self.in_use:
+            self._apply(settings, words)
 
 
 def _plain(value: object) -> object:

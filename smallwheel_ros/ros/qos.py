@@ -65,15 +65,13 @@ def override_problems(
 ) -> tuple[list[str], list[str]]:
     """Say which parameters `qos_overrides.*` are wrong, and which nobody uses.
 
-    values: of all parameters. listened, published: resolved names of topics.
+    values: of these parameters. listened, published: resolved names of topics.
     """
-    kinds = [(topic, "subscription") for topic in listened]
+    kinds = [(t, kind) for t in listened for kind in ("subscription", "subscription_latched")]
     kinds += [(topic, "publisher") for topic in published]
     known = {f"{OVERRIDES}{topic}.{kind}.{name}" for topic, kind in kinds for name in _POLICIES}
     wrong, unused = [], []
     for name, value in values.items():
-        if not name.startswith(OVERRIDES):
-            continue
         if name not in known:
             unused.append(
                 f"parameter {name} is not used: expected {OVERRIDES}TOPIC.KIND.POLICY, with the full"

@@ -70,8 +70,8 @@ class Session:
 
     Parameters
     ----------
-    given
-        Values of all parameters that were given, those of the quality of service among them.
+    overrides
+        Values of the parameters `qos_overrides.*` that were given.
     wall
         A clock that goes on while /clock stands still.
 
@@ -87,13 +87,13 @@ class Session:
     """
 
     def __init__(
-        self, node: LifecycleNode, settings: NodeSettings, given: dict[str, object], wall: Clock
+        self, node: LifecycleNode, settings: NodeSettings, overrides: dict[str, object], wall: Clock
     ) -> None:
         self._node, self._wall = node, wall
         self._settings = settings
         topics = check_topics(node, settings)
         wrong, self.unused = override_problems(
-            given,
+            overrides,
             [
                 node.resolve_topic_name(name)
                 for name in (*(t.name for t in topics), TERRAIN_CLASSES)
