@@ -33,17 +33,20 @@ class Rover:
     gravity_height: float = 0.33
 
 
-def _corners(front: tuple[float, float], rear: tuple[float, float]) -> tuple[RoverWheel, ...]:
+def _corners(
+    front: tuple[float, float], rear: tuple[float, float], rear_track: float = 0.28
+) -> tuple[RoverWheel, ...]:
     return tuple(
-        RoverWheel(f"{end}_{side}", *size, x, y)
-        for end, x, size in (("front", 0.35, front), ("rear", -0.35, rear))
-        for side, y in (("left", 0.28), ("right", -0.28))
+        RoverWheel(f"{end}_{side}", *size, x, sign * y)
+        for end, x, y, size in (("front", 0.35, 0.28, front), ("rear", -0.35, rear_track, rear))
+        for side, sign in (("left", 1.0), ("right", -1.0))
     )
 
 
 ROVERS: dict[str, Rover] = {
     "four": Rover(_corners((0.25, 0.10), (0.25, 0.10))),
-    "two_sizes": Rover(_corners((0.25, 0.10), (0.40, 0.12))),
+    # The rear wheels run beside the front wheels' ruts: what ruts do is not taken for wheel size.
+    "two_sizes": Rover(_corners((0.25, 0.10), (0.40, 0.12), rear_track=0.42)),
 }
 
 

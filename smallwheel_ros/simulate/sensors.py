@@ -135,7 +135,7 @@ class Sensors:
         return LoadReadings(stamp[keep], log_time[keep], normal[keep], pull[keep])
 
     def sinkage(self, wheel: int) -> SinkageReadings:
-        """Read the sinkage of a wheel: noise 0.5 mm and 3 % (1 sigma), never below 0.1 mm."""
+        """Read the sinkage of a wheel: noise 0.5 mm and 3 % (1 sigma), below 0 too."""
         rng = self._stream(3, wheel)
         time, stamp, log_time = self._times("sinkage", rng)
         true = self._at(time, self.truth.sinkage[:, wheel])
@@ -149,7 +149,7 @@ class Sensors:
             true * wild.uniform(2.5, 5.0, time.size),
             true + wild.uniform(0.015, 0.040, time.size),
         )
-        read = np.maximum(np.where(outlier, gross, read), 1e-4)
+        read = np.where(outlier, gross, read)
         gaps = self._stream(5, wheel)
         keep = gaps.uniform(size=time.size) >= self.dropouts
         start = gaps.uniform(0.3, 0.9) * self.truth.travel.time[-1]
