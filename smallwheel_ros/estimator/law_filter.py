@@ -26,7 +26,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_model import LAW, ZEROS, LawModel, N, U
+from smallwheel_ros.estimator.law_model import LAW, ZEROS, LawModel, N, Shown, U
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 
@@ -43,7 +43,7 @@ _LOWEST = -15.0  # ln of a weight: a filter can come back
 _HUBER = 2.5  # deviations from which on a segment counts less and less
 _LARGEST = 9.0  # a squared innovation over its variance, in the weights
 _ITERATIONS = 4
-_SETTLED = 1e-4  # of u
+_SETTLED = 0.01  # of u: what is left of the curvature is 1e-4 of the sinkage
 UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it has begun to
 _AGAIN = (40, 120, 360)  # segments after which all are taken again about the newest estimate
 
@@ -224,13 +224,18 @@ class LawFilter:
                 self._again()
         self._mix()
 
-    def innovation(self, segment: Segment, wheel: WheelPlace) -> Innovation:
-        """What a segment would say to the most likely filter."""
-        kalman = self.most_likely
-        shown = self.model.h(self.model.mean + kalman.x, segment, wheel.passes, wheel.index)
+    def linearised(self, segment: Segment, wheel: WheelPlace) -> tuple[Array, Shown]:
+        """The most likely filter's x, and what a segment should show there."""
+        x = self.model.mean + self.most_likely.x
+        return x, self.model.h(x, segment, wheel.passes, wheel.index)
+
+    def innovation(self, segment: Segment, about: tuple[Array, Shown]) -> Innovation:
+        """What a segment would say to the most likely filter. about: as linearised lately."""
+        kalman, (x, shown) = self.most_likely, about
+        expected = shown.value + float(shown.row @ (self.model.mean + kalman.x - x))
         state = float(shown.row @ kalman.P @ shown.row)
         single = self._noise(segment, shown.by_load, shown.value)[0]
-        return Innovation(segment.sinkage - shown.value, state, state + single, shown.by_load)
+        return Innovation(segment.sinkage - expected, state, state + single, shown.by_load)
 
     def _noise(self, segment: Segment, by_load: float, value: float) -> tuple[float, float, float]:
         """Variance of a segment alone, of it as it counts among its neighbours, and its base."""

@@ -19,8 +19,14 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from smallwheel_ros.estimator.law_filter import Innovation, LawFilter, WheelPlace
+from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.segment import Segment
+
+Array = NDArray[np.float64]
 
 WAIT = 3.0  # segment lengths that a segment waits: the rows that are looked at
 _SETTLED = 20  # segments of a soil before another is looked for
@@ -34,11 +40,12 @@ _WILD = 5.0  # deviations to which an innovation is cut
 
 @dataclass(frozen=True)
 class Waiting:
-    """A segment that waits, and its wheel."""
+    """A segment that waits, its wheel, and what it should show, as linearised when it came."""
 
     segment: Segment
     wheel: WheelPlace
     leads: bool
+    about: tuple[Array, Shown]
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ class ChangeTest:
         total = weights = state = 0.0
         wheels: dict[str, list[float]] = {}
         for one in rows:
-            found = law.innovation(one.segment, one.wheel)
+            found = law.innovation(one.segment, one.about)
             if not found.by_load > 0.0:
                 return best
             shift = -_cut(found) / found.by_load

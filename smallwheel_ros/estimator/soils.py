@@ -110,7 +110,8 @@ class Soils:
         law = self.law
         if law is None or segment.place < self._border:
             return
-        self._test.waiting.append(Waiting(segment, wheel.place, wheel.leads))
+        about = law.linearised(segment, wheel.place)
+        self._test.waiting.append(Waiting(segment, wheel.place, wheel.leads, about))
         shift = self._test.find(law) if wheel.leads else None
         if shift is not None:
             self._change(shift, law, watch)
@@ -121,7 +122,7 @@ class Soils:
 
     def _absorb(self, one: Waiting, law: LawFilter, watch: SensorWatch) -> None:
         segment = one.segment
-        before = law.innovation(segment, one.wheel)
+        before = law.innovation(segment, one.about)
         law.absorb(segment, one.wheel)
         watch.judge(segment, before.value / math.sqrt(before.variance))
         self.accepted += segment.count
