@@ -1,15 +1,15 @@
-"""Read and write bags: rosbag2 (mcap, sqlite3) and ROS 1; rosbags is imported in `library` only.
+"""Read and write bags: rosbag2 (mcap, sqlite3) and ROS 1.
 
-No ROS installation is needed. A bag brings its own message definitions; where it does not,
-those of ROS 2 Jazzy and of this package are used.
+No ROS installation is needed. A bag brings its own message definitions; where it does not, those of
+ROS 2 Jazzy and of this package are used.
 """
 
 from __future__ import annotations
 
 from smallwheel_ros.bag_files import BagError, BagMessage, BagTopic, RawMessage
-from smallwheel_ros.bags.field_reader import FieldError, FieldReader
-from smallwheel_ros.bags.library import Channel, Nodetype, message_type, typestore
-from smallwheel_ros.bags.packer import packer
+from smallwheel_ros.bags.codec import Channel
+from smallwheel_ros.bags.definitions import DefinitionError
+from smallwheel_ros.bags.library import message_type, typestore
 from smallwheel_ros.bags.reader import BagReader
 from smallwheel_ros.bags.writer import BagWriter
 
@@ -20,11 +20,8 @@ __all__ = [
     "BagTopic",
     "BagWriter",
     "Channel",
-    "FieldError",
-    "FieldReader",
-    "Nodetype",
+    "DefinitionError",
     "RawMessage",
     "message_type",
-    "packer",
     "typestore",
 ]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+import re
+import tempfile
+from collections.abc import Callable, Collection, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+import yaml
 
 from smallwheel_ros.bag_files import (
     REPAIR,
@@ -16,11 +20,24 @@ from smallwheel_ros.bag_files import (
     RawMessage,
     check_is_bag,
     reason,
+    storage_kind,
 )
-from smallwheel_ros.bags.field_reader import FieldReader, Fields
-from smallwheel_ros.bags.library import Channel
-from smallwheel_ros.bags.salvage import SalvageSource, unfinished_log
-from smallwheel_ros.bags.source import RosbagsSource, Source
+from smallwheel_ros.bags.codec import Channel, Codec, Convert
+from smallwheel_ros.bags.definitions import DefinitionError
+from smallwheel_ros.bags.library import Ros1Reader
+from smallwheel_ros.bags.mcap_file import open_mcap
+from smallwheel_ros.bags.rosbags_file import RosbagsFile
+from smallwheel_ros.bags.sqlite_file import SqliteFile
+from smallwheel_ros.bags.storage import Channel as StoredChannel
+from smallwheel_ros.bags.storage import Key, Storage
+from smallwheel_ros.bags.unpack import unpack_file
+
+_FORMATS: dict[str, Callable[[Path], Storage]] = {
+    ".mcap": open_mcap,
+    ".db3": SqliteFile,
+    ".bag": lambda path: RosbagsFile(path, Ros1Reader(path)),
+}
+_LARGEST_METADATA = 4 << 20  # bytes; a name and a quality of service for each topic
 
 
 class BagReader:
@@ -32,8 +49,8 @@ class BagReader:
         A rosbag2 folder, one ``.mcap`` or ``.db3`` file (or one of these with ``.zstd`` behind it),
         or a ROS 1 ``.bag`` file.
     salvage
-        Read what is left of a bag that is damaged, was not closed, or lacks metadata or a file;
-        `damage` then says what is wrong. Without it such a bag is an error at once.
+        Read what is left of a bag that is damaged, was not closed, or lacks metadata or a file.
+        Without it a bag that is seen to be damaged when it is opened is an error at once.
 
     Raises
     ------
@@ -45,25 +62,47 @@ class BagReader:
         self.path = Path(path)
         self._salvage = salvage
         check_is_bag(self.path, needs_metadata=not salvage)
-        self._source: Source | None = None
+        self._stack = ExitStack()
+        self._storages: list[tuple[str, Storage]] = []
+        self._problems: list[str] = []
+        self._channels: dict[Key, StoredChannel] = {}
 
     def __enter__(self) -> BagReader:
-        # A damaged file makes rosbags raise almost anything (struct.error, IndexError, KeyError,
-        # AssertionError, database errors), so everything that is an Exception is meant here.
         try:
-            if unfinished_log(self.path):
-                raise EOFError(f"{unfinished_log(self.path)} holds messages of a killed recorder")
-            self._source = RosbagsSource(self.path)
-        except Exception as error:
-            # One foreign definition that rosbags does not understand is no damage: a scan reads it.
-            source = SalvageSource(self.path)
-            why = reason(error) if self.path.suffix != ".zstd" else source.damage
-            if (source.damage and not self._salvage) or not (source.topics or source.sound):
-                source.close()
-                unreadable = BagError(self.path, f"cannot be read ({why}); {REPAIR}")
-                raise unreadable from error
-            self._source = source
+            files, self._problems = storage_files(self.path)
+            for file in files:
+                self._open(file)
+            if not self._storages or (self.damage and not (self._salvage and self.message_count)):
+                text = self.damage or "it has no storage file"
+                raise BagError(self.path, f"cannot be read ({text}); {REPAIR}")
+        except BaseException:
+            self._stack.close()
+            raise
         return self
+
+    def _open(self, file: Path) -> None:
+        kind, plain = storage_kind(file) or "", file
+        try:
+            if file.name.endswith(".zstd"):
+                folder = self._stack.enter_context(
+                    tempfile.TemporaryDirectory(prefix="smallwheel-")
+                )
+                plain = Path(folder) / file.name.removesuffix(".zstd")
+                if damage := unpack_file(file, plain):
+                    self._problems.append(f"{file.name} cannot be decompressed ({damage})")
+            storage = _FORMATS[kind](plain)
+        except Exception as error:  # a damaged file makes the libraries raise almost anything
+            self._problems.append(f"{file.name} cannot be read: {reason(error)}")
+            return
+        self._stack.callback(storage.close)
+        self._storages.append((file.name, storage))
+        for key, channel in storage.contents.channels.items():
+            known = self._channels.setdefault(key, StoredChannel())
+            known.messages += channel.messages
+            if not known.definition:
+                known.encoding, known.definition = channel.encoding, channel.definition
+            known.qos = known.qos or channel.qos
+        self._codec = Codec(self._channels, ros2=kind != ".bag")
 
     def __exit__(
         self,
@@ -71,74 +110,67 @@ class BagReader:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        assert self._source is not None
-        with contextlib.suppress(Exception):
-            self._source.close()
-        self._source = None
-
-    @property
-    def _open(self) -> Source:
-        assert self._source is not None, "use BagReader in a with statement"
-        return self._source
+        self._stack.close()
 
     @property
     def topics(self) -> tuple[BagTopic, ...]:
         """What is in the bag, by name; a topic with two types is there twice."""
-        codec = self._open.codec
         return tuple(
-            BagTopic(name, kind, topic.messages, codec.store_of(kind) is not None)
-            for (name, kind), topic in self._open.topics.items()
+            BagTopic(*key, channel.messages, self._codec.is_known(key))
+            for key, channel in sorted(self._channels.items())
         )
 
     @property
     def damage(self) -> str:
-        """What is wrong with the bag as a whole, empty where nothing is; needs `salvage`."""
-        return self._open.damage
+        """What is wrong with the bag as far as it has been read, empty where nothing is."""
+        found = [f"{name}: {text}" for name, s in self._storages for text in s.contents.problems]
+        return "; ".join([*self._problems, *found])
 
     @property
     def is_ros2(self) -> bool:
         """False for a bag of ROS 1."""
-        return self._open.codec.ros2
+        return self._codec.ros2
 
     @property
     def message_count(self) -> int:
         """Number of messages in the bag."""
-        return sum(topic.messages for topic in self._open.topics.values())
+        return sum(channel.messages for channel in self._channels.values())
 
     @property
     def start_time(self) -> int | None:
         """Log time of the first message (ns), None when the bag is empty."""
-        return self._open.start_time
+        return min((s.contents.start for _, s in self._storages if s.contents.start is not None),
+                   default=None)  # fmt: skip
 
     @property
     def end_time(self) -> int | None:
         """Log time of the last message (ns), None when the bag is empty."""
-        return self._open.end_time
+        return max((s.contents.end for _, s in self._storages if s.contents.end is not None),
+                   default=None)  # fmt: skip
 
-    def decoder(self, kind: str) -> Callable[[bytes], Any] | None:
-        """Return what makes a message of the bytes of a type; None for one that nobody knows."""
-        return self._open.codec.decoder(kind)
+    def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
+        """Return what makes a message of bytes, with the fields that its type has here.
 
-    def field_reader(
-        self, kind: str, names: Sequence[str], values_of: Callable[[Any], Fields]
-    ) -> FieldReader | None:
-        """Return what reads fields of the bytes of a type; None for one that nobody knows.
-
-        For its parameters see `FieldReader`.
+        Raises DefinitionError where the bag defines the type otherwise, or beyond all measure; it
+        is then part of the bag's `damage`.
         """
-        codec = self._open.codec
-        store = codec.store_of(kind)
-        return None if store is None else FieldReader(store, kind, codec.ros2, names, values_of)
+        try:
+            return self._codec.decoder((topic, kind), as_here=True)
+        except DefinitionError as error:
+            text = f"type {kind}: {error}"
+            if text not in self._problems:
+                self._problems.append(text)
+            raise
 
-    def as_channel(
-        self, topic: str, kind: str
-    ) -> tuple[Channel, Callable[[bytes], bytes | memoryview]] | None:
+    def as_channel(self, topic: str, kind: str) -> tuple[Channel, Convert] | None:
         """Return a topic as `BagWriter.write_bytes` takes it, and what its bytes become there.
 
-        None for a type whose definition is neither in the bag nor known here.
+        None for a type whose definition is neither in the bag nor known here, or not to be used.
         """
-        entry = self._open.topics[topic, kind]
-        return self._open.codec.as_channel(topic, kind, entry.qos)  # type: ignore[arg-type]
+        try:
+            return self._codec.as_channel((topic, kind))
+        except DefinitionError:
+            return None
 
     def messages(
         self,
@@ -164,24 +196,19 @@ class BagReader:
             If a wanted topic's definition is unknown, or, after the readable messages have been
             given, where the bag is damaged.
         """
-        decoders: dict[str, Callable[[bytes], Any]] = {}
-        readable = set()
-        for name, kind in self._keys(topics):
-            decoder = self.decoder(kind)
-            if decoder is not None:
-                decoders[kind] = decoder
-                readable.add((name, kind))
-            elif topics is not None:
-                raise BagError(
-                    self.path,
-                    f"topic {name} has type {kind}, whose definition is neither in the bag nor"
-                    " known here; record the bag with its definitions (mcap does)",
-                )
-        for read, (topic, kind, time, data) in enumerate(self._stream(readable, start, stop)):
+        decoders: dict[Key, Callable[[bytes], Any]] = {}
+        for key in self._keys(topics):
             try:
-                message = decoders[kind](data)
-            except Exception as error:
-                raise self.damaged(error, read, time, topic) from error
+                decoders[key] = self._codec.decoder(key)
+            except DefinitionError as error:
+                if topics is not None:
+                    text = f"topic {key[0]} has type {key[1]}: {error}"
+                    raise BagError(self.path, text) from error
+        for read, (topic, kind, time, data) in enumerate(self._stream(set(decoders), start, stop)):
+            try:
+                message = decoders[topic, kind](data)
+            except Exception as error:  # damaged bytes make rosbags raise as it likes
+                raise self._damaged(reason(error), read, time, topic) from error
             yield BagMessage(topic, kind, time, message)
 
     def raw_messages(
@@ -190,42 +217,73 @@ class BagReader:
         *,
         start: int | None = None,
         stop: int | None = None,
-    ) -> Generator[RawMessage, None, None]:
+    ) -> Iterator[RawMessage]:
         """Give messages without deserialising them; otherwise like `messages`."""
         return self._stream(self._keys(topics), start, stop)
 
-    def _keys(self, topics: Collection[str] | None) -> set[tuple[str, str]]:
-        return {key for key in self._open.topics if topics is None or key[0] in topics}
+    def _keys(self, topics: Collection[str] | None) -> set[Key]:
+        return {key for key in self._channels if topics is None or key[0] in topics}
 
     def _stream(
-        self, wanted: set[tuple[str, str]], start: int | None, stop: int | None
-    ) -> Generator[RawMessage, None, None]:
-        read, message = 0, None
-        try:
-            for message in self._open.stream(wanted, start, stop):
-                yield message
-                read += 1
-        except Exception as error:
-            last = None if message is None else message.log_time
-            raise self.damaged(error, read, last) from error
-        last = None if message is None else message.log_time
-        if self._open.damage:
-            raise self.damaged(EOFError(self._open.damage), read, last)
-        # Damage inside a chunk can make rosbags skip messages without a word: count them.
-        expected = sum(self._open.topics[key].messages for key in wanted)
-        if start is None and stop is None and read < expected:
-            raise self.damaged(EOFError(f"{expected - read} of {expected} are lost"), read, last)
+        self, wanted: set[Key], start: int | None, stop: int | None
+    ) -> Iterator[RawMessage]:
+        read, last = 0, None
+        first, end = start or 0, stop if stop is not None else 1 << 63
+        for _, storage in self._storages:
+            seen = 0
+            for raw in storage.messages(wanted):
+                seen, time = seen + 1, raw.log_time
+                if first <= time < end:
+                    read, last = read + 1, time
+                    yield raw
+                elif not 0 <= time < 1 << 63:
+                    storage.contents.note(f"a message on topic {raw.topic} has log time {time} ns")
+            channels = storage.contents.channels
+            lost = sum(channels[key].messages for key in wanted if key in channels) - seen
+            if lost > 0 and not storage.contents.problems:
+                storage.contents.note(f"{lost} of its messages are lost")
+        if self.damage:
+            raise self._damaged(self.damage, read, last)
 
-    def damaged(
-        self, error: Exception, read: int, last: int | None, topic: str | None = None
-    ) -> BagError:
-        """Return the error of a bag that is damaged after so many messages."""
+    def _damaged(self, why: str, read: int, last: int | None, topic: str = "") -> BagError:
+        """Return the error of a bag that is damaged, after so many messages."""
         where = f" on topic {topic}" if topic else ""
         until = f", the last at {last / 1e9:.3f} s" if last is not None else ""
         return BagError(
             self.path,
-            f"damaged{where} after {read} messages{until} ({reason(error)}); what came before is"
-            " good",
+            f"damaged{where}: {read} messages could be read{until} ({why})",
             messages_read=read,
             last_log_time=last,
         )
+
+
+class _Loader(yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader):  # type: ignore[misc]
+    """YAML without merged mappings, of which a few lines can make any number of keys."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Leave << as it is."""
+
+
+def _natural(path: Path) -> list[tuple[bool, int, str]]:
+    """Order of names in which drive_10 comes after drive_9."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]
+
+
+def storage_files(path: Path) -> tuple[list[Path], list[str]]:
+    """Return a bag's storage files in order, and what is missing of them, in words."""
+    if not path.is_dir():
+        return [path], []
+    inside = sorted((file for file in path.iterdir() if storage_kind(file)), key=_natural)
+    metadata = path / "metadata.yaml"
+    if not metadata.exists():
+        return inside, ["metadata.yaml is missing"]
+    try:
+        with metadata.open(encoding="utf-8") as file:
+            content = yaml.load(file.read(_LARGEST_METADATA), Loader=_Loader)
+        names = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        files = [path / Path(name).name for name in names]
+    except Exception:  # whatever YAML makes of a damaged text
+        return inside, ["metadata.yaml cannot be read"]
+    missing = [f"file {file.name} is missing" for file in files if not file.exists()]
+    return [file for file in files if file.exists()], missing

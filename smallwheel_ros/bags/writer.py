@@ -12,14 +12,8 @@ from types import TracebackType
 from typing import Any
 
 from smallwheel_ros.bag_files import STORAGES, BagError, Storage, check_new_bag, reason
-from smallwheel_ros.bags.library import (
-    Channel,
-    Connection,
-    StoragePlugin,
-    Writer,
-    latched,
-    typestore,
-)
+from smallwheel_ros.bags.codec import Channel
+from smallwheel_ros.bags.library import Connection, StoragePlugin, Writer, latched, typestore
 
 
 @dataclass

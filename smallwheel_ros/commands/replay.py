@@ -16,7 +16,6 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.output import check_targets
-from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
 from smallwheel_ros.replay.many import (
     Outcome,
@@ -28,8 +27,8 @@ from smallwheel_ros.replay.many import (
 )
 from smallwheel_ros.replay.merge import many_document, many_text, merge
 from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.places import SUMMARY, read_summary
-from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
+from smallwheel_ros.replay.output_paths import SUMMARY, read_summary
+from smallwheel_ros.replay.spec import COPIES, Copy, ReplayError, ReplaySpec
 from smallwheel_ros.replay.text import summary_text
 from smallwheel_ros.replay.topics import proposals, topics_document
 from smallwheel_ros.report.replay_report import write_replay_report

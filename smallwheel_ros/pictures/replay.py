@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.replay.record import Course, Event, course_columns
+from smallwheel_ros.replay.summary import Course, Event, course_columns
 
 Array = NDArray[np.float64]
 

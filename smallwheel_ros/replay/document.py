@@ -23,7 +23,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
 
     files: what was written, by what it is, as names in the replay's folder.
     """
-    record, soil = result.record, result.onboard.soil
+    summary, soil = result.summary, result.onboard.soil
     received = result.onboard.received
     rolling = {w.name for w in result.settings.onboard.wheels if w.contact == ROLLING}
     spread = soil.covariance.diagonal() ** 0.5
@@ -43,10 +43,10 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
         "fingerprint": result.spec.fingerprint(),
         "start": result.start / SECOND,
         "duration": (result.end - result.start) / SECOND,
-        "travel": record.travel,
+        "travel": summary.travel,
         "messages": {"read": result.messages_read, "in_bag": result.message_count},
-        "estimates": sum(counts.results for counts in record.wheels.values()),
-        "statuses": dict(record.statuses),
+        "estimates": sum(counts.results for counts in summary.wheels.values()),
+        "statuses": dict(summary.statuses),
         "wheels": {
             name: {
                 "rolls": name in rolling,
@@ -57,7 +57,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
                 "used_for_soil": counts.used,
                 "sinkage_rms": counts.rms,
             }
-            for name, counts in record.wheels.items()
+            for name, counts in summary.wheels.items()
         },
         "soil": {
             "k": value(soil.k, spread[0], "Pa/m^(n+m)", known.k),
@@ -73,7 +73,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
             "reference_sinkage": soil.reference_sinkage,
             "reference_diameter": soil.reference_diameter,
             "status": list(soil.status),
-            "changes": record.soil_changes,
+            "changes": summary.soil_changes,
             "missing_effect": None
             if soil.missing_effect is None
             else {
@@ -85,9 +85,9 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
         },
         "events": [
             {"time": e.time, "travel": e.travel, "kind": e.kind, "text": e.text}
-            for e in record.events
+            for e in summary.events
         ],
-        "unlisted_events": record.unlisted_events,
+        "unlisted_events": summary.unlisted_events,
         "inputs": [
             {
                 "stream": item.stream,
@@ -107,13 +107,13 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
                 "first_time": drop.first_time,
                 "example": drop.example,
             }
-            for (stream, reason), drop in record.drops().items()
+            for (stream, reason), drop in summary.drops().items()
         ],
         "measurements": {
-            "rows": len(result.blocks),
-            "stretches_not_steady": result.blocks.unsteady,
-            "results_without_load_slip_or_sinkage": result.blocks.unusable,
-            "results_at_changes_of_soil": result.blocks.at_changes,
+            "rows": len(result.segments),
+            "stretches_not_steady": result.segments.unsteady,
+            "results_without_load_slip_or_sinkage": result.segments.unusable,
+            "results_at_changes_of_soil": result.segments.at_changes,
         },
         "not_copied": [f"{topic.name} ({topic.type})" for topic in result.left_out],
         "notes": result.notes,

@@ -11,7 +11,7 @@ from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.replay.errors import ReplayError
+from smallwheel_ros.replay.spec import ReplayError
 
 LOAD = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -112,8 +112,15 @@ class Missing:
         return f"{self.input.topic} ({self.input.type}{detail}): {self.why}"
 
 
-def missing_inputs(inputs: Sequence[Input], topics: Sequence[BagTopic]) -> list[Missing]:
-    """Say of each input whether the bag lacks it, or has it in another type."""
+def missing_inputs(
+    inputs: Sequence[Input],
+    topics: Sequence[BagTopic],
+    unusable: Mapping[tuple[str, str], str] | None = None,
+) -> list[Missing]:
+    """Say of each input whether the bag lacks it, or has it in another type.
+
+    unusable: topics and types of which the bag's definition cannot be used, and why.
+    """
     types: dict[str, list[str]] = {}
     for topic in topics:
         if topic.message_count:
@@ -121,10 +128,13 @@ def missing_inputs(inputs: Sequence[Input], topics: Sequence[BagTopic]) -> list[
     found = []
     for item in inputs:
         there = types.get(item.topic)
+        why = (unusable or {}).get((item.topic, item.type), "")
         if there is None:
-            found.append(Missing(item, "not in the bag"))
+            why = "not in the bag"
         elif item.type not in there:
-            found.append(Missing(item, f"the bag has it as {', '.join(there)}"))
+            why = f"the bag has it as {', '.join(there)}"
+        if why:
+            found.append(Missing(item, why))
     return found
 
 

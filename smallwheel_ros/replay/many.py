@@ -13,11 +13,10 @@ from typing import Any
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.replay.document import document
-from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.places import done_before, read_summary
+from smallwheel_ros.replay.output_paths import done_before, read_summary
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 
 Report = Callable[[Replayed, Path], None]
 _PATIENCE = 60.0  # s that a worker has to put away what it has begun

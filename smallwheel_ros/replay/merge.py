@@ -10,20 +10,10 @@ from typing import Any
 from smallwheel_ros.output import write_bytes
 from smallwheel_ros.replay.document import SCHEMA
 from smallwheel_ros.replay.many import Outcome
-from smallwheel_ros.replay.places import ESTIMATES, MEASUREMENTS, csv_text
+from smallwheel_ros.replay.output_paths import ESTIMATES, MEASUREMENTS, csv_text
 from smallwheel_ros.replay.rows import Kind, columns
 from smallwheel_ros.replay.table_files import TableFiles
 from smallwheel_ros.tables import plain, text_table
-
-
-def _cell(kind: Kind, text: str) -> Any:
-    if text == "" and kind != "text":
-        return None
-    if kind == "number":
-        return float(text)
-    if kind == "integer":
-        return int(text)
-    return text == "True" if kind == "truth" else text
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:
@@ -48,10 +38,9 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     with TableFiles(folder / ESTIMATES, kinds) as table:
         for outcome in outcomes:
             for row in _rows(outcome.spec.folder / f"{ESTIMATES}.csv"):
-                given = {"bag": outcome.spec.name, **row}
-                table.add(tuple(_cell(kind, given[name]) for name, kind in kinds.items()))
+                table.add({"bag": outcome.spec.name, **row})
     files["estimates_csv"] = f"{ESTIMATES}.csv"
-    if table.has_parquet:
+    if (folder / f"{ESTIMATES}.parquet").exists():
         files["estimates_parquet"] = f"{ESTIMATES}.parquet"
     measured: list[dict[str, str]] = []
     for outcome in outcomes:

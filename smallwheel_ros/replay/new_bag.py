@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from smallwheel_ros.bag_files import BagTopic, Storage
+from smallwheel_ros.bag_files import BagTopic, RawMessage, Storage
 from smallwheel_ros.bags import BagReader, BagWriter, Channel
+from smallwheel_ros.bags.codec import Convert
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.rows import MOBILITY, SOIL, Estimate, as_bytes
+from smallwheel_ros.replay.rows import MOBILITY, SOIL, Estimate
 
 _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a second
 
@@ -26,7 +26,7 @@ class NewBag:
         Of the topics of the estimates: the node's name, or /replay before it where the bag has
         the node's own estimates already.
     left_out
-        Topics that are not copied, since nobody knows their type.
+        Topics that are not copied, since their type cannot be understood.
     damaged
         Messages that are not copied, since they cannot be converted.
     """
@@ -39,9 +39,7 @@ class NewBag:
         taken = any(topic.name.startswith(f"{own}/") for topic in reader.topics)
         self.prefix = f"/replay{own}" if taken else own
         self.left_out: list[BagTopic] = []
-        self._channels: dict[
-            tuple[str, str], tuple[Channel, Callable[[bytes], bytes | memoryview]]
-        ] = {}
+        self._channels: dict[tuple[str, str], tuple[Channel, Convert]] = {}
         for topic in reader.topics:
             if (topic.name, topic.type) not in copied:
                 continue
@@ -51,13 +49,13 @@ class NewBag:
             else:
                 self._channels[topic.name, topic.type] = channel
         self._soil_sent: int | None = None
-        self._soil_waits: tuple[Estimate, int] | None = None
+        self._soil_waits: tuple[int, object] | None = None
         self.damaged = 0
 
     def __enter__(self) -> NewBag:
         self._writer.__enter__()
-        self._mobility = self._writer.add(f"{self.prefix}/mobility", MOBILITY)
-        self._soil = self._writer.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
+        self._writer.add(f"{self.prefix}/mobility", MOBILITY)
+        self._writer.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
         return self
 
     def __exit__(
@@ -68,36 +66,31 @@ class NewBag:
     ) -> None:
         self._writer.__exit__(kind, error, trace)
 
-    def copy(self, key: tuple[str, str], log_time: int, data: bytes) -> None:
+    def copy(self, raw: RawMessage) -> None:
         """Write a message of the bag, where its topic is copied."""
-        found = self._channels.get(key)
+        found = self._channels.get((raw.topic, raw.type))
         if found is not None:
             channel, convert = found
             try:
-                converted = convert(data)
+                converted = convert(raw.data)
             except Exception:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
                 self.damaged += 1
                 return
-            self._writer.write_bytes(channel, log_time, converted)
+            self._writer.write_bytes(channel, raw.log_time, converted)
 
     def write(self, estimate: Estimate, log_time: int, frame: str) -> None:
         """Write an estimate; frame: that of odometry."""
-        stamp = estimate.stamp
-        message = as_bytes(MOBILITY, estimate.mobility, stamp, estimate.wheel)
-        self._writer.write_bytes(self._mobility, log_time, message)
+        stamp = estimate.result.mobility.stamp
+        mobility, soil = estimate.messages(frame)
+        self._writer.write(f"{self.prefix}/mobility", MOBILITY, log_time, mobility)
+        self._soil_waits = (log_time, soil)
         sent = self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-            self._write_soil(estimate, log_time, frame)
-        else:
-            self._soil_waits = (estimate, log_time)
+            self._soil_sent = stamp
+            self.finish()
 
-    def finish(self, frame: str) -> None:
+    def finish(self) -> None:
         """Write the last soil, if it still waits."""
         if self._soil_waits is not None:
-            self._write_soil(*self._soil_waits, frame)
-
-    def _write_soil(self, estimate: Estimate, log_time: int, frame: str) -> None:
-        stamp = estimate.stamp
-        message = as_bytes(SOIL, estimate.soil, stamp, frame)
-        self._writer.write_bytes(self._soil, log_time, message)
-        self._soil_sent, self._soil_waits = stamp, None
+            self._writer.write(f"{self.prefix}/soil", SOIL, *self._soil_waits)
+            self._soil_waits = None

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
-from smallwheel_ros.bag_files import BagError, Storage, reason, storage_kind
-from smallwheel_ros.bags import BagReader, FieldError, FieldReader
-from smallwheel_ros.onboard.feed import Feed, Fields, Taker, Topic
+from smallwheel_ros.bag_files import BagError, RawMessage, Storage, reason, storage_kind
+from smallwheel_ros.bags import BagReader, DefinitionError
+from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.blocks import Blocks
 from smallwheel_ros.replay.document import document
-from smallwheel_ros.replay.errors import ReplayError
 from smallwheel_ros.replay.inputs import (
     CLOCK,
     Missing,
@@ -24,20 +22,20 @@ from smallwheel_ros.replay.inputs import (
     resolved,
 )
 from smallwheel_ros.replay.new_bag import NewBag
-from smallwheel_ros.replay.outputs import Outputs
-from smallwheel_ros.replay.places import Places
-from smallwheel_ros.replay.record import Record
+from smallwheel_ros.replay.output_paths import OutputPaths, claimed
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.rows import columns
-from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.rows import Estimate, columns
+from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
+from smallwheel_ros.replay.steady_segments import SteadySegments
+from smallwheel_ros.replay.summary import DriveSummary
 from smallwheel_ros.replay.table_files import TableFiles
 from smallwheel_ros.replay.topics import proposal_text
 from smallwheel_ros.stop import Stop
 
 Key = tuple[str, str]
+Handler = Callable[[Any, int | None], list[Result]]
 _STEP = 256  # messages between two looks at signals, problems and progress
-_CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
-_CLOCK_FIELDS = ("clock.sec", "clock.nanosec")
+_CLOCK_KEY = (CLOCK, "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
@@ -72,23 +70,25 @@ def replay(
     ParametersError
         If the parameter file cannot be used.
     ReplayError
-        If nothing can be estimated from the bag, or a file cannot be written.
+        If nothing can be estimated from the bag, a file cannot be written, or another replay is
+        at work in the folder.
     """
     settings, notes = spec.settings()
-    places, stop = Places(spec), Stop()
+    paths, stop = OutputPaths(spec), Stop()
+    paths.check()
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():
         session = _Session(spec, settings, notes, reader)
-        if places.begin():
-            text = "an earlier replay into this folder was not finished; it is done anew"
-            session.result.notes.append(text)
-        with TableFiles(places.estimates, columns()) as table:
-            bag = NewBag(places.bag, _storage(spec), reader, session.copied)
-            with bag:
-                session.run(table, bag, stop, progress)
         result = session.result
-        places.write_measurements(result.blocks)
-        report(result, places.report)
-        places.finish(document(result, places.files()))
+        with claimed(spec.folder):
+            if paths.begin():
+                text = "an earlier replay into this folder was not finished; it is done anew"
+                result.notes.append(text)
+            bag = NewBag(paths.bag, _storage(spec), reader, session.copied)
+            with TableFiles(paths.estimates, columns()) as table, bag:
+                session.run(table, bag, stop, progress)
+            paths.write_measurements(result.segments)
+            report(result, paths.report)
+            paths.finish(document(result, paths.files()))
     return result
 
 
@@ -99,144 +99,149 @@ def _storage(spec: ReplaySpec) -> Storage:
 
 
 class _Session:
+    """One run of the estimator over an open bag."""
+
     def __init__(
         self, spec: ReplaySpec, settings: NodeSettings, notes: list[str], reader: BagReader
     ) -> None:
-        onboard = Onboard(settings.onboard)
-        if settings.soil_file:
-            notes = [*notes, "soil_file is not read: a replay begins with the configured soil"]
-        self._feed = Feed(onboard, settings)
-        inputs = inputs_of(self._feed.topics, spec.remaps)
-        topics = reader.topics
         if not reader.message_count or reader.start_time is None or reader.end_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
-        missing = missing_inputs(inputs, topics)
-        hint = proposal_text(reader, inputs, spec.bag) if missing else ""
-        check_enough(onboard, missing, hint)
-        self._reader, self._onboard = reader, onboard
-        self._takers: dict[Key, list[tuple[FieldReader, Taker]]] = {}
+        if settings.soil_file:
+            notes = [*notes, "soil_file is not read: a replay begins with the configured soil"]
+        self._reader, self._onboard = reader, Onboard(settings.onboard)
+        self._feed = Feed(self._onboard, settings)
+        inputs = inputs_of(self._feed.topics, spec.remaps)
+        self._decoders: dict[Key, Callable[[bytes], Any]] = {}
+        self._handlers: dict[Key, list[Handler]] = {}
         for topic in self._feed.topics:
             name = resolved(topic.name)
-            self._take_from((spec.remaps.get(name, name), topic.type), topic)
-        clock = (CLOCK, _CLOCK_TYPE)
+            key = (spec.remaps.get(name, name), topic.type)
+            self._handlers.setdefault(key, []).append(topic.handle)
+        present = {(topic.name, topic.type) for topic in reader.topics}
         self._clock: int | None = None
-        present = {(topic.name, topic.type) for topic in topics}
-        used = {key for key in (*self._takers, clock) if key in present}
-        self._has_clock = spec.clock and clock in present
+        self._has_clock = spec.clock and _CLOCK_KEY in present
         if self._has_clock:
-            self._take_from(clock, Topic(CLOCK, _CLOCK_TYPE, {}, _CLOCK_FIELDS, self._on_clock))
+            self._handlers[_CLOCK_KEY] = [self._on_clock]
+        unusable = self._open_decoders(present)
+        missing = missing_inputs(inputs, reader.topics, unusable)
+        check_enough(
+            self._onboard, missing, proposal_text(reader, inputs, spec.bag) if missing else ""
+        )
+        used = {key for key in (*self._handlers, _CLOCK_KEY) if key in present}
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._read = {name for name, _ in used | self.copied}
-        total = sum(t.message_count for t in topics if t.name in self._read)
         self.result = Replayed(
             spec=spec,
             settings=settings,
             notes=list(notes),
             inputs=inputs,
             missing=missing,
-            topics=topics,
             start=reader.start_time,
             end=reader.end_time,
-            message_count=total,
-            onboard=onboard,
-            record=Record(onboard, reader.start_time),
-            blocks=Blocks(settings.onboard.wheels, bool(settings.onboard.with_drawbar_pull)),
+            message_count=sum(t.message_count for t in reader.topics if t.name in self._read),
+            onboard=self._onboard,
+            summary=DriveSummary(self._onboard, reader.start_time),
+            segments=SteadySegments(
+                settings.onboard.wheels, bool(settings.onboard.with_drawbar_pull)
+            ),
         )
 
-    def _take_from(self, key: Key, topic: Topic) -> None:
-        names = topic.fields + topic.newer
-        fields = self._reader.field_reader(topic.type, names, topic.values_of)
-        assert fields is not None, "types of inputs are known here"
-        self._takers.setdefault(key, []).append((fields, topic.take))
+    def _open_decoders(self, present: Iterable[Key]) -> dict[Key, str]:
+        """Prepare for the messages of the inputs; say which ones the bag defines otherwise."""
+        unusable = {}
+        for key in self._handlers.keys() & set(present):
+            try:
+                self._decoders[key] = self._reader.decoder(*key)
+            except DefinitionError as error:
+                unusable[key] = str(error)
+        return unusable
 
     def run(
         self, table: TableFiles, bag: NewBag, stop: Stop, progress: Callable[[int, int], None]
     ) -> None:
         """Read the bag to its end, its damage, or a signal."""
-        result, total = self.result, self.result.message_count
-        time = result.start
-        outputs = Outputs(table, bag, result.record, result.blocks, result.start)
-        messages = self._messages(outputs)
-        try:
-            for time in messages:
-                result.messages_read += 1
-                if result.messages_read % _STEP == 0:
-                    outputs.write()
-                    result.record.take_problems(time)
-                    progress(result.messages_read, total)
-                    if stop.asked:
-                        result.state = "interrupted"
-                        result.ended = (
-                            f"stopped by {stop.asked} {(time - result.start) / SECOND:.3f} s after"
-                            f" the bag's beginning, after {result.messages_read} of {total}"
-                            " messages; the same command does all of it"
-                        )
-                        break
-        except BagError as error:
-            if error.path != result.spec.bag:
-                raise  # not of the bag that is read: the new one cannot be written
-            result.state = "ended_early"
-            result.ended = str(error)
-        finally:
-            with contextlib.suppress(BagError):
-                messages.close()
-        outputs.add(self._onboard.flush(), time, self._feed.odometry_frame)
-        outputs.write()
-        bag.finish(self._feed.odometry_frame)
-        result.record.take_problems(time)
-        result.record.finish()
-        result.blocks.finish()
-        result.end = max(time, result.start) if result.state != "complete" else result.end
+        result, total, time = self.result, self.result.message_count, self.result.start
+        messages = self._reader.raw_messages(self._read)
+        while True:
+            try:
+                raw = next(messages)
+            except StopIteration:
+                break
+            except BagError as error:
+                result.state, result.ended = "ended_early", str(error)
+                break
+            time = raw.log_time
+            bag.copy(raw)
+            self._write(self._take(raw), time, table, bag)
+            result.messages_read += 1
+            if result.messages_read % _STEP == 0:
+                result.summary.take_problems(time)
+                progress(result.messages_read, total)
+                if stop.asked:
+                    result.state, result.ended = "interrupted", self._stopped(stop, time)
+                    break
+        self._write(self._onboard.flush(), time, table, bag)
+        bag.finish()
         result.prefix, result.left_out = bag.prefix, bag.left_out
         if bag.damaged:
             result.notes.append(f"{bag.damaged} damaged messages are not in the new bag")
+        self._finish(time)
+        progress(result.messages_read, total)
+
+    def _take(self, raw: RawMessage) -> list[Result]:
+        """Give a message to the estimator, if it is an input; return what it has made ready."""
+        key = (raw.topic, raw.type)
+        decode = self._decoders.get(key)
+        if decode is None:
+            return []
+        try:
+            message = decode(raw.data)
+        except Exception as error:  # damaged bytes make rosbags raise as it likes
+            text = f"a message cannot be deserialised ({reason(error)})"
+            streams = (i.stream for i in self.result.inputs if (i.topic, i.type) == key)
+            self._onboard.report(next(streams, raw.topic), "undecodable", text)
+            return []
+        by_recording = self.result.spec.clock and not self._has_clock
+        now = raw.log_time if by_recording else self._clock
+        return [found for handle in self._handlers[key] for found in handle(message, now)]
+
+    def _on_clock(self, message: Any, _: int | None) -> list[Result]:
+        self._clock = message.clock.sec * SECOND + message.clock.nanosec
+        return []
+
+    def _write(
+        self, results: Iterable[Result], log_time: int, table: TableFiles, bag: NewBag
+    ) -> None:
+        for found in results:
+            estimate = Estimate.of(found)
+            row = estimate.row(self.result.start)
+            table.add(row)
+            bag.write(estimate, log_time, self._feed.odometry_frame)
+            self.result.summary.add(found, row)
+            self.result.segments.add(found, self.result.summary.changing)
+
+    def _stopped(self, stop: Stop, time: int) -> str:
+        result = self.result
+        return (
+            f"stopped by {stop.asked} {(time - result.start) / SECOND:.3f} s after the bag's"
+            f" beginning, after {result.messages_read} of {result.message_count} messages; the same"
+            " command does all of it"
+        )
+
+    def _finish(self, time: int) -> None:
+        """Complete the result after the last message."""
+        result, onboard = self.result, self._onboard
+        result.summary.take_problems(time)
+        result.summary.finish()
+        result.segments.finish()
+        if result.state != "complete":
+            result.end = max(time, result.start)
         lost = {entry.input.stream for entry in result.missing}
         result.missing += [
             Missing(item, "never in a message")
             for item in result.inputs
-            if item.stream not in lost and not self._onboard.received[item.stream]
+            if item.stream not in lost and not onboard.received[item.stream]
         ]
-        if result.spec.clock and self._most_are_refused_by_the_clock():
+        refused = sum(n for (_, why), n in onboard.counts.items() if why in _BY_CLOCK)
+        if result.spec.clock and 2 * refused > onboard.received.total():
             result.notes.append(_HINT)
-        progress(result.messages_read, total)
-
-    def _most_are_refused_by_the_clock(self) -> bool:
-        counts = self._onboard.counts
-        refused = sum(n for (_, why), n in counts.items() if why in _BY_CLOCK)
-        return 2 * refused > self._onboard.received.total()
-
-    def _messages(self, outputs: Outputs) -> Generator[int, None, None]:
-        """Work on one message after the other; gives their log times."""
-        takers, copied = self._takers, self.copied
-        by_recording = self.result.spec.clock and not self._has_clock
-        for topic, kind, log_time, data in self._reader.raw_messages(self._read):
-            key = (topic, kind)
-            if key in copied:
-                outputs.copy(key, log_time, data)
-            for fields, take in takers.get(key, ()):
-                try:
-                    values = fields(data)
-                except Exception as error:  # damaged bytes make rosbags raise as it likes
-                    self._cannot_read(key, error)
-                    break
-                found = take(values, log_time if by_recording else self._clock)
-                if found:
-                    outputs.add(found, log_time, self._feed.odometry_frame)
-            yield log_time
-
-    def _on_clock(self, values: Fields, _: int | None) -> list[Result]:
-        sec, nanosec = values
-        self._clock = sec * SECOND + nanosec
-        return []
-
-    def _cannot_read(self, key: Key, error: Exception) -> None:
-        """Count a message; raises ReplayError if the bag defines its type otherwise than here."""
-        if isinstance(error, FieldError):
-            topic, kind = key
-            raise ReplayError(
-                f"topic {topic}: the bag's definition of {kind} is another one than here ({error}):"
-                " record it with this version of the message"
-            ) from error
-        text = f"a message cannot be deserialised ({reason(error)})"
-        streams = (i.stream for i in self.result.inputs if (i.topic, i.type) == key)
-        self._onboard.report(next(streams, key[0]), "undecodable", text)

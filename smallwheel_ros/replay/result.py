@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from smallwheel_ros.bag_files import BagTopic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NodeSettings
-from smallwheel_ros.replay.blocks import Blocks
 from smallwheel_ros.replay.inputs import Input, Missing
-from smallwheel_ros.replay.record import Record
 from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.steady_segments import SteadySegments
+from smallwheel_ros.replay.summary import DriveSummary
 
 
 @dataclass
@@ -22,7 +22,7 @@ class Replayed:
     state
         ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``.
     ended
-        In words, where and why it ended before the end; empty when complete.
+        In words, what is wrong with the bag, or where the replay stopped; empty when complete.
     messages_read, message_count
         Of the topics that were read, and how many the bag says there are.
     """
@@ -32,13 +32,12 @@ class Replayed:
     notes: list[str]
     inputs: tuple[Input, ...]
     missing: list[Missing]
-    topics: tuple[BagTopic, ...]
     start: int
     end: int
     message_count: int
     onboard: Onboard
-    record: Record
-    blocks: Blocks
+    summary: DriveSummary
+    segments: SteadySegments
     state: str = "complete"
     ended: str = ""
     messages_read: int = 0

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from smallwheel_ros import __version__
 from smallwheel_ros.bag_files import storage_kind
+from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import (
     NodeSettings,
@@ -21,6 +22,10 @@ from smallwheel_ros.onboard.parameters import (
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
 _HASHED = 1 << 20
+
+
+class ReplayError(SmallwheelError):
+    """A bag that nothing can be estimated from, options that do not go together, or no place."""
 
 
 @dataclass(frozen=True)

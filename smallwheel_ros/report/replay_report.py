@@ -123,7 +123,7 @@ def _times(count: int) -> str:
 
 
 def _way(result: Replayed) -> list[Block]:
-    figure = map_of_way(result.record.courses, result.record.events)
+    figure = map_of_way(result.summary.courses, result.summary.events)
     if figure is None:
         return []
     return [
@@ -138,19 +138,19 @@ def _way(result: Replayed) -> list[Block]:
 
 
 def _wheels(result: Replayed, summary: dict[str, Any]) -> list[Block]:
-    record = result.record
+    drive = result.summary
     blocks: list[Block] = []
-    if any(course.points for course in record.courses.values()):
-        every = max(course.every for course in record.courses.values())
+    if any(course.points for course in drive.courses.values()):
+        every = max(course.every for course in drive.courses.values())
         thinned = f" Every {every}th estimate is shown." if every > 1 else ""
         blocks.append(
             Picture(
-                wheels_over_time(record.courses, record.events),
+                wheels_over_time(drive.courses, drive.events),
                 "Sinkage as predicted before the measurement of that instant is used, and drawbar "
                 f"pull at the slip of that instant; bands: 95 %. Dotted: the soil changed.{thinned}",
             )
         )
-        slip = slip_over_time(record.courses)
+        slip = slip_over_time(drive.courses)
         if slip is not None:
             blocks.append(Picture(slip, "Slip: positive when driving, negative when braking."))
     blocks.append(_match_rates(summary))
@@ -197,10 +197,10 @@ def _soil(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     blocks: list[Block] = [Table(header, rows, numbers=(1, 2))]
     if soil["status"]:
         blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
-    record = result.record
+    drive = result.summary
     blocks.append(
         Picture(
-            soil_over_time(record.courses, record.events),
+            soil_over_time(drive.courses, drive.events),
             "The law p = k zⁿ Dᵐ as it was believed; bands: 95 %. The reference pressure is what "
             "the drive determines first; k is the pressure at one metre of sinkage, far from what "
             "small wheels do.",

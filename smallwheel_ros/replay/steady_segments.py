@@ -5,7 +5,9 @@ So each row is the median of a wheel's readings over a stretch of way no shorter
 largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or speed
 changed are left out, since a row is to be one steady measurement. So are those of a turn after a
 change of soil: some wheels are on the old one still. The soils are those between the changes that the
-replay counts, so a drive has one more of them than its summary has changes.
+replay counts, so a drive has one more of them than its summary has changes. The pass number (see
+`passes`) is that of the middle half of a stretch's readings. Where the drive tells it for most rows,
+those without are left out, since a table of measurements has no blank one; else the column is.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.replay.passes import PassCounter
 
 _MOST_ROWS = 2000
 _FEWEST_READINGS = 3
@@ -46,11 +49,12 @@ class _Row(NamedTuple):
     speed: float
     pull: float  # NaN where it was not measured
     pull_std: float
+    passes: float  # NaN where the pass number is not known or changed
     readings: int
 
 
-# Load, sinkage, variance, slip, speed, drawbar pull, variance.
-_Reading = tuple[float, float, float, float, float, float, float]
+# Load, sinkage, variance, slip, speed, drawbar pull, variance, pass number.
+_Reading = tuple[float, float, float, float, float, float, float, float]
 
 
 @dataclass
@@ -61,7 +65,7 @@ class _Open:
     readings: list[_Reading] = field(default_factory=list)
 
 
-class Blocks:
+class SteadySegments:
     """Takes results as they come, and gives the rows of a section 5 table at the end.
 
     pulls: whether there are columns of measured drawbar pull.
@@ -70,6 +74,7 @@ class Blocks:
     def __init__(self, wheels: Sequence[Wheel], pulls: bool = False) -> None:
         self._wheels, self._pulls = tuple(wheels), pulls
         self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
+        self._passes = PassCounter(wheels)
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
         self._scale = 1
         self._open: dict[int, _Open] = {}
@@ -82,8 +87,9 @@ class Blocks:
         self.unusable = 0
 
     def add(self, result: Result, changing: bool) -> None:
-        """Take one result; changing: the soil is taken to change just now (`Record.changing`)."""
+        """Take one result; changing: the soil is taken to change just now (`DriveSummary.changing`)."""
         found, soil, speed = result.mobility, result.soil, result.speed
+        passes = self._passes.number(result)
         order = self._order[found.wheel]
         wheel = self._wheels[order]
         forgotten = soil.distance < self._way - 1e-9  # time went back
@@ -114,6 +120,7 @@ class Blocks:
                 math.nan if speed is None else abs(speed),
                 math.nan if pull is None else pull.value,
                 math.nan if pull is None else pull.standard_deviation**2,
+                math.nan if passes is None else float(passes),
             )
         )
 
@@ -143,7 +150,8 @@ class Blocks:
         pressed = wheel.contact == PRESSED
         if not pressed and len(readings) < _FEWEST_READINGS:
             return None
-        loads, sinkages, variances, slips, speeds, pulls, noises = zip(*readings, strict=True)
+        columns = list(zip(*readings, strict=True))
+        loads, sinkages, variances, slips, speeds, pulls, noises, passes = columns
         sinkage = quartiles(sinkages)[1]
         if sinkage > wheel.diameter / 2:
             return None
@@ -159,7 +167,11 @@ class Blocks:
         pull = quartiles(pulls)[1]
         deviation = _deviation([value - sinkage for value in sinkages], quartiles(variances)[1])
         pull_deviation = _deviation([value - pull for value in pulls], quartiles(noises)[1])
-        return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, len(readings))
+        fewest, _, most = quartiles([0.0 if math.isnan(number) else number for number in passes])
+        number = most if most == fewest > 0 else math.nan
+        return _Row(
+            load, sinkage, deviation, slip, speed, pull, pull_deviation, number, len(readings)
+        )
 
     def _merge(self) -> None:
         """Double the stretches' length, so that a long drive still is a table of some rows."""
@@ -177,14 +189,16 @@ class Blocks:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def table(self, prefix: str = "") -> Iterator[dict[str, str | float]]:
-        """Give the rows by column; prefix: put before soil and run, the name of the drive."""
-        for key in sorted(self._rows):
-            wheel, row = self._wheels[key.wheel], self._rows[key]
-            pulled = math.isfinite(row.pull)
-            pull: dict[str, str | float] = {
-                "drawbar_pull [N]": row.pull if pulled else "",
-                "drawbar_pull_std [N]": row.pull_std if pulled else "",
+    def table(self) -> Iterator[dict[str, str | float]]:
+        """Give the rows by column."""
+        rows = self._rows
+        known = {key: row for key, row in rows.items() if math.isfinite(row.passes)}
+        with_passes = 2 * len(known) > len(rows)
+        for key, row in sorted((known if with_passes else rows).items()):
+            wheel = self._wheels[key.wheel]
+            pull = {
+                "drawbar_pull [N]": _cell(row.pull),
+                "drawbar_pull_std [N]": _cell(row.pull_std),
             }
             yield {
                 "load [N]": row.load,
@@ -193,32 +207,24 @@ class Blocks:
                 "sinkage [m]": row.sinkage,
                 "sinkage_std [m]": row.sinkage_std,
                 **(pull if self._pulls else {}),
-                "slip": "" if math.isnan(row.slip) else row.slip,
-                "speed [m/s]": "" if math.isnan(row.speed) else row.speed,
+                "slip": _cell(row.slip),
+                "speed [m/s]": _cell(row.speed),
+                **({"pass_number": int(row.passes)} if with_passes else {}),
                 "contact": wheel.contact,
-                "soil": f"{prefix}soil {key.soil}",
-                "run": f"{prefix}{key.soil}.{key.stretch}",
+                "soil": f"soil {key.soil}",
+                "run": f"{key.soil}.{key.stretch}",
                 "wheel": wheel.name,
             }
 
 
-def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
-    """Return the 25th, 50th and 75th percentile; NaN where a value is.
+def _cell(value: float) -> str | float:
+    return "" if math.isnan(value) else value
 
-    They are those of `numpy.percentile`, which takes much longer for some ten values.
-    """
-    if any(map(math.isnan, values)):
-        return math.nan, math.nan, math.nan
-    ordered, last = sorted(values), len(values) - 1
-    found = []
-    for share in (0.25, 0.5, 0.75):
-        below = int(share * last)
-        part, low, high = share * last - below, ordered[below], ordered[min(below + 1, last)]
-        # From the nearer one, so that rounding does not lead beyond the other.
-        found.append(
-            low + (high - low) * part if part < 0.5 else high - (high - low) * (1.0 - part)
-        )
-    return found[0], found[1], found[2]
+
+def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
+    """Return the 25th, 50th and 75th percentile; NaN where a value is."""
+    low, middle, high = np.percentile(values, [25.0, 50.0, 75.0]).tolist()
+    return low, middle, high
 
 
 def _deviation(off: Sequence[float], variance: float) -> float:
@@ -235,7 +241,9 @@ def _mean(rows: Sequence[_Row]) -> _Row:
     weight = np.array([row.readings for row in rows], dtype=float)
     values = np.array([row[:7] for row in rows])
     load, sinkage, _, slip, speed, pull, _ = np.average(values, axis=0, weights=weight).tolist()
+    passes = rows[0].passes if len({row.passes for row in rows}) == 1 else math.nan
     deviation, pull_deviation = (
         np.sqrt(np.sum((weight[:, None] * values[:, [2, 6]]) ** 2, axis=0)) / weight.sum()
     ).tolist()
-    return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, int(weight.sum()))
+    count = int(weight.sum())
+    return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, passes, count)

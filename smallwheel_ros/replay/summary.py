@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from operator import itemgetter
 from typing import Any
 
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.rows import STATUS_NAMES, columns
 
 _MOST_POINTS = 2000  # of each wheel
 _MOST_EVENTS = 200
@@ -43,7 +40,6 @@ _FROM = {
 }
 # NaN where not known; SI units, time in s since the bag's beginning. used: 1 or 0.
 COURSE = (*_FROM, "used")
-_NAN = float("nan")
 
 
 @dataclass
@@ -115,7 +111,7 @@ class _Change:
     until: float = 0.0
 
 
-class Record:
+class DriveSummary:
     """Takes results and problems as they come."""
 
     def __init__(self, onboard: Onboard, start: int) -> None:
@@ -136,7 +132,7 @@ class Record:
         self.soil_changes = 0
         self.travel = 0.0
 
-    def add(self, result: Result, row: tuple[Any, ...]) -> None:
+    def add(self, result: Result, row: Mapping[str, Any]) -> None:
         """Take one result, and its row of the table (`rows.columns`)."""
         found, soil = result.mobility, result.soil
         counts = self.wheels[found.wheel]
@@ -146,7 +142,7 @@ class Record:
         used = soil.accepted > self._accepted
         self._accepted = soil.accepted
         self.travel = max(self.travel, soil.distance)
-        self.statuses[STATUS_NAMES[found.status]] += 1
+        self.statuses[found.status.name] += 1
         counts.results += 1
         counts.with_sinkage += found.sinkage_measured is not None
         counts.with_load += found.load is not None
@@ -234,15 +230,9 @@ class Record:
         return found
 
 
-@cache
-def _cells() -> itemgetter[Any]:
-    places = list(columns())
-    return itemgetter(*(places.index(name) for name in _FROM.values()))
-
-
-def _point(row: tuple[Any, ...], used: bool) -> tuple[float, ...]:
-    known = [_NAN if cell is None else cell for cell in _cells()(row)]
-    return (*known, float(used))
+def _point(row: Mapping[str, Any], used: bool) -> tuple[float, ...]:
+    cells = (row[name] for name in _FROM.values())
+    return (*(math.nan if cell is None else cell for cell in cells), float(used))
 
 
 def course_columns(courses: Sequence[Course]) -> dict[str, list[float]]:

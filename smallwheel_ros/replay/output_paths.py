@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import io
 import json
+import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.output import json_text, write_bytes
-from smallwheel_ros.replay.blocks import Blocks
-from smallwheel_ros.replay.errors import ReplayError
-from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
+from smallwheel_ros.replay.steady_segments import SteadySegments
 
 SUMMARY = "replay.json"
 ESTIMATES, MEASUREMENTS, REPORT, BAG = "estimates", "measurements.csv", "report.html", "bag"
@@ -60,7 +62,36 @@ def done_before(spec: ReplaySpec) -> dict[str, Any] | None:
     return summary if same and there else None
 
 
-class Places:
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Make a folder and keep other replays out of it meanwhile, also those that are killed.
+
+    Raises
+    ------
+    ReplayError
+        If it cannot be made, or another replay is at work in it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise ReplayError(f"folder {folder} cannot be used: {error.strerror or error}") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ReplayError(
+                f"folder {folder}: another replay is writing into it; wait until it is done, or"
+                " give another folder with -o"
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(handle)
+
+
+class OutputPaths:
     """Where the outputs of one replay go.
 
     Raises
@@ -75,13 +106,9 @@ class Places:
         self.bag = self._folder / BAG
         self.report = self._folder / REPORT
 
-    def begin(self) -> bool:
-        """Make the folder, or clear it of an earlier replay; note that one is under way.
-
-        Returns whether the earlier one was killed in its midst.
-        """
+    def check(self) -> None:
+        """Raise ReplayError if the folder is the bag, or the bag is what would be cleared."""
         folder = self._folder
-        killed = False
         if folder.resolve() == self._spec.bag.resolve():
             raise ReplayError(f"folder {folder} is the bag itself: give another one with -o")
         if self._spec.bag.resolve().is_relative_to(self.bag.resolve()):
@@ -89,8 +116,14 @@ class Places:
                 f"bag {self._spec.bag} is what an earlier replay has written into folder {folder},"
                 " which a new one clears: give another one with -o"
             )
+
+    def begin(self) -> bool:
+        """Clear the folder of an earlier replay; note that one is under way.
+
+        Returns whether the earlier one was killed in its midst.
+        """
+        folder, killed = self._folder, False
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             before = read_summary(folder)
             if before is None:
                 there = [name for name in (*_FILES, BAG) if (folder / name).exists()]
@@ -116,9 +149,9 @@ class Places:
     def _write(self, content: dict[str, Any]) -> None:
         write_bytes(self._folder / SUMMARY, json_text(content).encode())
 
-    def write_measurements(self, blocks: Blocks) -> None:
+    def write_measurements(self, segments: SteadySegments) -> None:
         """Write the steady stretches as a table of measurements, if there are any."""
-        rows = list(blocks.table())
+        rows = list(segments.table())
         if rows:
             write_bytes(self._folder / MEASUREMENTS, csv_text(rows[0], rows).encode())
 
