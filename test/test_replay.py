@@ -25,7 +25,7 @@ from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -568,6 +568,26 @@ def test_the_bag_of_an_earlier_replay_is_not_cleared_to_read_it(bag, rover, tmp_
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
+def test_a_second_replay_into_the_same_folder_is_refused(bag, rover, usual, tmp_path):
+    """It finds the first one at work, and changes nothing."""
+    folder, other = tmp_path / "out", tmp_path / "other"
+    refused = []
+
+    def meanwhile(result, path):
+        with pytest.raises(ReplayError, match="another replay is writing into it"):
+            replay(ReplaySpec(bag, rover, folder))
+        rest = ("--config", rover, "-o", folder)
+        refused.append(smallwheel("replay", bag, *rest, code=2).stderr)
+        replay(ReplaySpec(bag, rover, other, copy="none"))
+
+    replay(ReplaySpec(bag, rover, folder), report=meanwhile)
+    assert "give another folder with -o" in refused[0]
+    assert json.loads((folder / "replay.json").read_text())["state"] == "complete"
+    assert_same_estimates(table_of(folder), usual[1])
+    assert_same_estimates(table_of(other), usual[1])
+    replay(ReplaySpec(bag, rover, folder, copy="none"))  # the first one is done
+
+
 # --- Messages that are none
 
 
@@ -768,6 +788,18 @@ def test_a_missing_effect_is_found_on_from_a_drive(rover, tmp_path):
         "none": ("adequate", []),
         "slip_sinkage": ("missing_effect", ["slip_sinkage"]),
     }
+
+
+@pytest.mark.slow
+def test_a_rut_that_deepens_is_found_on_from_a_drive(repository, tmp_path):
+    """Rear wheels run in the front wheels' ruts; the replay's pass numbers let diagnose name it."""
+    drive = DriveSettings(seed=3, distance=120.0, terrain="single", hidden=("multipass",))
+    write_drive_bag(simulate_drive(drive), tmp_path / "drive")
+    rover = repository / "config" / "four_wheels.yaml"
+    replayed(tmp_path / "drive", rover, tmp_path / "out", copy="none")
+    result = smallwheel("diagnose", tmp_path / "out" / "measurements.csv", "--json", "-")
+    found = json.loads(result.stdout)
+    assert (found["verdict"], found["missing_effects"]) == ("missing_effect", ["multipass"])
 
 
 # --- A real rig

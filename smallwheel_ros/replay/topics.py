@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.bag_files import BagTopic
+from smallwheel_ros.bag_files import BagError, BagTopic
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.inputs import (
@@ -88,8 +89,9 @@ def _best(wheel: str, kind: str, names: Iterable[str]) -> str | None:
 
 def joint_names(reader: BagReader, topic: str) -> list[str]:
     """Return the joints in the first message of a topic of JointState."""
-    for message in reader.messages({topic}):
-        return [str(name) for name in message.message.name]
+    with suppress(BagError):  # damaged, or defined otherwise than here
+        for message in reader.messages({topic}):
+            return [str(name) for name in getattr(message.message, "name", [])]
     return []
 
 
