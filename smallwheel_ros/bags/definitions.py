@@ -46,12 +46,12 @@ class Definitions:
             if kind not in known:
                 raise DefinitionError("its definition is neither in the bag nor known here")
             return typestore()
-        self._left -= len(text)
-        if len(text) > _MOST_CHARACTERS or self._left < 0:
+        if len(text) > min(_MOST_CHARACTERS, self._left):
             raise DefinitionError(
                 f"its definition has {len(text)} characters; expected at most {_MOST_CHARACTERS},"
                 f" and {_MOST_IN_BAG} in all definitions of a bag"
             )
+        self._left -= len(text)
         try:
             found = parsed(kind, encoding, text)
         except Exception as error:  # whatever the parser makes of a wrong text

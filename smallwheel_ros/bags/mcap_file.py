@@ -18,7 +18,7 @@ from typing import BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
+from mcap.reader import SeekingReader
 from mcap.records import Channel as ChannelRecord
 from mcap.records import Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader
@@ -42,12 +42,12 @@ def open_mcap(path: Path) -> Storage:
     """
     summary = None
     with path.open("rb") as file:
-        reader = make_reader(file)
+        reader = SeekingReader(file, record_size_limit=_LARGEST_RECORD)
         with contextlib.suppress(Exception):  # the end of the file is missing or damaged
             summary = reader.get_summary()
     if summary is not None and _is_plain(summary):
         with contextlib.suppress(Exception):
-            return RosbagsFile(path, Ros2Reader(path))
+            return RosbagsFile(path, Ros2Reader(path), lambda: McapFile(path, summary))
     return McapFile(path, summary)
 
 

@@ -5,21 +5,31 @@ A bag of ROS 1 that is cut off has no index, and nothing of it can be read.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 
 from smallwheel_ros.bag_files import RawMessage, reason
 from smallwheel_ros.bags.library import Ros1Reader, Ros2Reader, offered_qos
-from smallwheel_ros.bags.storage import Channel, Contents, Key
-from smallwheel_ros.bags.unpack import Unpacker
+from smallwheel_ros.bags.storage import Channel, Contents, Key, Storage
+from smallwheel_ros.bags.unpack import Unpacker, UnpackError
 
 
 class RosbagsFile:
-    """One file; see `storage.Storage`. Raises whatever rosbags raises for a damaged one."""
+    """One file; see `storage.Storage`. Raises whatever rosbags raises for a damaged one.
 
-    def __init__(self, path: Path, reader: Ros1Reader | Ros2Reader) -> None:
+    instead: opens the file in another way, to go on where rosbags stops at a damaged place.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        reader: Ros1Reader | Ros2Reader,
+        instead: Callable[[], Storage] | None = None,
+    ) -> None:
         self.contents = Contents()
-        self._reader, self._size = reader, path.stat().st_size
+        self._reader, self._size, self._instead = reader, path.stat().st_size, instead
         reader.open()
         for connection in reader.connections:
             key = (connection.topic, connection.msgtype)
@@ -44,14 +54,22 @@ class RosbagsFile:
         while True:
             try:
                 connection, log_time, data = next(messages)
-                data = unpack(data)
             except StopIteration:
                 return
             except Exception as error:  # damaged bytes can mean anything
                 self.contents.note(f"it is damaged after {count} messages ({reason(error)})")
-                return
-            yield RawMessage(connection.topic, connection.msgtype, log_time, data)
+                break
             count += 1
+            if isinstance(reader, Ros2Reader):
+                try:
+                    data = unpack(data)
+                except UnpackError as error:
+                    self.contents.note(f"message {count}: {error}")
+                    continue
+            yield RawMessage(connection.topic, connection.msgtype, log_time, data)
+        if self._instead is not None:
+            with closing(self._instead()) as other:
+                yield from islice(other.messages(wanted), count, None)
 
     def close(self) -> None:
         """Close the file."""

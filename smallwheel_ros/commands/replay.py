@@ -27,8 +27,8 @@ from smallwheel_ros.replay.many import (
 )
 from smallwheel_ros.replay.merge import many_document, many_text, merge
 from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.output_paths import SUMMARY, read_summary
-from smallwheel_ros.replay.spec import COPIES, Copy, ReplayError, ReplaySpec
+from smallwheel_ros.replay.output_paths import SUMMARY, claimed, read_summary
+from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
 from smallwheel_ros.replay.text import summary_text
 from smallwheel_ros.replay.topics import proposals, topics_document
 from smallwheel_ros.report.replay_report import write_replay_report
@@ -125,14 +125,10 @@ def _many(
     scheduler: str | None,
     json_file: str | None,
 ) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ReplayError(f"folder {folder} cannot be used: {error.strerror or error}") from error
     if scheduler is not None:
         # Workers may stand elsewhere in the tree of folders than this process does.
-        absolute = [_absolute(spec) for spec in specs]
-        source = replay_on_cluster(absolute, scheduler, write_replay_report)
+        specs = [_absolute(spec) for spec in specs]
+        source = replay_on_cluster(specs, scheduler, write_replay_report)
     elif jobs > 1:
         source = replay_on_processors(specs, jobs, write_replay_report)
     else:
@@ -140,21 +136,22 @@ def _many(
     found: dict[str, Outcome] = {}
     stopped = False
     bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
-    try:
-        with _terminated_as_interrupted(), bar, closing(source):
-            for outcome in source:
-                found[outcome.spec.name] = outcome
-                bar.update()
-                if outcome.state == "failed":
-                    bar.clear()
-                    click.echo(f"{outcome.spec.bag}: {outcome.error}", err=True)
-    except KeyboardInterrupt:
-        stopped = True
-    outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
-    done = [o for o in outcomes if o.state in ("complete", "ended_early")]
-    files = merge(folder, done) if done else {}
-    document = many_document(outcomes, files)
-    write_json(str(folder / "replays.json"), document)
+    with claimed(folder):
+        try:
+            with _terminated_as_interrupted(), bar, closing(source):
+                for outcome in source:
+                    found[outcome.spec.name] = outcome
+                    bar.update()
+                    if outcome.state == "failed":
+                        bar.clear()
+                        click.echo(f"{outcome.spec.bag}: {outcome.error}", err=True)
+        except KeyboardInterrupt:
+            stopped = True
+        outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
+        done = [o for o in outcomes if o.state in ("complete", "ended_early")]
+        files = merge(folder, done) if done else {}
+        document = many_document(outcomes, files)
+        write_json(str(folder / "replays.json"), document)
     if json_file is not None:
         write_json(json_file, document)
     if json_file != "-":

@@ -1,8 +1,7 @@
 """From messages to `Onboard`: which topics there are, and what of each message counts.
 
-A topic says which fields of its messages it reads. Who has message objects (the node: those of rclpy)
-gives them to `Topic.handle`; who has serialised messages (replay) reads just these fields, and gives
-them to `Topic.take`.
+A topic says which fields of its messages it reads. Node and replay give messages, those of rclpy and of
+rosbags, to `Topic.handle`.
 """
 
 from __future__ import annotations

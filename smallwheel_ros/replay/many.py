@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 
 Report = Callable[[Replayed, Path], None]
+_DIED = "the process that replayed it died (killed, or out of memory)"
 _PATIENCE = 60.0  # s that a worker has to put away what it has begun
 
 
@@ -103,56 +105,55 @@ def replay_one_by_one(specs: Sequence[ReplaySpec], report: Report) -> Outcomes:
 def replay_on_processors(specs: Sequence[ReplaySpec], jobs: int, report: Report) -> Outcomes:
     """Replay in so many processes at a time; outcomes as they come.
 
-    A process that dies (no memory, killed) costs only its own bag. KeyboardInterrupt ends all of
-    them: what they had finished stays.
+    A process that dies costs only its own bag. KeyboardInterrupt ends all of them: what they had
+    finished stays.
     """
-    left = yield from _in_a_pool(specs, jobs, report)
-    for spec in left:
+    lost = []
+    with _pool(min(jobs, len(specs))) as pool:
+        for outcome in _as_they_come(pool, specs, report):
+            if outcome.error == _DIED and len(specs) > 1:
+                lost.append(outcome.spec)
+            else:
+                yield outcome
+    for spec in lost:
         # A process died, and took the others' bags with it: each alone, to see whose fault it was.
-        again = yield from _in_a_pool([spec], 1, report)
-        for lost in again:
-            text = "the process that replayed it died (killed, or out of memory)"
-            yield Outcome(lost, "failed", text, False, {})
+        yield from replay_on_processors([spec], 1, report)
 
 
-def _in_a_pool(
-    specs: Sequence[ReplaySpec], jobs: int, report: Report
-) -> Generator[Outcome, None, list[ReplaySpec]]:
-    """Give outcomes, and return those that were lost when a process died."""
+def _as_they_come(executor: Executor, specs: Sequence[ReplaySpec], report: Report) -> Outcomes:
+    futures = {executor.submit(replay_or_say, spec, report): spec for spec in specs}
+    for future in as_completed(futures):
+        try:
+            yield future.result()
+        except BrokenProcessPool:
+            yield Outcome(futures[future], "failed", _DIED, False, {})
+        except Exception as error:  # a worker of a cluster died, or has not this package
+            text = f"{type(error).__name__}: {error}"
+            yield Outcome(futures[future], "failed", text, False, {})
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[Executor]:
+    """Processes that put away what they have begun when the block ends by an exception."""
     pool = ProcessPoolExecutor(
-        min(jobs, len(specs)),
+        jobs,
         # A fresh interpreter: a forked one may hold locks of threads that are not there.
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=_leave_signals_to_replay,
+        # Ctrl-C goes to all processes of a terminal; one that waits for work ignores it.
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
     )
-    futures: dict[Future[Outcome], ReplaySpec] = {}
     try:
-        for spec in specs:
-            futures[pool.submit(replay_or_say, spec, report)] = spec
-        lost = []
-        waiting = set(futures)
-        while waiting:
-            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in done:
-                try:
-                    yield future.result()
-                except BrokenProcessPool:
-                    lost.append(futures[future])
+        yield pool
         pool.shutdown()
-        return lost
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         children = multiprocessing.active_children()
         for child in children:
-            child.terminate()  # those at work take it as a wish to stop, and put away what they have
+            child.terminate()  # those at work take it as a wish to stop
         for child in children:
             child.join(_PATIENCE)
         raise
-
-
-def _leave_signals_to_replay() -> None:
-    """Ctrl-C goes to all processes of a terminal; one that waits for work ignores it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report) -> Outcomes:
@@ -167,7 +168,7 @@ def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report)
         If dask.distributed is not installed, or nobody answers at the address.
     """
     try:
-        from distributed import Client, as_completed
+        from distributed import Client
     except ImportError:
         raise ReplayError(
             "option --scheduler needs dask.distributed: pip install 'smallwheel_ros[cluster]'"
@@ -178,16 +179,6 @@ def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report)
         raise ReplayError(f"no Dask scheduler answers at {address}: {error}") from error
     try:
         # Not pure: the same bag may be replayed again by a later command.
-        futures = {
-            client.submit(replay_or_say, spec, report, pure=False, retries=1): spec
-            for spec in specs
-        }
-        for future in as_completed(list(futures)):
-            try:
-                outcome = future.result()
-            except Exception as error:  # the worker died twice, or has not this package
-                text = f"{type(error).__name__}: {error}"
-                outcome = Outcome(futures[future], "failed", text, False, {})
-            yield outcome
+        yield from _as_they_come(client.get_executor(pure=False, retries=1), specs, report)
     finally:
         client.close()
