@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import re
 import sqlite3
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -32,7 +31,6 @@ HEADER = (
     f"{SEPARATOR}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 )
 WHEEL = "std_msgs/Header header\nfloat64 sinkage\nfloat64 variance\n" + HEADER
-SOME_SECONDS = 30.0  # far more than any of these takes, far less than for ever
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +47,8 @@ def rover(repository) -> Path:
 
 def replayed(bag: Path, rover: Path, folder: Path, code: int) -> str:
     arguments = ["replay", str(bag), "--config", str(rover), "-o", str(folder), "--copy", "none"]
-    start = time.monotonic()
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == code, (result.output, result.exception)
-    assert time.monotonic() - start < SOME_SECONDS
     return result.stderr
 
 
@@ -118,14 +114,12 @@ HOSTILE = {
 def test_a_definition_beyond_all_measure_costs_its_topic_alone(tmp_path, name):
     text, expected = HOSTILE[name]
     bag = with_definition(tmp_path / "bag", "a/msg/Odd", text)
-    start = time.monotonic()
     with BagReader(bag) as reader:
         assert reader.as_channel("/odd", "a/msg/Odd") is None
         assert len(list(reader.messages({"/left/load"}))) == 10
         assert len(list(reader.messages())) == 10
         with pytest.raises(BagError, match=re.escape(expected)):
             list(reader.messages({"/odd"}))
-    assert time.monotonic() - start < SOME_SECONDS
 
 
 def test_many_large_definitions_have_a_limit_together(tmp_path):
@@ -334,17 +328,13 @@ def in_sqlite(drive, tmp_path) -> Path:
     return tmp_path / "drive"
 
 
-@pytest.mark.parametrize("cell", ["12345", "'text'", "NULL", "1.5"])
+@pytest.mark.parametrize("cell", ["12345", "'text'", "1.5"])
 def test_a_cell_that_is_no_message_costs_that_message_alone(in_sqlite, rover, tmp_path, cell):
     with BagReader(in_sqlite) as reader:
         count = reader.message_count
     with contextlib.closing(database(in_sqlite)) as changed:
-        with contextlib.suppress(sqlite3.IntegrityError):  # NULL is refused by the table
-            changed.execute(f"UPDATE messages SET data = {cell} WHERE id = 40")
-        refused = not changed.total_changes
+        changed.execute(f"UPDATE messages SET data = {cell} WHERE id = 40")
         changed.commit()
-    if refused:
-        return
     stderr = replayed(in_sqlite, rover, tmp_path / "out", 1)
     assert f"{count - 1} messages could be read" in stderr
     assert "row 40 of topic" in stderr

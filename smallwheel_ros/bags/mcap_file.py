@@ -114,11 +114,11 @@ class McapFile:
 
     def messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
         """Give messages by log time; where there is no index, as far as chunks follow in time."""
-        waiting: list[
-            tuple[int, int, RawMessage]
-        ] = []  # the number keeps equal times in their order
+        # The number keeps messages of one time in their order.
+        waiting: list[tuple[int, int, RawMessage]] = []
         number = 0
-        for begin, messages in self._batches():
+        for messages in self._batches():
+            begin = min((raw.log_time for raw in messages), default=0)
             while waiting and waiting[0][0] < begin:
                 yield heapq.heappop(waiting)[2]
             for raw in messages:
@@ -128,14 +128,14 @@ class McapFile:
         while waiting:
             yield heapq.heappop(waiting)[2]
 
-    def _batches(self) -> Iterator[tuple[int, list[RawMessage]]]:
-        """Give the messages of a chunk, or one without chunk, and the first log time."""
+    def _batches(self) -> Iterator[list[RawMessage]]:
+        """Give the messages of a chunk, or one without chunk."""
         unpack = Unpacker(self._size)
         for at, record in self._records():
             if isinstance(record, Chunk):
-                yield record.message_start_time, self._of_chunk(record, at, unpack)
+                yield self._of_chunk(record, at, unpack)
             elif isinstance(record, Message) and record.channel_id in self._keys:
-                yield record.log_time, [self._raw(record, unpack)]
+                yield self._of_message(record, at, unpack)
             else:
                 self._take(record)
 
@@ -173,7 +173,7 @@ class McapFile:
                 yield at, chunk
 
     def _problem(self, at: int, error: Exception) -> None:
-        if self._file.tell() >= self._size:
+        if self._file.tell() >= self._size and not isinstance(error, UnpackError):
             text = f"it ends at byte {self._size}, inside of the record at byte {at}"
         else:
             text = f"it is damaged at byte {at} ({reason(error)})"
@@ -193,7 +193,7 @@ class McapFile:
         try:
             for record in _reader(BytesIO(content)):
                 if isinstance(record, Message) and record.channel_id in self._keys:
-                    found.append(self._raw(record, unpack))
+                    found += self._of_message(record, at, unpack)
                 else:
                     self._take(record)
         except EndOfFile:
@@ -202,8 +202,13 @@ class McapFile:
             self._problem(at, error)
         return found
 
-    def _raw(self, message: Message, unpack: Unpacker) -> RawMessage:
-        return RawMessage(*self._keys[message.channel_id], message.log_time, unpack(message.data))
+    def _of_message(self, message: Message, at: int, unpack: Unpacker) -> list[RawMessage]:
+        try:
+            data = unpack(message.data)
+        except UnpackError as error:
+            self._problem(at, error)
+            return []
+        return [RawMessage(*self._keys[message.channel_id], message.log_time, data)]
 
     def close(self) -> None:
         """Close the file."""
