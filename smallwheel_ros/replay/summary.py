@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.streams import SECOND
 
@@ -138,9 +139,13 @@ class DriveSummary:
         counts = self.wheels[found.wheel]
         time = (found.stamp - self._start) / SECOND
         if soil.accepted < self._accepted:
-            self._accepted = self._changes = 0
-        used = soil.accepted > self._accepted
+            self._changes = 0
         self._accepted = soil.accepted
+        used = (
+            found.sinkage_measured is not None
+            and found.load is not None
+            and found.status is not Status.REJECTED
+        )
         self.travel = max(self.travel, soil.distance)
         self.statuses[found.status.name] += 1
         counts.results += 1

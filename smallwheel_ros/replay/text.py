@@ -25,6 +25,8 @@ def summary_text(summary: dict[str, Any]) -> str:
     alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
     lines += [f"after {event['travel']:.0f} m: {event['text']}" for event in alarms[:_MOST_ALARMS]]
     lines += ["", wheels_text(summary), "", *soil_lines(summary)]
+    if summary["sensors"]:
+        lines += ["", "Sensors", *(f"  {text}" for text in summary["sensors"])]
     events = summary["events"]
     if events:
         lines += ["", "What happened"]

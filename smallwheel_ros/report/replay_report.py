@@ -113,6 +113,9 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
         texts = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
         texts.append("`smallwheel diagnose measurements.csv` takes all of the drive into account.")
         blocks.append(Callout("The model misses something", texts, "warning"))
+    if summary["sensors"]:
+        texts = [f"{text[0].upper()}{text[1:]}." for text in summary["sensors"]]
+        blocks.append(Callout("Look at these sensors", texts, "warning"))
     if summary["missing"]:
         blocks.append(Callout("Inputs that the bag lacks", summary["missing"], "warning"))
     return blocks
