@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.onboard.feed import yaw_and_pitch_of
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
@@ -91,9 +92,11 @@ def directly(bag: Path, rover: Path) -> list[Result]:
                 found += onboard.on_sinkage(wheel, stamp, message.sinkage, message.variance)
             elif topic == "/odom":
                 place, twist = message.pose.pose.position, message.twist.twist
-                found += onboard.on_odometry(
-                    stamp, place.x, place.y, twist.linear.x, twist.angular.z
-                )
+                facing, spread = message.pose.pose.orientation, message.twist.covariance
+                yaw, pitch = yaw_and_pitch_of(facing.x, facing.y, facing.z, facing.w)
+                values = (stamp, place.x, place.y, twist.linear.x, twist.angular.z, yaw)
+                variances = (float(spread[0]), float(spread[35]))
+                found += onboard.on_odometry(*values, pitch=pitch, variances=variances)
             else:
                 for name, velocity in zip(message.name, message.velocity, strict=True):
                     joint = name.removesuffix("_joint")
