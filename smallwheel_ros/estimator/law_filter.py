@@ -165,6 +165,7 @@ class LawFilter:
         self._law_prior = model.soil_covariance[:LAW, :LAW]
         self.used = 0
         self.version = 0  # rises with every change of the state
+        self._law_of = -1  # version that the law was worked out for
         self._unsettled, self._settled_at = 0.0, -math.inf
         self._remember()
         self._mix()
@@ -197,10 +198,17 @@ class LawFilter:
         """The filter of the greatest weight."""
         return self._bank[int(np.argmax(self._weights))].kalman
 
+    @property
+    def wheels(self) -> int:
+        """How many wheels have a place."""
+        return self._wheels
+
     def law(self) -> tuple[Array, Array]:
         """Ln pressure, n, m and their covariance, (3,) and (3, 3)."""
-        law, jacobian = self.model.law(self.mean)
-        return law, jacobian @ self.covariance @ jacobian.T
+        if self._law_of != self.version:
+            law, jacobian = self.model.law(self.mean)
+            self._law, self._law_of = (law, jacobian @ self.covariance @ jacobian.T), self.version
+        return self._law
 
     # -- filter
 

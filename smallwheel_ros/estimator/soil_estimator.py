@@ -194,8 +194,7 @@ class SoilEstimator:
         expected, log_load = self._expected(given, wheel)
         more = expected.by_load * log_load
         shown, true = expected.shown + more, expected.sinkage + more
-        law = self._soils.law
-        assert law is not None
+        law = self._law_under(wheel)
         noise = wheel.collector.reading_variance
         spread = expected.shown_variance + noise + law.scatter.additive
         variance = expected.sinkage_variance
@@ -215,8 +214,7 @@ class SoilEstimator:
 
     def _expected(self, given: SinkageMeasurement, wheel: WheelTrack) -> tuple[Expected, float]:
         """What was expected of a reading, and by how much its ln load is above that of it."""
-        law, place = self._soils.law, wheel.place
-        assert law is not None
+        law, place = self._law_under(wheel), wheel.place
         load, load_variance = wheel.collector.load()
         log_load, known = math.log(load), wheel.expected
         if known is not None and known.holds(law.version, log_load, given):
@@ -237,6 +235,13 @@ class SoilEstimator:
             shown.by_load,
         )
         return wheel.expected, 0.0
+
+    def _law_under(self, wheel: WheelTrack) -> LawFilter:
+        """The law of the soil under a wheel; one that came later has no place in the old one."""
+        found = self._soils.under(wheel)
+        assert found is not None
+        assert self._soils.law is not None
+        return found[0] if wheel.place.index < found[0].wheels else self._soils.law
 
     def _refuse(self, reason: str, message: str) -> UpdateResult:
         self._count(reason)
@@ -311,11 +316,13 @@ class SoilEstimator:
                 )
             )
         )
-        found = self._soils.law_under(self._wheels.get(wheel) if wheel is not None else None)
+        found = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
         if found is None:
             start = [self.prior.log_reference_pressure, self.prior.n, self.prior.m]
-            found = np.array(start), prior.array(), self._soils.variety
-        mean, covariance, variety = found
+            mean, covariance, variety = np.array(start), prior.array(), self._soils.variety
+        else:
+            mean, covariance = found[0].law()
+            variety = found[1]
         spread = LawCovariance.of(covariance).with_more(self._watch.missed_variance)
         reference = self.settings.reference_sinkage, self.settings.reference_diameter
         law = law_estimate(mean.tolist(), spread, prior, reference)
@@ -370,7 +377,10 @@ class SoilEstimator:
         passes = 0.0 if known is None else known.place.passes
         now = instant_segment(given, load, load_variance / load**2)
         try:
-            law = self._soils.law or self._soils.new_law(_plain(given))
+            if known is None:
+                law = self._soils.law or self._soils.new_law(_plain(given))
+            else:
+                law = self._law_under(known)
             value, variance = self._sinkage(law, now, passes)
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,10 +30,8 @@ _SETTLED = 10  # segments of a soil after which it is worth remembering, and seg
 
 @dataclass(frozen=True)
 class KnownSoil:
-    """A soil's law: (ln pressure, n, m) and covariance, and the same of (ln z_ref, n, m)."""
+    """A soil that was met: mean and covariance of (ln z_ref, n, m), and its strength."""
 
-    mean: Array
-    covariance: Array
     state: tuple[Array, Array]
     variety: Variety
     strength: StrengthState | None
@@ -57,10 +56,9 @@ class Soils:
         self._prior, self._settings, self._effects = prior, settings, tuple(effects)
         self._test = ChangeTest(settings.scatter_length)
         self._border = -math.inf  # m along the vehicle's path: what is behind is the old soil
-        self._old: KnownSoil | None = None
+        self._old: tuple[LawFilter, Variety] | None = None  # of the soil behind the border
         self._remembered: list[KnownSoil] = []
         self.law: LawFilter | None = None
-        self._newest: tuple[int, Array, Array] | None = None  # version of the law, and the law
         self.strength: StrengthState | None = None
         self.variety = Variety()
         self.changes = self.accepted = 0
@@ -88,18 +86,14 @@ class Soils:
         """Whether a wheel is on the old soil still."""
         return wheel.at < self._border
 
-    def law_under(self, wheel: WheelTrack | None) -> tuple[Array, Array, Variety] | None:
-        """(Ln pressure, n, m), covariance and excitation range; None before any wheel.
+    def under(self, wheel: WheelTrack | None) -> tuple[LawFilter, Variety] | None:
+        """The filter of the soil under a wheel, and its excitation range; None before any wheel.
 
-        wheel: of the soil under this one; None: of the one that a wheel came to last.
+        wheel: None: of the soil that a wheel came to last.
         """
         if self._old is not None and wheel is not None and self.is_behind(wheel):
-            return self._old.mean, self._old.covariance, self._old.variety
-        if self.law is None:
-            return None
-        if self._newest is None or self._newest[0] != self.law.version:
-            self._newest = self.law.version, *self.law.law()
-        return self._newest[1], self._newest[2], self.variety
+            return self._old
+        return None if self.law is None else (self.law, self.variety)
 
     def drop(self, wheel: str) -> None:
         """Forget the waiting segments of a sensor that turns out to be stuck."""
@@ -136,10 +130,11 @@ class Soils:
             if one.segment.place < shift.place:
                 self._absorb(one, law, watch)
         new = [one for one in waiting if one.segment.place >= shift.place]
-        state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
-        self._old = KnownSoil(*law.law(), state, self.variety, self.strength)
+        self._old = deepcopy(law), self.variety
         if law.used >= _SETTLED:
-            self._remembered = [*self._remembered, self._old][-_REMEMBERED:]
+            state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
+            met = KnownSoil(state, self.variety, self.strength)
+            self._remembered = [*self._remembered, met][-_REMEMBERED:]
         known = self._like(new, law)
         newest = max(one.segment.distance for one in waiting)
         law.reopen(None if known is None else known.state, shift.size, newest)
