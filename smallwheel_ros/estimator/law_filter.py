@@ -27,6 +27,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.law_model import LAW, ZEROS, LawModel, N, Shown, U
+from smallwheel_ros.estimator.scatter import LARGEST, Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 
@@ -41,7 +42,6 @@ _TEMPER = 0.5  # power of the likelihood
 _FORGET = 0.002  # share of the first weights that comes back at each segment
 _LOWEST = -15.0  # ln of a weight: a filter can come back
 _HUBER = 2.5  # deviations from which on a segment counts less and less
-_LARGEST = 9.0  # a squared innovation over its variance, in the weights
 _ITERATIONS = 4
 _SETTLED = 0.01  # of u: what is left of the curvature is 1e-4 of the sinkage
 UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it has begun to
@@ -66,81 +66,6 @@ class WheelPlace:
 
     index: int
     passes: float
-
-
-@dataclass(frozen=True)
-class Innovation:
-    """Shown less expected (m), its variance by the state alone and in all (m^2), and by."""
-
-    value: float
-    state_variance: float
-    variance: float
-    by_load: float
-
-
-class Scatter:
-    """What segments differ by beyond state and sensors, learnt from innovations.
-
-    A regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2) and `soil`, the variance
-    of ln k at a place. `share`: of that, what is left in a segment's mean.
-    """
-
-    _MEMORY = 150.0  # segments
-    _TOLD = 30.0  # segments that what is told of the soil's scatter counts for
-
-    def __init__(self, soil_scatter: float) -> None:
-        self._told = soil_scatter**2
-        self.additive, self.soil = 0.0, soil_scatter**2
-        # Mean over a segment as long as the correlation length of an Ornstein-Uhlenbeck process:
-        # its variance, and that of many such means together, over the variance at a point.
-        self.share = 2.0 * math.exp(-1.0)
-        self.together = 2.0
-        self._normal: Array = np.zeros((2, 2))
-        self._moment: Array = np.zeros(2)
-        self._alike: dict[int, float] = {}
-        self._products = np.array([0.0, 1.0])  # of neighbours, and squares
-
-    def learn(self, innovation: Innovation, base: float, wheel: int) -> None:
-        """Take an innovation. base: variance (m^2) of the sensors and the law."""
-        size = innovation.variance
-        square = min(innovation.value**2, _LARGEST * size)
-        weight = 1.0 / size**2
-        features = np.array([1.0, innovation.by_load**2 * self.share])
-        keep = 1.0 - 1.0 / self._MEMORY
-        self._normal = keep * self._normal + weight * np.outer(features, features)
-        self._moment = (
-            keep * self._moment + weight * (square - innovation.state_variance - base) * features
-        )
-        self._solve(weight * features[1] ** 2)
-        now = innovation.value / math.sqrt(size)
-        before = self._alike.get(wheel, 0.0)
-        now = math.copysign(min(abs(now), 3.0), now)
-        self._products = keep * self._products + np.array(
-            [now * before, 0.5 * (now**2 + before**2)]
-        )
-        self._alike[wheel] = now
-
-    @property
-    def additive_together(self) -> float:
-        """How much more neighbouring errors of the sinkage count, being alike: (1+r)/(1-r)."""
-        alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
-        return float((1.0 + alike) / (1.0 - alike))
-
-    def _solve(self, size: float) -> None:
-        """Both variances at least 0; the told scatter is worth some segments of this size."""
-        normal, moment = self._normal.copy(), self._moment.copy()
-        told = self._TOLD * size
-        normal[1, 1] += told
-        moment[1] += told * self._told
-        # No error of the sinkage is expected that the sensor's own noise does not show.
-        normal[0, 0] *= 1.0 + self._TOLD / self._MEMORY
-        additive, soil = np.linalg.solve(normal, moment)
-        if additive < 0.0:
-            additive, soil = 0.0, moment[1] / normal[1, 1]
-        floor = 0.25 * self._told
-        if soil < floor:
-            additive, soil = (moment[0] - normal[0, 1] * floor) / normal[0, 0], floor
-        self.additive, self.soil = max(float(additive), 0.0), float(soil)
 
 
 class LawFilter:
@@ -292,7 +217,7 @@ class LawFilter:
                 member.log_weight -= (
                     0.5
                     * _TEMPER
-                    * (min(miss * miss / first.variance, _LARGEST) + math.log(first.variance))
+                    * (min(miss * miss / first.variance, LARGEST) + math.log(first.variance))
                 )
             new = model.bounded(mean + kalman.P @ shown.row * (miss / (state + counts)))
             settled = abs(new[U] - x[U]) < _SETTLED
