@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 _SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
 _NOISE_MEMORY = 200.0  # readings that the learnt noise rests on
 _TOLD_READINGS = 20.0  # readings that what the user told of the noise counts for
-_WORST_NOISE = 9.0  # a squared second difference counts at most so often: 3 sigma, for outliers
+# A squared second difference counts at most so often, so that wild readings in every third stretch
+# do not raise the noise; and the mean of a chi-square of one degree of freedom that is cut there.
+_WORST_NOISE, _CUT_MEAN = 2.0, 0.742
 _KEPT = 3.0  # readings so many deviations from the median are left out of the mean
 _MOST_ROWS = 256  # of a wheel that stands; then every second one is dropped
 _LOAD_MEMORY = 100  # stretches
@@ -87,7 +89,7 @@ class SegmentCollector:
         """Take a reading; return the segment that it closes, if any."""
         closed = None
         path = given.own_path
-        if self._rows and path - self._start >= self._length:
+        if self._closes(given):
             closed = self._close()
             self._rows, self._log_loads = [], 0.0
         if not self._rows:
@@ -113,9 +115,21 @@ class SegmentCollector:
         self._last = given
         return closed
 
-    def load(self) -> tuple[float, float]:
-        """Load (N) without its noise, and variance of its logarithm, from the newest readings."""
-        return self._calibrated(self._log_loads / len(self._rows), len(self._rows))
+    def load(self, new: SinkageMeasurement | None = None) -> tuple[float, float]:
+        """Load (N) without its noise, and variance of its logarithm, from this stretch's readings.
+
+        new: a reading that is not added yet, and counts too.
+        """
+        total, count = self._log_loads, len(self._rows)
+        if new is not None:
+            if self._closes(new):
+                total, count = 0.0, 0
+            total, count = total + math.log(new.load), count + 1
+        return self._calibrated(total / count, count)
+
+    def _closes(self, given: SinkageMeasurement) -> bool:
+        """Whether a reading is behind the end of this stretch."""
+        return bool(self._rows) and given.own_path - self._start >= self._length
 
     def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
         """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""
@@ -137,12 +151,14 @@ class SegmentCollector:
         mean_log_load = float(log_load.mean())
         self._learn_loads(mean_log_load, len(self._rows))
         load, load_variance = self._calibrated(mean_log_load, len(self._rows))
+        stuck = count >= _STUCK_READINGS and float(np.ptp(sinkage)) == 0.0
         return Segment(
             wheel=last.wheel,
             time=float(time[-1]),
             distance=float(distance[-1]),
             place=float(distance.mean()) + self._ahead,
-            sinkage=float(sinkage[kept].mean()),
+            # A mean of equal numbers may be off in its last digit.
+            sinkage=middle if stuck else float(sinkage[kept].mean()),
             sinkage_variance=self._sinkage_noise / count,
             load=load,
             load_variance=load_variance,
@@ -155,7 +171,7 @@ class SegmentCollector:
             contact=last.contact,
             count=count,
             dropped=len(self._rows) - count,
-            stuck=count >= _STUCK_READINGS and float(np.ptp(sinkage)) == 0.0,
+            stuck=stuck,
         )
 
     def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
@@ -184,7 +200,7 @@ class SegmentCollector:
 def _noise(values: Array, believed: float) -> float:
     """Variance of one reading from second differences, a few wild ones cut."""
     squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
-    return float(np.minimum(squares, _WORST_NOISE * believed).mean())
+    return float(np.minimum(squares, _WORST_NOISE * believed).mean()) / _CUT_MEAN
 
 
 def _slope(time: Array, values: Array) -> float:
@@ -195,5 +211,5 @@ def _slope(time: Array, values: Array) -> float:
 
 
 def _known_mean(values: Array) -> float | None:
-    known = values[~np.isnan(values)]
+    known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else None

@@ -15,7 +15,7 @@ correlation over the segment's length.
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,6 +30,7 @@ from smallwheel_ros.estimator.segment import Segment
 Array = NDArray[np.float64]
 
 WAIT = 3.0  # segment lengths that a segment waits: the rows that are looked at
+_MOST = 8  # segments of a wheel that wait: one that turns on the spot travels, the vehicle does not
 _SETTLED = 20  # segments of a soil before another is looked for
 _LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
 # 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose
@@ -73,7 +74,13 @@ class ChangeTest:
     def ready(self, distance: float) -> list[Waiting]:
         """Take out what has waited long enough at this travel (m)."""
         found = []
-        while self.waiting and self.waiting[0].segment.distance < distance - WAIT * self._length:
+        counts = Counter(one.segment.wheel for one in self.waiting)
+        while self.waiting:
+            first = self.waiting[0].segment
+            waited = first.distance < distance - WAIT * self._length
+            if not waited and counts[first.wheel] <= _MOST:
+                break
+            counts[first.wheel] -= 1
             found.append(self.waiting.popleft())
         return found
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -74,6 +75,8 @@ __all__ = [
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
 _TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
+_PRESSED = 0.02  # of the diameter: so deep a stretch is of a wheel that is pressed, not rolled
+_LEAST_SINKAGE = 1e-9  # m: the model's of a wheel that has no weight to speak of
 
 
 class SoilEstimator:
@@ -136,20 +139,27 @@ class SoilEstimator:
         if problem is not None:
             return self._refuse(*problem)
         try:
-            return self._use(given, wheel or self._arrive(given))
+            return self._use(given, wheel or self._arrive(given), measurement.slip)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
             return self._refuse("numerical", _no_sinkage(given, error))
 
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
-        """Give a wheel that was never measured its place; the first one is the reference wheel."""
-        law = self._soils.law
-        if law is None:
-            law = self._soils.law = self._soils.new_law(_plain(given))
+        """Give a wheel that was never measured its place; the first one is the reference wheel.
+
+        Raises ArithmeticError or ValueError, and changes nothing, where it has no sinkage.
+        """
+        relative = given.load_variance / given.load**2
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            law = self._soils.law or self._soils.new_law(_plain(given))
+            self._sinkage(law, instant_segment(given, given.load, relative), 0.0)
+        self._soils.law = law
         known = self._known_wheels.get(given.wheel)
         runs_ahead = [] if known is None else wheels_ahead(known, self._known_wheels.values())
         ahead = 0.0 if known is None else known.longitudinal_position
         told = math.sqrt(given.load_variance) / given.load or _TOLD_LOAD
         length, noise = self.settings.scatter_length, self.settings.sinkage_std
+        if given.contact != ROLLING:
+            length = min(length, _PRESSED * given.diameter)
         wheel = WheelTrack(
             SegmentCollector(length, noise, told, ahead),
             WheelPlace(law.add_wheel(), math.log2(1.0 + len(runs_ahead))),
@@ -159,19 +169,24 @@ class SoilEstimator:
         self._wheels[given.wheel] = wheel
         return wheel
 
-    def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
+    def _use(
+        self, given: SinkageMeasurement, wheel: WheelTrack, slip: float | None
+    ) -> UpdateResult:
+        """Use a reading. slip: as measured; that of its rut is not that of its drawbar pull."""
         changes = self._soils.changes
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            result = self._judged(given, wheel)
         closed = wheel.follow(given)
         self._distance = max(self._distance, given.distance)
         if closed is not None:
             self._take(closed, wheel)
-        result = self._judged(given, wheel)
         if self._soils.changes > changes:
             result = result._replace(outcome=Outcome.ACCEPTED, reason="soil_changed", message="")
         if given.drawbar_pull is None or given.contact != ROLLING or self._soils.is_behind(wheel):
             return result
+        pulled = given if slip is given.slip else replace(given, slip=slip)
         pull = self._pulls.use(
-            given, wheel.collector.load(), self.estimate(given.wheel), self._soils
+            pulled, wheel.collector.load(), self.estimate(given.wheel), self._soils
         )
         if pull.outcome is Outcome.REFUSED:
             self._count(pull.reason)
@@ -190,7 +205,10 @@ class SoilEstimator:
         self._soils.take(segment, wheel, self._sensors)
 
     def _judged(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
-        """Compare a reading with what was expected of it."""
+        """Compare a reading with what was expected of it, before it counts.
+
+        Raises ArithmeticError or ValueError for one that the model has no sinkage for.
+        """
         expected, log_load = self._expected(given, wheel)
         more = expected.by_load * log_load
         shown, true = expected.shown + more, expected.sinkage + more
@@ -200,7 +218,8 @@ class SoilEstimator:
         variance = expected.sinkage_variance
         miss = given.sinkage - shown
         square = miss * miss / spread
-        alone = abs(given.sinkage - median(wheel.recent)) > 3.0 * math.sqrt(noise)
+        recent = median([*wheel.recent, given.sinkage])
+        alone = abs(given.sinkage - recent) > 3.0 * math.sqrt(noise)
         outcome, reason, message = Outcome.ACCEPTED, "accepted", ""
         if square > self._gate and alone:
             outcome, reason = Outcome.OUTLIER, "gate"
@@ -215,7 +234,7 @@ class SoilEstimator:
     def _expected(self, given: SinkageMeasurement, wheel: WheelTrack) -> tuple[Expected, float]:
         """What was expected of a reading, and by how much its ln load is above that of it."""
         law, place = self._law_under(wheel), wheel.place
-        load, load_variance = wheel.collector.load()
+        load, load_variance = wheel.collector.load(given)
         log_load, known = math.log(load), wheel.expected
         if known is not None and known.holds(law.version, log_load, given):
             return known, log_load - known.log_load
@@ -226,8 +245,7 @@ class SoilEstimator:
         wheel.expected = Expected(
             law.version,
             log_load,
-            given.slip,
-            given.pitch,
+            given,
             shown.value,
             float(shown.row @ kalman.P @ shown.row) + _place_variance(law, shown, now),
             true,
@@ -392,7 +410,9 @@ class SoilEstimator:
         state = law.covariance
         spread = float(shown.row @ state @ shown.row)
         missed = shown.by_load**2 * self._watch.missed_variance
-        return shown.value, spread + missed + _place_variance(law, shown, now)
+        if not shown.value > _LEAST_SINKAGE:
+            raise ArithmeticError(f"it is {shown.value:g} m")
+        return float(shown.value), float(spread + missed + _place_variance(law, shown, now))
 
     # -- files
 

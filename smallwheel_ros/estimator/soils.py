@@ -79,8 +79,9 @@ class Soils:
         law = self.law
         if law is None or not law.used:
             return None
-        covariance = law.covariance[:ZEROS, :ZEROS].copy()
-        return SoilRecord(law.model.reference, law.mean[:ZEROS].copy(), covariance)
+        covariance = law.covariance[:ZEROS, :ZEROS]
+        symmetric = 0.5 * (covariance + covariance.T)
+        return SoilRecord(law.model.reference, law.mean[:ZEROS].copy(), symmetric)
 
     def is_behind(self, wheel: WheelTrack) -> bool:
         """Whether a wheel is on the old soil still."""

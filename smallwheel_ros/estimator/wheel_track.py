@@ -14,7 +14,7 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
 
 _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
-# Of ln load, slip and pitch: sinkage is a straight line over so little.
+# Of ln load, slip, speed (m/s) and pitch: sinkage is a straight line over so little.
 _NEAR = 0.02
 _RECENT = 9  # readings, for the median that an outlier is far from
 
@@ -29,8 +29,7 @@ class Expected:
 
     version: int  # of the law
     log_load: float
-    slip: float | None
-    pitch: float
+    given: SinkageMeasurement
     shown: float
     shown_variance: float
     sinkage: float
@@ -39,13 +38,26 @@ class Expected:
 
     def holds(self, version: int, log_load: float, given: SinkageMeasurement) -> bool:
         """Whether it holds for a reading too, but for a little more or less load."""
+        was = self.given
         if version != self.version or abs(log_load - self.log_load) > _NEAR:
             return False
-        if abs(given.pitch - self.pitch) > _NEAR:
+        if (was.diameter, was.width, was.contact) != (given.diameter, given.width, given.contact):
             return False
-        if given.slip is None or self.slip is None:
-            return given.slip is self.slip
-        return abs(given.slip - self.slip) <= _NEAR
+        return (
+            abs(was.pitch - given.pitch) <= _NEAR
+            and _is_near(was.slip, given.slip)
+            and _is_near(was.speed, given.speed)
+        )
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value
+
+
+def _is_near(one: float | None, other: float | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return abs(one - other) <= _NEAR
 
 
 @dataclass(eq=False)
@@ -94,8 +106,9 @@ class WheelTrack:
         closed = self.collector.add(given)
         self.time, self.distance, self.path = given.time, given.distance, given.own_path
         self.at = given.distance + self.ahead
-        if given.slip is not None:
-            self.slip, self.slip_at = given.slip, given.own_path
+        slip = _known(given.slip)
+        if slip is not None:
+            self.slip, self.slip_at = slip, given.own_path
         self.recent.append(given.sinkage)
         return closed
 
@@ -123,8 +136,8 @@ def instant_segment(given: SinkageMeasurement, load: float, load_variance: float
         load=load,
         load_variance=load_variance,
         load_rate=0.0,
-        slip=given.slip,
-        speed=given.speed,
+        slip=_known(given.slip),
+        speed=_known(given.speed),
         pitch=given.pitch,
         diameter=given.diameter,
         width=given.width,

@@ -194,15 +194,16 @@ class PathSeries:
     def add(self, stamp: int, speed: float, x: float = math.nan, y: float = math.nan) -> None:
         """Take a speed (m/s, either sign), and the position (m) where it is known."""
         series, path = self._series, self._path
-        before = len(series)
         last = series.newest
-        if series.add(stamp, (speed, x, y)) is not None:
-            return
         if last is None or stamp > last:
-            path.append(0.0)
-            del path[: before + 1 - len(series)]  # what the series has forgotten
-            if len(series) > 1:
-                path[-1] = path[-2] + self._step_to(len(series) - 1)
+            so_far = 0.0
+            if last is not None:
+                so_far = path[-1] + self._step(last, series.values[-1], stamp, (speed, x, y))
+            series.add(stamp, (speed, x, y))
+            path.append(so_far)
+            del path[: -len(series)]  # what the series has forgotten
+            return
+        if series.add(stamp, (speed, x, y)) is not None:
             return
         # A late message changes the path at every later stamp.
         place = bisect_left(series.stamps, stamp)
@@ -214,11 +215,17 @@ class PathSeries:
 
     def _step_to(self, i: int) -> float:
         """Path to stamp i from the one before it."""
-        stamps = self._series.stamps
-        (before, x0, y0), (after, x1, y1) = self._series.values[i - 1 : i + 1]
-        duration = (stamps[i] - stamps[i - 1]) / SECOND
+        stamps, values = self._series.stamps, self._series.values
+        return self._step(stamps[i - 1], values[i - 1], stamps[i], values[i])
+
+    def _step(
+        self, start: int, first: tuple[float, ...], end: int, last: tuple[float, ...]
+    ) -> float:
+        """Path between two stamps with speed, x and y at both."""
+        (before, x0, y0), (after, x1, y1) = first, last
+        duration = (end - start) / SECOND
         before, after = self._moving(before), self._moving(after)
-        if stamps[i] - stamps[i - 1] <= self._gap:
+        if end - start <= self._gap:
             return 0.5 * (before + after) * duration
         straight = math.hypot(x1 - x0, y1 - y0)
         if math.isnan(straight):
