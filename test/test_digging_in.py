@@ -27,7 +27,8 @@ def instant(time: float, slip: float | None, sinkage: float | None, speed: float
         None if slip is None else Quantity(slip, 0.02),
         None if sinkage is None else Quantity(sinkage, 0.0005),
         speed,
-        0.0,
+        distance=0.0,
+        path=0.0,
     )
 
 

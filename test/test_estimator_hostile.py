@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
@@ -21,7 +20,6 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     SoilPrior,
 )
-from smallwheel_ros.estimator.soil_filter import SoilFilter
 from smallwheel_ros.physics.soil import soil
 
 GOOD = SinkageMeasurement(1.0, "left", 0.012, 1e-6, 60.0, 1.0, 0.2, 0.1, 5.0, 0.1, 0.2)
@@ -49,7 +47,7 @@ measurement = st.builds(
     st.sampled_from(
         [
             *("time", "distance", "sinkage", "variance", "load", "load_variance", "diameter"),
-            *("width", "slip", "speed"),
+            *("width", "slip", "speed", "path", "pitch"),
         ]
     ),
     any_number,
@@ -76,8 +74,10 @@ def test_hostile_measurements_do_no_harm(
     rows: list[tuple[dict[str, object], bool]], with_effect: bool
 ) -> None:
     e = SoilEstimator(PRIOR, effects=(Exponential(a=1.5),) if with_effect else ())
+    way = 5.0
     for i, (change, moving) in enumerate(rows):
-        one = replace(GOOD, time=1.0 + i, distance=5.0 + 0.3 * i * moving)
+        way += 0.3 * moving
+        one = replace(GOOD, time=1.0 + i, distance=way)
         result = e.update(replace(one, **change))
         if result.outcome is Outcome.REFUSED:
             assert result.message
@@ -87,9 +87,9 @@ def test_hostile_measurements_do_no_harm(
             assert result.predicted_variance >= -1e-18
         check(e.estimate())
     # It still works.
+    assert e.update(replace(GOOD, wheel="new", time=1e6)).outcome is Outcome.ACCEPTED
     estimate = e.estimate()
-    total = estimate.accepted + estimate.outliers + sum(estimate.refused.values())
-    assert total == len(rows)
+    assert estimate.accepted + estimate.outliers + sum(estimate.refused.values()) <= len(rows)
 
 
 @settings(max_examples=examples(60))
@@ -133,12 +133,12 @@ def test_odd_settings_stay_sound(process_noise: float, scatter: float, gate: flo
         PRIOR,
         EstimatorSettings(process_noise=process_noise, soil_scatter=scatter, gate_probability=gate),
     )
-    for i in range(400):
+    for i in range(300):
         e.update(
             replace(
                 GOOD,
                 time=float(i),
-                distance=0.1 * i,
+                distance=0.15 * i,
                 sinkage=float(0.012 * np.exp(0.2 * rng.standard_normal())),
                 load=float(60 * np.exp(0.3 * rng.standard_normal())),
             )
@@ -149,51 +149,15 @@ def test_odd_settings_stay_sound(process_noise: float, scatter: float, gate: flo
 # ---- Long runs
 
 
-def soak(updates: int) -> tuple[SoilFilter, list[float]]:
-    """The filter below, with rows as a drive makes them, very exact and very coarse in turn."""
-    rng = np.random.default_rng(7)
-    filter_ = SoilFilter(np.diag([0.3, 0.09, 0.16]), 2450.0)
-    spots = [filter_.add(0.06**2, 0.2) for _ in range(4)]
-    block = 10_000
-    largest = []
-    for start in range(0, updates, block):
-        u = rng.standard_normal((block, 4))
-        for i in range(block):
-            if i % 4 == 0:
-                filter_.travel(0.0 if (start // block) % 5 == 4 else 0.05)
-            z = 0.01 * math.exp(0.5 * u[i, 0])
-            row = [0.0] * 7
-            row[0], row[1], row[2] = z, -0.6 * z * u[i, 1], 0.4 * z * (i % 2)
-            row[spots[i % 4]] = -0.77 * z
-            noise = (1e-5 if i % 1000 < 10 else 6e-4) ** 2
-            filter_.update(6e-4 * u[i, 2], row, noise)
-        covariance = filter_.covariance
-        assert np.array_equal(covariance, covariance.T)
-        assert np.linalg.eigvalsh(covariance).min() > 0.0
-        largest.append(float(np.max(np.diag(covariance) / np.diag(filter_.stationary))))
-    return filter_, largest
-
-
-def test_covariance_is_sound_over_many_updates() -> None:
-    filter_, largest = soak(40_000)
-    assert max(largest) <= 1.0 + 1e-9
-    assert np.isfinite(filter_.deviation).all()
-
-
 @pytest.mark.slow
-def test_covariance_is_sound_over_ten_million_updates() -> None:
-    """Accelerated: the filter below the estimator, rows as a drive makes them."""
-    filter_, largest = soak(10_000_000)
-    assert max(largest) <= 1.0 + 1e-9
-    assert np.isfinite(filter_.deviation).all()
-
-
-@pytest.mark.slow
-def test_memory_and_time_stay_over_a_million_measurements() -> None:
-    """Eleven hours at 25 Hz through the whole estimator, soil changing now and then."""
+def test_memory_stays_over_a_million_readings() -> None:
+    """Hours through the whole estimator, soil changing now and then, and turns on the spot."""
     rng = np.random.default_rng(8)
     e = SoilEstimator(PRIOR)
+    distance = 0.0
     for i in range(1_000_000):
+        turning = (i // 5_000) % 10 == 9
+        distance += 0.0 if turning else 0.005
         factor = 1.0 if (i // 50_000) % 2 else 1.8
         load = 60.0 * math.exp(0.3 * math.sin(0.01 * i))
         z = 0.011 * factor * (load / 60.0) ** 0.75 * math.exp(0.05 * rng.standard_normal())
@@ -202,39 +166,31 @@ def test_memory_and_time_stay_over_a_million_measurements() -> None:
                 GOOD,
                 wheel="abcd"[i % 4],
                 time=0.01 * i,
-                distance=0.005 * i,
+                distance=distance,
+                path=0.005 * i,
                 load=load,
                 sinkage=z,
-                variance=(0.04 * z) ** 2,
             )
         )
         if i % 100_000 == 0:
             check(e.estimate())
-    assert 19 <= e.soil_changes <= 25
-    assert e.outliers < 0.01 * e.accepted
-    assert len(e._soils._known) <= 4
-    assert all(len(pieces) < 400 for pieces in e._watch._pieces._done.values())
+    assert 15 <= e.soil_changes <= 25
+    assert len(e._soils._remembered) <= 4
+    assert len(e._soils._test.waiting) <= 4 * 9
+    assert all(len(kept) < 400 for kept in e._watch._pieces._kept.values())
+    law = e._soils.law
+    assert law is not None
+    assert len(law._store) <= 360
 
 
-# ---- The library below
-
-
-def test_update_is_the_textbook_one() -> None:
-    """Against matrices by hand, whichever filterpy is installed."""
-    rng = np.random.default_rng(2)
-    root = rng.standard_normal((3, 3))
-    prior = root @ root.T
-    filter_ = SoilFilter(prior, math.inf)
-    row = np.array([0.3, -1.0, 2.0])
-    assert filter_.update(1.2, row.tolist(), 0.5)
-    gain = prior @ row / (row @ prior @ row + 0.5)
-    np.testing.assert_allclose(filter_.deviation, 1.2 * gain, rtol=1e-12)
-    np.testing.assert_allclose(
-        filter_.covariance, prior - np.outer(gain, row @ prior), rtol=1e-10, atol=1e-12
-    )
-    before = filter_.state
-    assert not filter_.update(math.nan, row.tolist(), 0.5)
-    assert not filter_.update(1.0, [math.inf, 0.0, 0.0], 0.5)
-    for was, now in zip(before[:2], filter_.state[:2], strict=True):
-        np.testing.assert_array_equal(was, now)
-    assert isinstance(filter_._kalman, KalmanFilter)
+def test_turning_on_the_spot_for_ever_does_not_fill_the_memory() -> None:
+    """Segments wait by the vehicle's travel, and a wheel travels without it."""
+    e = SoilEstimator(PRIOR)
+    rng = np.random.default_rng(1)
+    for i in range(800):
+        for wheel in "ab":
+            z = 0.012 * math.exp(0.05 * rng.standard_normal())
+            e.update(replace(GOOD, wheel=wheel, time=0.1 * i, path=0.06 * i, sinkage=z))
+    assert len(e._soils._test.waiting) <= 2 * 9
+    assert e.accepted > 1200
+    check(e.estimate())

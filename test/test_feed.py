@@ -15,7 +15,7 @@ from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.streams import SECOND, Motion
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 
@@ -67,6 +67,7 @@ def odometry(
     x: float,
     speed: float,
     orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+    turn: float = 0.0,
 ) -> Any:
     names = dict(zip("xyzw", orientation, strict=True))
     quaternion = message_type("geometry_msgs/msg/Quaternion")(**names)
@@ -78,7 +79,7 @@ def odometry(
         child_frame_id="base_link",
         pose=message_type("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=nothing),
         twist=message_type("geometry_msgs/msg/TwistWithCovariance")(
-            twist=twist(speed), covariance=nothing
+            twist=twist(speed, turn), covariance=np.zeros(36)
         ),
     )
 
@@ -171,10 +172,62 @@ class TestUsual:
         topic(feed, "joint_states").handle(joints(START, [], [], ["arm"]), None)
         assert feed.onboard.received["front/wheel_speed"] == 1
 
-    def test_load_sign(self) -> None:
-        feed = make(load_sign=-1)
+    @pytest.mark.parametrize("changes", [{"load_sign": -1}, {"front.load_sign": -1}])
+    def test_load_sign(self, changes: dict[str, int]) -> None:
+        feed = make(**changes)
         topic(feed, "front/load").handle(wrench(START, -60.0), None)
         assert feed.onboard.counts == {}
+
+    def test_a_mirrored_joint_is_said_and_its_slip_is_not_used(self) -> None:
+        """An axis that points the other way shows slip of 1 (R7)."""
+        feed = make()
+        results = self.drive_mirrored(feed)
+        assert results[5].mobility.slip.value == pytest.approx(1.0, abs=0.01)
+        assert results[-1].mobility.slip is None
+        (words,) = feed.onboard.findings
+        assert "wheel 'front': its joint has turned against the travel" in words
+        assert "front.joint_sign" in words
+
+    def test_the_sign_of_the_joint_mends_it(self) -> None:
+        feed = make(**{"front.joint_sign": -1})
+        assert self.drive_mirrored(feed)[-1].mobility.slip.value == pytest.approx(0.1, abs=0.01)
+        assert feed.onboard.findings == ()
+
+    def drive_mirrored(self, feed: Feed) -> list[Result]:
+        results: list[Result] = []
+        for i in range(100):
+            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+            state = joints(step(i), [-0.5 / 0.9 / 0.125], [], ["front_joint"])
+            topic(feed, "joint_states").handle(state, None)
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            shown = 0.008 + 1e-4 * (i % 3)
+            results += topic(feed, "front/sinkage").handle(sinkage(step(i), shown), None)
+        return results + feed.onboard.flush()
+
+    def test_pitch_and_covariance_of_odometry_are_used(self) -> None:
+        feed = make()
+        nose_down = (0.0, math.sin(0.05), 0.0, math.cos(0.05))
+        message = odometry(START, 0.0, 0.5, nose_down)
+        message.twist.covariance[0], message.twist.covariance[35] = 0.04, 0.01
+        topic(feed, "odom").handle(message, None)
+        (motion,) = feed.onboard._intake._memory.odometry.values
+        assert Motion(*motion).pitch == pytest.approx(0.1)
+        assert Motion(*motion)[6:8] == (0.04, 0.01)
+
+    def test_a_sure_odometry_makes_a_sure_slip(self) -> None:
+        def slip(variance: float) -> float:
+            feed = make()
+            message = odometry(START, 0.0, 0.5)
+            message.twist.covariance[0] = variance
+            topic(feed, "odom").handle(message, None)
+            state = joints(START, [4.0], [], ["front_joint"])
+            topic(feed, "joint_states").handle(state, None)
+            topic(feed, "front/load").handle(wrench(START, 60.0), None)
+            found = topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
+            (result,) = found + feed.onboard.flush()
+            return result.mobility.slip.standard_deviation
+
+        assert slip(0.01) > 5.0 * slip(0.0)
 
 
 class TestRange:
@@ -205,10 +258,14 @@ class TestRange:
         topic(feed, "front/sinkage").handle(distance(START, 0.29, 0.0, 0.0), None)
         assert feed.onboard.counts == {}
 
-    def test_higher_than_on_hard_ground_is_a_wrong_height(self) -> None:
+    def test_a_little_higher_is_noise_and_much_higher_a_wrong_height(self) -> None:
         feed = self.feed()
-        topic(feed, "front/sinkage").handle(distance(START, 0.31), None)
-        assert feed.onboard.counts["front/sinkage", "sinkage_negative"] == 1
+        for i, value in enumerate((0.301, 0.6)):
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            topic(feed, "front/sinkage").handle(distance(step(i), value), None)
+        first, _ = feed.onboard.flush()
+        assert first.mobility.sinkage_measured.value == pytest.approx(-0.001)
+        assert feed.onboard.counts == {("front/sinkage", "sinkage_negative"): 1}
 
 
 class TestLoads:
@@ -250,12 +307,13 @@ class TestLoads:
                 if "load.source" not in changes:
                     topic(feed, "front/load").handle(wrench(step(i), 58.86), None)
                 topic(feed, "odom").handle(odometry(step(i), 0.1 * i, 0.5), None)
-                topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+                shown = 0.008 + 1e-4 * (i % 3)
+                topic(feed, "front/sinkage").handle(sinkage(step(i), shown), None)
             feed.onboard.flush()
             return float(feed.onboard.soil.log_covariance[0, 0])
 
         guessed = spread(**{"load.source": "static", "load.mass": 6.0})
-        assert guessed > 2.0 * spread()
+        assert guessed > 1.4 * spread()
 
     def test_without_sinkage_and_load_sensors_odometry_gives_the_times(self) -> None:
         feed = make(**{"load.source": "static", "load.mass": 6.0, "front.sinkage_topic": ""})
@@ -293,6 +351,59 @@ class TestVelocity:
         assert "odometry comes from the wheels, and there is no velocity_topic" in last.status_text
         assert last.forces.margin is not None
 
+    def driven(self, speed: float, turn: float = 0.0, **changes: object) -> Feed:
+        """Five seconds on wheels that turn as for 0.5 m/s, with odometry made from them."""
+        made = {"velocity_topic": "radar", "odometry_from_wheels": True, **changes}
+        feed = make(**made)
+        for i in range(250):
+            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5, turn=turn), None)
+            state = joints(step(i), [0.5 / 0.125], [], ["front_joint"])
+            topic(feed, "joint_states").handle(state, None)
+            topic(feed, "radar").handle(velocity(step(i), speed), None)
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            shown = 0.008 + 1e-4 * (i % 3)
+            self.results += topic(feed, "front/sinkage").handle(sinkage(step(i), shown), None)
+        self.results += feed.onboard.flush()
+        return feed
+
+    @pytest.fixture(autouse=True)
+    def no_results(self) -> None:
+        self.results: list[Result] = []
+
+    def test_stuck_with_spinning_wheels_is_no_travel(self) -> None:
+        """Path comes from the same source as slip (R3): one hole is one place."""
+        feed = self.driven(0.0)
+        assert feed.onboard.soil.distance == 0.0
+        assert feed.onboard.soil.accepted == 0
+        assert self.results[-1].mobility.slip.value == pytest.approx(1.0)
+
+    def test_half_as_fast_is_half_the_travel(self) -> None:
+        assert self.driven(0.25).onboard.soil.distance == pytest.approx(1.25, rel=0.02)
+
+    @pytest.mark.parametrize("left", [0.3, -0.3])
+    def test_a_velocity_without_yaw_rate_leaves_turns_to_odometry(self, left: float) -> None:
+        """Speed of the middle 0.5 m/s in a turn of 0.6 rad/s (R4): no wheel slips."""
+        feed = make(velocity_topic="radar", **{"front.lateral_position": left})
+        for i in range(50):
+            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5, turn=0.6), None)
+            rim = (0.5 - 0.6 * left) / 0.125
+            topic(feed, "joint_states").handle(joints(step(i), [rim], [], ["front_joint"]), None)
+            topic(feed, "radar").handle(velocity(step(i), 0.5), None)
+            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+            self.results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+        assert self.results[-1].mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+
+    def test_a_sensor_beside_the_middle_or_turned_is_told_so(self) -> None:
+        """0.2 m left of the middle it is slower in a left turn: 0.5 - 0.6 x 0.2 m/s."""
+        beside = self.driven(
+            0.38, turn=0.6, velocity_lateral_position=0.2, odometry_from_wheels=False
+        )
+        assert self.results[-1].mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert beside.onboard.soil.distance == pytest.approx(0.5 * 249 / 50, rel=0.01)
+        self.results = []
+        self.driven(0.5 / math.cos(0.3), velocity_yaw=0.3)
+        assert self.results[-1].mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+
     def test_a_bad_velocity_is_counted(self) -> None:
         feed = make(velocity_topic="radar")
         topic(feed, "radar").handle(velocity(START, math.nan), None)
@@ -308,14 +419,14 @@ class TestApply:
         assert learnt > 10
         assert not onboard.apply(replace(settings, standstill_speed=0.02))
         assert onboard.soil.accepted == learnt
-        # The way goes on from where it was, or nothing more would be accepted.
+        # The path goes on from where it was, or nothing more would be accepted.
         way = onboard.soil.distance
         for i in range(30, 60):
             topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
             topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
-            topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+            topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008 + 1e-4 * (i % 3)), None)
         onboard.flush()
-        assert onboard.soil.accepted > learnt + 20
+        assert onboard.soil.accepted >= learnt + 20
         assert onboard.soil.distance == pytest.approx(way + 0.29, abs=0.02)
         assert onboard.apply(
             replace(settings, estimator=replace(settings.estimator, process_noise=0.03))
@@ -365,6 +476,6 @@ def test_drawbar_pull_tells_the_strength(name: str) -> None:
     assert results[-1].mobility.forces.drawbar_pull.value == pytest.approx(
         float(made.drawbar_pull[0]), abs=1.0
     )
-    wild = pulled(START + 21 * SECOND, 60.0, math.nan)
+    wild = pulled(START + 20 * SECOND, 60.0, math.nan)
     topic(feed, name).handle(wild, None)
     assert feed.onboard.counts["front/drawbar_pull", "not_finite"] == 1

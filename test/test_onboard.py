@@ -300,10 +300,29 @@ class TestBadInput:
         assert f"{value:g} N" in text
         assert "load_sign" in text
 
-    def test_negative_sinkage(self, onboard: Onboard) -> None:
-        onboard.on_sinkage("front_left", T, -0.001, 0.0)
-        assert "-0.001 m" in self.text(onboard, "front_left/sinkage", "sinkage_negative")
+    def test_a_reading_below_zero_is_one_and_a_wheel_in_the_air_is_not(self, drive: Drive) -> None:
+        onboard = Onboard(settings_of(drive, **{"timing.reorder_time": 0.0}))
+        for i, sinkage in enumerate((-0.001, -0.2)):
+            onboard.on_load("front_left", T + i, 60.0)
+            (result,) = onboard.on_sinkage("front_left", T + i, sinkage, 0.0)
+            assert result.mobility.sinkage_measured.value == sinkage
+        assert "-0.2 m" in self.text(onboard, "front_left/sinkage", "sinkage_negative")
         assert onboard.rejected == 1
+
+    @pytest.mark.parametrize("speed", [100.0, 9e8, -100.0])
+    def test_an_absurd_speed_is_refused_and_adds_no_path(
+        self, onboard: Onboard, speed: float
+    ) -> None:
+        """As R9: 9e8 m/s were 29,000 km of path."""
+        for i in range(100):
+            now = speed if i == 50 else 0.3
+            onboard.on_odometry(T + i * SECOND // 50, 0.006 * i, 0.0, now)
+        text = self.text(onboard, "odom", "not_plausible")
+        assert "expected at most 10 (parameter maximum_speed)" in text
+        onboard.on_load("front_left", T + 99 * SECOND // 50, 60.0)
+        found = onboard.on_sinkage("front_left", T + 99 * SECOND // 50, 0.01)
+        (result,) = found + onboard.flush()
+        assert result.soil.distance == pytest.approx(0.3 * 99 / 50, rel=0.01)
 
     def test_stamps(self, onboard: Onboard) -> None:
         onboard.on_load("front_left", 0, 60.0)
@@ -370,6 +389,76 @@ class TestBadInput:
         assert onboard.take_problems() == []
 
 
+class TestClocks:
+    """Without a clock one corrupt stamp must not wipe what was learnt (R9)."""
+
+    def half(self, drive: Drive, messages: list[Message]) -> tuple[Onboard, list[Message]]:
+        onboard, half = Onboard(settings_of(drive)), len(messages) // 2
+        run(onboard, messages[:half])
+        assert onboard.soil.accepted > 100
+        return onboard, messages[half:]
+
+    @pytest.mark.parametrize("ahead", [3600.0, -3600.0])
+    def test_one_corrupt_stamp_is_counted_and_changes_nothing(
+        self, drive: Drive, messages: list[Message], ahead: float
+    ) -> None:
+        onboard, rest = self.half(drive, messages)
+        accepted = onboard.soil.accepted
+        stamp = rest[0].stamp + nanoseconds(ahead)
+        assert onboard.on_load("front_left", stamp, 60.0) == []
+        reason = "stamp_in_future" if ahead > 0 else "late"
+        assert onboard.counts["front_left/load", reason] == 1
+        assert onboard.time_jumps == 0
+        run(onboard, rest)
+        assert onboard.time_jumps == 0
+        assert onboard.soil.accepted > accepted + 100
+
+    def test_a_second_one_that_agrees_is_believed(
+        self, drive: Drive, messages: list[Message]
+    ) -> None:
+        onboard, rest = self.half(drive, messages)
+        for i in range(2):
+            back = rest[i].stamp - 3600 * SECOND
+            onboard.on_load("front_left", back, 60.0)
+        assert onboard.time_jumps == 1
+        assert onboard.soil.accepted == 0
+
+
+def test_path_of_a_wheel_counts_on_the_spot() -> None:
+    """Turning on the spot the vehicle travels nothing, its wheels do (R5)."""
+    values = {"wheels": ["left"], "left.diameter": 0.25, "left.width": 0.1}
+    onboard = Onboard(settings_from({**values, "left.lateral_position": 0.3}).onboard)
+    rng = np.random.default_rng(1)
+    results = []
+    for i in range(600):
+        stamp = T + i * SECOND // 50
+        onboard.on_odometry(stamp, 0.0, 0.0, 0.0, 0.8)
+        onboard.on_wheel_speed("left", stamp, -0.24 / 0.125)
+        onboard.on_load("left", stamp, 60.0)
+        results += onboard.on_sinkage("left", stamp, 0.01 + 5e-4 * float(rng.standard_normal()))
+    last = (results + onboard.flush())[-1]
+    assert last.soil.distance == 0.0
+    # 0.24 m/s for 12 s: 13 stretches of 0.2 m, of which at most eight wait.
+    assert last.soil.accepted > 4 * 40
+    assert onboard.rejected < 6
+    assert last.mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+
+
+def test_odometry_that_was_away_for_long_does_not_stop_the_path() -> None:
+    values = {"wheels": ["left"], "left.diameter": 0.25, "left.width": 0.1}
+    onboard = Onboard(settings_from(values).onboard)
+    distances = []
+    for i in range(400):
+        away = 10 * SECOND if i >= 200 else 0
+        stamp, x = T + i * SECOND // 20 + away, 0.02 * i + (4.0 if away else 0.0)
+        onboard.on_odometry(stamp, x, 0.0, 0.4)
+        onboard.on_wheel_speed("left", stamp, 0.4 / 0.125)
+        onboard.on_load("left", stamp, 60.0)
+        distances += [r.soil.distance for r in onboard.on_sinkage("left", stamp, 0.01, 1e-6)]
+    distances += [result.soil.distance for result in onboard.flush()]
+    assert distances[-1] == pytest.approx(12.0, rel=0.02)
+
+
 class TestPressed:
     def test_needs_neither_odometry_nor_wheel_speed(self) -> None:
         values = {"wheels": ["w"], "w.diameter": 0.116, "w.width": 0.05, "w.contact": "pressed"}
@@ -379,7 +468,7 @@ class TestPressed:
         for i in range(1, 100):
             stamp = T + i * nanoseconds(0.05)
             depth = 0.0003 * i
-            onboard.on_load("w", stamp, 3000.0 * depth / 0.01)
+            onboard.on_load("w", stamp, 200.0 * depth / 0.01)
             results += onboard.on_sinkage("w", stamp, depth, 1e-8)
         assert len(results) == 99
         last = results[-1]

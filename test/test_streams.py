@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from smallwheel_ros.onboard.streams import (
     SECOND,
-    Odometer,
+    Motion,
+    PathSeries,
     Series,
     StampFault,
     StampRules,
@@ -113,104 +114,89 @@ class TestSeries:
         assert made.stamps[-101:] == [T + i * nanoseconds(0.01) for i in range(9899, 10_000)]
 
 
-class TestOdometer:
-    def odometer(self, horizon: float = 100.0) -> Odometer:
-        return Odometer(nanoseconds(horizon), nanoseconds(0.2), standstill=0.01)
+class TestPath:
+    def path(self, horizon: float = 100.0) -> PathSeries:
+        return PathSeries(nanoseconds(horizon), nanoseconds(0.2), standstill=0.01)
 
     def test_integrates_speed(self) -> None:
-        made = self.odometer()
+        made = self.path()
         for i in range(101):
             t = i / 50
-            made.add(T + nanoseconds(t), 0.0, 0.0, 0.5 * t, 0.1)
-        assert made.way(T + 2 * SECOND) == pytest.approx(1.0, rel=0.01)
-        assert made.way(T + SECOND) == pytest.approx(0.25, rel=0.02)
-        assert made.at(T + SECOND, SECOND)[2:4] == pytest.approx((0.5, 0.1))
+            made.add(T + nanoseconds(t), 0.5 * t)
+        assert made.at(T + 2 * SECOND) == pytest.approx(1.0, rel=0.01)
+        assert made.at(T + SECOND) == pytest.approx(0.25, rel=0.02)
 
     def test_reverse_is_travel_too(self) -> None:
-        made = self.odometer()
+        made = self.path()
         for i in range(11):
-            made.add(T + nanoseconds(i / 10), 0.0, 0.0, -0.5, 0.0)
-        assert made.way(T + SECOND) == pytest.approx(0.5)
+            made.add(T + nanoseconds(i / 10), -0.5)
+        assert made.at(T + SECOND) == pytest.approx(0.5)
 
     def test_standing_still_adds_nothing(self) -> None:
-        made = self.odometer()
+        made = self.path()
         noise = random.Random(1)
         for i in range(1000):
-            made.add(T + nanoseconds(i / 30), noise.gauss(0, 1), 0.0, noise.gauss(0, 0.003), 0.0)
-        assert made.way(T + 60 * SECOND) < 0.003
+            made.add(T + nanoseconds(i / 30), noise.gauss(0, 0.003), noise.gauss(0, 1), 0.0)
+        assert made.at(T + 60 * SECOND) < 0.003
 
     def test_a_gap_counts_by_position(self) -> None:
-        made = self.odometer()
-        made.add(T, 0.0, 0.0, 0.5, 0.0)
-        made.add(T + 10 * SECOND, 3.0, 4.0, 0.0, 0.0)
-        assert made.way(T + 10 * SECOND) == pytest.approx(5.0)
+        made = self.path()
+        made.add(T, 0.5, 0.0, 0.0)
+        made.add(T + 10 * SECOND, 0.0, 3.0, 4.0)
+        assert made.at(T + 10 * SECOND) == pytest.approx(5.0)
         # a position that only wobbles is no travel
-        made.add(T + 20 * SECOND, 3.0, 4.05, 0.0, 0.0)
-        assert made.way(T + 20 * SECOND) == pytest.approx(5.0)
+        made.add(T + 20 * SECOND, 0.0, 3.0, 4.05)
+        assert made.at(T + 20 * SECOND) == pytest.approx(5.0)
 
-    def test_a_gap_longer_than_the_memory_does_not_lose_the_way(self) -> None:
-        made = self.odometer(horizon=1.0)
+    def test_a_gap_without_positions_counts_by_the_slower_end(self) -> None:
+        made = self.path()
+        made.add(T, 0.5)
+        made.add(T + 10 * SECOND, 0.1)
+        assert made.at(T + 10 * SECOND) == pytest.approx(1.0)
+
+    def test_a_gap_longer_than_the_memory_does_not_lose_the_path(self) -> None:
+        made = self.path(horizon=1.0)
         for i in range(301):
-            made.add(T + i * nanoseconds(0.02), 0.02 * i, 0.0, 1.0, 0.0)
-        made.add(T + 20 * SECOND, 9.0, 4.0, 1.0, 0.0)
-        assert len(made.series) == 1
-        assert made.way(T + 20 * SECOND) == pytest.approx(6.0 + 5.0)
+            made.add(T + i * nanoseconds(0.02), 1.0, 0.02 * i, 0.0)
+        made.add(T + 20 * SECOND, 1.0, 9.0, 4.0)
+        assert made.at(T + 20 * SECOND) == pytest.approx(6.0 + 5.0)
 
-    def test_way_is_held_outside(self) -> None:
-        made = self.odometer()
-        assert made.way(T) == 0.0
-        made.add(T, 0.0, 0.0, 1.0, 0.0)
-        made.add(T + nanoseconds(0.1), 0.1, 0.0, 1.0, 0.0)
-        assert made.way(T - SECOND) == 0.0
-        assert made.way(T + SECOND) == pytest.approx(0.1)
+    def test_it_is_held_outside(self) -> None:
+        made = self.path()
+        assert made.at(T) == 0.0
+        made.add(T, 1.0)
+        made.add(T + nanoseconds(0.1), 1.0)
+        assert made.at(T - SECOND) == 0.0
+        assert made.at(T + SECOND) == pytest.approx(0.1)
 
     @given(st.permutations(range(12)))
     def test_order_of_arrival_does_not_matter(self, order: list[int]) -> None:
-        made, sorted_one = self.odometer(), self.odometer()
+        made, sorted_one = self.path(), self.path()
         for numbers, target in ((order, made), (range(12), sorted_one)):
             for i in numbers:
-                target.add(T + i * nanoseconds(0.05), 0.0, 0.0, math.cos(i), 0.0)
-        # The way's zero is at whatever came first, so differences are compared.
+                target.add(T + i * nanoseconds(0.05), math.cos(i))
+        # The path's zero is at whatever came first, so differences are compared.
         for i in range(1, 12):
-            ways = [
-                o.way(T + i * nanoseconds(0.05)) - o.way(T + (i - 1) * nanoseconds(0.05))
+            steps = [
+                o.at(T + i * nanoseconds(0.05)) - o.at(T + (i - 1) * nanoseconds(0.05))
                 for o in (made, sorted_one)
             ]
-            assert ways[0] == pytest.approx(ways[1], abs=1e-12)
+            assert steps[0] == pytest.approx(steps[1], abs=1e-12)
 
-    def test_memory_is_bounded_and_the_way_goes_on(self) -> None:
-        made = self.odometer(horizon=1.0)
+    def test_memory_is_bounded_and_the_path_goes_on(self) -> None:
+        made = self.path(horizon=1.0)
         for i in range(5001):
-            made.add(T + i * nanoseconds(0.02), 0.0, 0.0, 1.0, 0.0)
-        assert made.way(T + 100 * SECOND) == pytest.approx(100.0)
-        assert len(made.series) == len(made._way) <= 110
+            made.add(T + i * nanoseconds(0.02), 1.0)
+        assert made.at(T + 100 * SECOND) == pytest.approx(100.0)
+        assert len(made._series) == len(made._path) <= 110
 
 
-class TestPose:
-    def make(self) -> Odometer:
-        return Odometer(10 * SECOND, SECOND, 0.01)
-
-    def test_between_two_messages(self) -> None:
-        odometer = self.make()
-        odometer.add(SECOND, 0.0, 1.0, 0.5, 0.0, 0.0)
-        odometer.add(2 * SECOND, 1.0, 3.0, 0.5, 0.0, 0.4)
-        found = odometer.at(3 * SECOND // 2, SECOND)
-        assert (found.x, found.y) == pytest.approx((0.5, 2.0))
-        assert found.yaw == pytest.approx(0.2)
-
-    def test_across_the_jump_of_the_angle(self) -> None:
-        odometer = self.make()
-        odometer.add(SECOND, 0.0, 0.0, 0.5, 0.0, math.pi - 0.1)
-        odometer.add(2 * SECOND, 0.0, 0.0, 0.5, 0.0, -math.pi + 0.1)
-        found = odometer.at(3 * SECOND // 2, SECOND)
-        assert abs(found.yaw) == pytest.approx(math.pi)
-
-    def test_without_yaw_or_too_far_away_there_is_none(self) -> None:
-        odometer = self.make()
-        assert odometer.at(SECOND, SECOND) is None
-        odometer.add(SECOND, 0.0, 0.0, 0.5, 0.0)
-        assert odometer.at(SECOND, SECOND).yaw is None
-        odometer.add(5 * SECOND, 0.0, 0.0, 0.5, 0.0, 0.3)
-        found = odometer.at(5 * SECOND, SECOND)
-        assert (found.x, found.y, found.yaw) == pytest.approx((0.0, 0.0, 0.3))
-        assert odometer.at(7 * SECOND, SECOND) is None
+def test_yaw_is_read_across_the_jump_of_the_angle() -> None:
+    """Cosine and sine are interpolated, not the angle."""
+    made = Series(10 * SECOND)
+    for i, yaw in enumerate((math.pi - 0.1, -math.pi + 0.1)):
+        made.add((i + 1) * SECOND, Motion(0.0, 2.0 * i, 0.5, 0.0, math.cos(yaw), math.sin(yaw)))
+    between = Motion(*(made.at(3 * SECOND // 2, SECOND) or ()))
+    assert abs(between.yaw or 0.0) == pytest.approx(math.pi)
+    assert between.y == pytest.approx(1.0)
+    assert Motion(0.0, 0.0, 0.5, 0.0, math.nan, math.nan).yaw is None
