@@ -26,6 +26,7 @@ from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.settings import read_settings
 from smallwheel_ros.replay.spec import Copy, ReplaySpec
 from smallwheel_ros.simulate import sensors
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
@@ -65,10 +66,10 @@ def deserialise(bag: Path) -> int:
 
 def estimate(bag: Path, config: Path) -> None:
     """The estimator alone: the messages given to it, and nothing written."""
-    settings, _ = ReplaySpec(bag, config, Path()).settings()
-    onboard = Onboard(settings.onboard)
-    handlers = {f"/{topic.name}": topic.handle for topic in Feed(onboard, settings).topics}
     with BagReader(bag) as reader:
+        settings, _ = read_settings(ReplaySpec(bag, config, Path()), reader)
+        onboard = Onboard(settings.onboard)
+        handlers = {f"/{topic.name}": topic.handle for topic in Feed(onboard, settings).topics}
         for topic, _, log_time, message in reader.messages():
             handlers[topic](message, log_time)
     onboard.flush()

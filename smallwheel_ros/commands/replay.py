@@ -28,6 +28,7 @@ from smallwheel_ros.replay.many import (
 from smallwheel_ros.replay.merge import many_document, many_text, merge
 from smallwheel_ros.replay.one import replay as replay_bag
 from smallwheel_ros.replay.output_paths import SUMMARY, claimed, read_summary
+from smallwheel_ros.replay.settings import check_parameters, read_settings
 from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
 from smallwheel_ros.replay.text import summary_text
 from smallwheel_ros.replay.topics import proposals, topics_document
@@ -87,8 +88,7 @@ def replay(
     if config is None or output is None:
         raise click.UsageError("give --config ROVER.yaml and -o FOLDER (or --topics)")
     like = ReplaySpec(bags[0], config, output, remapped, clock, copy)
-    _, notes = like.settings()
-    for note in notes:
+    for note in check_parameters(like):
         click.echo(f"warning: {note}", err=True)
     if len(bags) == 1 and scheduler is None:
         _one(like, json_file)
@@ -200,9 +200,9 @@ def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: s
     with BagReader(bag, salvage=True) as reader:
         inputs: tuple[Input, ...] = ()
         if config is not None:
-            settings, _ = ReplaySpec(bag, config, Path()).settings()
+            settings, _ = read_settings(ReplaySpec(bag, config, Path(), remaps), reader)
             feed = Feed(Onboard(settings.onboard), settings)
-            inputs = inputs_of(feed.topics, remaps)
+            inputs = inputs_of(feed.topics, remaps, settings.robot_description_topic)
         content = topics_document(reader, inputs, proposals(reader, inputs))
     if json_file is not None:
         write_json(json_file, content)

@@ -64,6 +64,14 @@ _GENERAL: dict[Parameter, str] = {
     Parameter("autostart", "bool", True, changes="at start"): (
         "Configure and activate at the start. False: leave it to a lifecycle manager."
     ),
+    text("robot_description_topic", "robot_description", form="topic", changes="at start"): (
+        "Topic (std_msgs/String, latched) of the URDF, from which diameter, width, positions and"
+        " joint_sign of the wheels come where they are not given (docs/node.md). Empty: from none."
+    ),
+    text("base_frame", "base_link", changes="at start"): (
+        "Link of the URDF that positions of wheels are measured from. Where the URDF has no"
+        " base_link: its root link."
+    ),
     Parameter("load_sign", "integer", 1, choices=(1, -1)): (
         "1: force.z (or effort) of a load is positive when the wheel presses on the soil (the soil"
         " pushes the wheel up). -1: negative."
@@ -74,9 +82,11 @@ _GENERAL: dict[Parameter, str] = {
     ),
     number("velocity_lateral_position", 0.0, "m", -10.0, 10.0): (
         "Place of the velocity sensor left of base_link: in a turn it is faster or slower."
+        " Without it: by tf, if tf2_ros is installed."
     ),
     number("velocity_yaw", 0.0, "rad", -3.15, 3.15): (
         "Direction of the velocity sensor's x axis in base_link, positive to the left."
+        " Without it: by tf, if tf2_ros is installed."
     ),
     number("maximum_speed", 10.0, "m/s", 0.01, 1000.0): (
         "A vehicle is not faster: messages that say so are refused and counted."
@@ -251,17 +261,23 @@ _GENERAL: dict[Parameter, str] = {
 }
 
 _PER_WHEEL: dict[Parameter, str] = {
-    number("<wheel>.diameter", None, "m", 0.005, 5.0, required=True): "Diameter of the wheel.",
-    number("<wheel>.width", None, "m", 0.001, 5.0, required=True): "Width of the wheel.",
+    number("<wheel>.diameter", None, "m", 0.005, 5.0, required=True): (
+        "Diameter of the wheel. Without it: twice the radius of its link's cylinder in the URDF."
+    ),
+    number("<wheel>.width", None, "m", 0.001, 5.0, required=True): (
+        "Width of the wheel. Without it: the length of its link's cylinder in the URDF."
+    ),
     Parameter("<wheel>.contact", "string", ROLLING, choices=(ROLLING, PRESSED)): (
         f"{ROLLING}, or {PRESSED} for a wheel that is pushed straight down (a test rig): soil"
         " carries it on both sides of its lowest point, and no odometry is needed."
     ),
     number("<wheel>.lateral_position", 0.0, "m", -10.0, 10.0): (
         "Place of the wheel left of base_link: in turns it travels slower or faster than that."
+        " Without it: that in the URDF, if there is one."
     ),
     number("<wheel>.longitudinal_position", 0.0, "m", -10.0, 10.0): (
         "Place of the wheel ahead of base_link: which ground of the cost map it is on."
+        " Without it: that in the URDF, if there is one."
     ),
     text("<wheel>.load_topic", "<wheel>/load", form="topic"): "Topic of the wheel's load.",
     text("<wheel>.drawbar_pull_topic", "", form="topic"): (
@@ -286,9 +302,10 @@ _PER_WHEEL: dict[Parameter, str] = {
         "What the range sensor shows on hard ground: its height above the wheel's lowest point."
         " Needed by sinkage_source Range."
     ),
-    text("<wheel>.joint", "<wheel>_joint"): "Name of its joint in joint_states.",
+    text("<wheel>.joint", "<wheel>_joint"): "Name of its joint in joint_states and in the URDF.",
     Parameter("<wheel>.joint_sign", "integer", 1, choices=(1, -1)): (
         "-1: its joint turns backwards when the wheel drives forward (a mirrored axis)."
+        " Without it: by the joint's axis in the URDF, if there is one."
     ),
     Parameter("<wheel>.load_sign", "integer", 0, choices=(0, 1, -1)): (
         "As load_sign, for this wheel's sensor; 0: as load_sign says."

@@ -77,7 +77,7 @@ class NodeSettings:
     """What the parameters say: settings of the estimate and the cost map, and inputs by wheel.
 
     load_per_effort: N. velocity_yaw: of the velocity sensor, rad. soil_file: where the soil is saved
-    and restored from; empty: nowhere.
+    and restored from; empty: nowhere. robot_description_topic: empty where there is none.
     """
 
     onboard: OnboardSettings
@@ -89,6 +89,7 @@ class NodeSettings:
     velocity_yaw: float = 0.0
     soil_file: str = ""
     cost: CostSettings = field(default_factory=CostSettings)
+    robot_description_topic: str = ""
 
 
 def parameters_for(wheels: Sequence[str]) -> tuple[Parameter, ...]:
@@ -246,6 +247,7 @@ def settings_from(
         v["velocity_yaw"],
         v["soil.file"],
         cost,
+        v["robot_description_topic"],
     )
 
 

@@ -76,8 +76,12 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
     return remaps
 
 
-def inputs_of(topics: Sequence[Topic], remaps: Mapping[str, str]) -> tuple[Input, ...]:
+def inputs_of(
+    topics: Sequence[Topic], remaps: Mapping[str, str], description_topic: str = ""
+) -> tuple[Input, ...]:
     """Say by which topic each stream of the estimate comes.
+
+    description_topic: of the robot description, which is no stream, but may be remapped too.
 
     Raises
     ------
@@ -91,6 +95,8 @@ def inputs_of(topics: Sequence[Topic], remaps: Mapping[str, str]) -> tuple[Input
             place = remaps.get(name, name)
             inputs.append(Input(stream, name, place, topic.type, detail.removeprefix(", ")))
     known = {item.name for item in inputs}
+    if description_topic:
+        known.add(resolved(description_topic))
     for name in remaps:
         if name not in known:
             raise ReplayError(

@@ -25,6 +25,7 @@ from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.output_paths import OutputPaths, claimed
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.rows import Estimate, columns
+from smallwheel_ros.replay.settings import check_parameters, description_key, read_settings
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
@@ -73,10 +74,11 @@ def replay(
         If nothing can be estimated from the bag, a file cannot be written, or another replay is
         at work in the folder.
     """
-    settings, notes = spec.settings()
+    check_parameters(spec)
     paths, stop = OutputPaths(spec), Stop()
     paths.check()
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():
+        settings, notes = read_settings(spec, reader)
         session = _Session(spec, settings, notes, reader)
         result = session.result
         with claimed(spec.folder):
@@ -110,7 +112,7 @@ class _Session:
             notes = [*notes, "soil_file is not read: a replay begins with the configured soil"]
         self._reader, self._onboard = reader, Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
-        inputs = inputs_of(self._feed.topics, spec.remaps)
+        inputs = inputs_of(self._feed.topics, spec.remaps, settings.robot_description_topic)
         self._decoders: dict[Key, Callable[[bytes], Any]] = {}
         self._handlers: dict[Key, list[Handler]] = {}
         for topic in self._feed.topics:
@@ -127,7 +129,8 @@ class _Session:
         check_enough(
             self._onboard, missing, proposal_text(reader, inputs, spec.bag) if missing else ""
         )
-        used = {key for key in (*self._handlers, _CLOCK_KEY) if key in present}
+        description = description_key(settings.robot_description_topic, spec.remaps)
+        used = {key for key in (*self._handlers, _CLOCK_KEY, description) if key in present}
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._read = {name for name, _ in used | self.copied}
         self.result = Replayed(

@@ -11,13 +11,6 @@ from typing import Any, Literal
 from smallwheel_ros import __version__
 from smallwheel_ros.bag_files import storage_kind
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import (
-    NodeSettings,
-    settings_from,
-    unknown_parameters,
-    wheel_names,
-)
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
@@ -60,18 +53,6 @@ class ReplaySpec:
             return name
         kind = storage_kind(self.bag) or ""
         return name.removesuffix(".zstd").removesuffix(kind)
-
-    def settings(self) -> tuple[NodeSettings, list[str]]:
-        """Read the parameter file; return what it says, and what in it nobody knows.
-
-        Raises
-        ------
-        ParametersError
-            If it cannot be read or a parameter is wrong.
-        """
-        values = read_parameters(self.config)
-        settings = settings_from(values)
-        return settings, unknown_parameters(values, wheel_names(values["wheels"]))
 
     def fingerprint(self) -> str:
         """Return what tells this replay from any other: the bag, the parameters, the options.

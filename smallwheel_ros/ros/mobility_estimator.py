@@ -24,7 +24,9 @@ from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
 from smallwheel_ros.ros import qos
+from smallwheel_ros.ros.description import RobotDescription
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
+from smallwheel_ros.ros.frames import VelocityFrame
 from smallwheel_ros.ros.parameters import NodeParameters
 from smallwheel_ros.ros.session import Session, check_topics
 
@@ -76,6 +78,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._table = NodeParameters(self, self._check, self._apply)
         for text in self._table.unknown:
             self.get_logger().warning(text)
+        self._description = RobotDescription(self, self._table)
+        self._frames = VelocityFrame(self, self._table)
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(
@@ -93,6 +97,11 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Whether the node is to configure and activate itself."""
         return self._table.values()["autostart"] is not False
 
+    @property
+    def waiting(self) -> str:
+        """What it waits for before it can be configured, in words; empty: nothing."""
+        return self._description.waiting
+
     def fail(self, problem: str) -> None:
         """Note why the node is not configured, and log it with its traceback if there is one."""
         self.problem = problem
@@ -108,7 +117,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             settings = self._table.read()
             session = Session(self, settings, self._table.overrides(), self._wall)
         except ParametersError as error:
-            self.problem = f"cannot be configured: {error}"
+            why = [str(error), self.waiting, *self._description.lacking]
+            self.problem = f"cannot be configured: {'; '.join(filter(None, why))}"
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
         self._session, self.problem = session, ""
@@ -220,8 +230,13 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
         unknown = list(self._table.unknown)
+        if self._session is not None:
+            self._frames.look_up(self._session.velocity_frame)
+        unknown += [*self._description.lacking, *self._frames.lacking]
         if self.problem:
             found, unknown = [status(f"{name}: parameters", ERROR, self.problem)], []
+        elif self._session is None and self.autostart and self.waiting:
+            found = [status(f"{name}: inputs", WARN, self.waiting)]
         elif self._session is None or not self._session.active:
             text = "not active: it waits for a lifecycle manager"
             found = [status(f"{name}: inputs", OK, text)]
@@ -235,19 +250,25 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._diagnostics.publish(array)
 
 
-def _spin(node: MobilityEstimator) -> None:
-    """Let the node work until it is asked to end; a defect in a callback is loud and ends nothing."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while rclpy.ok():
+def _spin(
+    node: MobilityEstimator, executor: SingleThreadedExecutor, goes_on: Callable[[], object]
+) -> bool:
+    """Let the node work as long as goes_on says; return False where it is asked to end.
+
+    A defect in a callback is loud and ends nothing.
+    """
+    while goes_on():
+        if not rclpy.ok():
+            return False
         try:
             executor.spin_once()
         except (KeyboardInterrupt, ExternalShutdownException):
-            return
+            return False
         except Exception:
             # A signal ends ROS at any moment: what was about to be published then fails.
             if rclpy.ok():
                 node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
+    return True
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -262,6 +283,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT
     try:
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        if node.autostart and node.waiting:
+            node.get_logger().warning(node.waiting)
+            if not _spin(node, executor, lambda: node.waiting):
+                return 0
         if node.autostart and not (
             node.trigger_configure() == _SUCCESS and node.trigger_activate() == _SUCCESS
         ):
@@ -270,7 +297,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # thrown away would hold up messages for a tenth of a second now and then.
         gc.collect()
         gc.freeze()
-        _spin(node)
+        _spin(node, executor, lambda: True)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:

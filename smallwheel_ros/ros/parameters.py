@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -26,8 +26,12 @@ from smallwheel_ros.onboard.parameters import (
     unknown_parameters,
     wheel_names,
 )
+from smallwheel_ros.onboard.robot_description import silent_parameters
 from smallwheel_ros.onboard.starting_model import StartingModels
 from smallwheel_ros.ros.qos import OVERRIDES
+
+# Where the velocity sensor is and looks: tf may say so where nothing is given.
+VELOCITY_SENSOR = ("velocity_lateral_position", "velocity_yaw")
 
 
 class NodeParameters:
@@ -79,6 +83,8 @@ class NodeParameters:
         self.unknown = unknown_parameters(given, wheels) if wheels else []
         for parameter in parameters_for(wheels) if wheels else GENERAL:
             self._declare(parameter, given.get(parameter.name))
+        self._silent = set(silent_parameters(given)) | (set(VELOCITY_SENSOR) - given.keys())
+        self._filling = False
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._after)
 
@@ -89,6 +95,25 @@ class NodeParameters:
     def values(self) -> dict[str, object]:
         """Return the value of each known parameter, None where there is none."""
         return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
+
+    def given(self) -> dict[str, object]:
+        """Return the value of each known parameter that is not left to URDF or tf."""
+        return {name: v for name, v in self.values().items() if name not in self._silent}
+
+    def fill(self, values: Mapping[str, float | int]) -> str:
+        """Take values for parameters that were not given; return why that is impossible, or ""."""
+        changes = [RosParameter(n, value=v) for n, v in values.items() if n in self._silent]
+        self._filling = True
+        try:
+            result = self._node.set_parameters_atomically(changes)
+        finally:
+            self._filling = False
+        return "" if result.successful else result.reason
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a value was given that does not fit its parameter."""
+        return bool(self._problems)
 
     def read(self) -> NodeSettings:
         """Return what the parameters say; models and effects are read from their files.
@@ -154,6 +179,8 @@ class NodeParameters:
     def _after(self, changes: Sequence[RosParameter]) -> None:
         words = ", ".join(f"{c.name}={_plain(c.value)}" for c in changes if c.name in self._table)
         settings, self._checked = self._checked, None
+        if not self._filling:
+            self._silent -= {change.name for change in changes}
         if words and settings is not None and self.in_use:
             self._apply(settings, words)
 

@@ -17,6 +17,7 @@ from rclpy.timer import Timer
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import NodeSettings, ParametersError
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import WARN, alarms, entries, status
 from smallwheel_ros.ros.inputs import Inputs
@@ -51,15 +52,18 @@ def check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, ..
             f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         )
     types[node.resolve_topic_name(TERRAIN_CLASSES)] = "nav_msgs/msg/OccupancyGrid"
-    for topic in topics:
+    listened = [(topic.name, topic.type) for topic in topics]
+    if settings.robot_description_topic:
+        listened.append((settings.robot_description_topic, DESCRIPTION_TYPE))
+    for given, kind in listened:
         try:
-            name = node.resolve_topic_name(topic.name)
+            name = node.resolve_topic_name(given)
         except Exception as error:  # rcl's; its words have several lines
             reason = " ".join(str(error).split())
-            raise ParametersError(f"topic {topic.name!r} is not possible: {reason}") from None
-        if types.setdefault(name, topic.type) != topic.type:
+            raise ParametersError(f"topic {given!r} is not possible: {reason}") from None
+        if types.setdefault(name, kind) != kind:
             raise ParametersError(
-                f"topic {name} would be {types[name]} and {topic.type}, expected one type: a node"
+                f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
                 " can have no topic of two"
             )
     return topics
@@ -79,6 +83,8 @@ class Session:
     ----------
     unused
         A sentence for each parameter of the quality of service that nobody uses.
+    velocity_frame
+        Frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
     ------
@@ -114,6 +120,7 @@ class Session:
             lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
         )
         self._timers: list[Timer] = []
+        self.velocity_frame = ""
         self._time_jumps = 0
         self._alarm = ""  # the newest, in words
         self._last_arrival = time.monotonic()
@@ -214,6 +221,8 @@ class Session:
         self._log_problems()
 
     def _handle(self, topic: Topic, message: Any) -> None:
+        if topic.name == self._settings.velocity_topic:
+            self.velocity_frame = message.header.frame_id
         self._keep(topic.handle(message, self._node.get_clock().now().nanoseconds))
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
