@@ -19,6 +19,9 @@ from smallwheel_ros.onboard.robot_description import (
     silent_parameters,
 )
 from smallwheel_ros.onboard.urdf import RobotDescriptionError, Urdf
+from smallwheel_ros.replay.inputs import read_remaps
+from smallwheel_ros.replay.one import replay as replay_bag
+from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -338,7 +341,7 @@ def rover_of_two_sizes() -> str:
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("drive") / "drive"
-    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=1.0, wheels="two_sizes")), path)
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=2.0, wheels="two_sizes")), path)
     return path
 
 
@@ -383,7 +386,7 @@ def test_replay_takes_what_is_silent_from_the_bag(bag, given, tmp_path) -> None:
     found = fill_silent(text, {"wheels": list(WHEELS | REAR)}).values
     assert expected == {name: found[name] for name in expected}
     described = with_description(bag, tmp_path / "described", text)
-    replay(bag, given["full"], tmp_path / "full")
+    replay_bag(ReplaySpec(bag, given["full"], tmp_path / "full"))
     result = replay(described, given["silent"], tmp_path / "silent", "--copy", "used")
     assert "from the bag's /robot_description: front_left.diameter=0.25" in result.output
     estimates = [(tmp_path / name / "estimates.csv").read_text() for name in ("full", "silent")]
@@ -397,9 +400,9 @@ def test_replay_takes_what_is_silent_from_the_bag(bag, given, tmp_path) -> None:
 
 def test_replay_follows_a_remap_of_the_description(bag, given, tmp_path) -> None:
     described = with_description(bag, tmp_path / "described", rover_of_two_sizes(), "/rover/urdf")
-    options = ("--remap", "robot_description:=/rover/urdf")
-    result = replay(described, given["silent"], tmp_path / "out", *options)
-    assert "from the bag's /rover/urdf: front_left.diameter=0.25" in result.output
+    remaps = read_remaps(["robot_description:=/rover/urdf"])
+    result = replay_bag(ReplaySpec(described, given["silent"], tmp_path / "out", remaps))
+    assert "from the bag's /rover/urdf: front_left.diameter=0.25" in result.notes[0]
 
 
 @pytest.mark.parametrize(
