@@ -299,3 +299,27 @@ def test_covariance_is_sound_over_many_updates() -> None:
 def test_covariance_is_sound_over_many_more_updates() -> None:
     """20 km of two wheels."""
     soak(200_000)
+
+
+def test_a_segment_that_cannot_be_used_leaves_the_filter_as_it_was(monkeypatch) -> None:
+    law = law_filter()
+    for i in range(20):
+        law.absorb(replace(SEGMENT, distance=0.2 * i), WHEEL)
+    mean, covariance, scatter, used = law.mean, law.covariance, law.scatter.soil, law.used
+    update, updates = LawFilter._update, []
+
+    def third_time_bad(self: LawFilter, *given: object) -> object:
+        updates.append(given)
+        if len(updates) == 3:
+            raise ArithmeticError("no law")
+        return update(self, *given)
+
+    monkeypatch.setattr(LawFilter, "_update", third_time_bad)
+    with pytest.raises(ArithmeticError, match="no law"):
+        law.absorb(replace(SEGMENT, distance=6.0), WHEEL)
+    monkeypatch.setattr(LawFilter, "_update", update)
+    np.testing.assert_allclose(law.mean, mean, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(law.covariance, covariance, rtol=1e-12, atol=1e-18)
+    assert (law.scatter.soil, law.used) == (scatter, used)
+    law.absorb(replace(SEGMENT, distance=6.0), WHEEL)
+    assert law.used == used + 1

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy, deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,18 +139,29 @@ class LawFilter:
     # -- filter
 
     def absorb(self, segment: Segment, wheel: WheelPlace) -> None:
-        """Use a segment for the soil."""
-        learnt: list[tuple[float, Innovation, float]] = []
-        for weight, member in zip(self._weights, self._bank, strict=True):
-            self._travel(member, segment.distance)
-            innovation, base = self._update(member, segment, wheel)
-            learnt.append((weight, innovation, base))
-        parts = np.array(
-            [(i.value, i.state_variance, i.variance, i.by_load, b) for _, i, b in learnt]
-        )
-        value, state, whole, by_load, base = np.average(parts, axis=0, weights=self._weights)
-        self.scatter.learn(Innovation(value, state, whole, by_load), base, wheel.index)
+        """Use a segment for the soil.
+
+        Raises ArithmeticError, ValueError or LinAlgError, with nothing changed, where the law cannot
+        be computed.
+        """
+        before = [deepcopy(member) for member in self._bank], copy(self.scatter), len(self._store)
+        try:
+            self._use(segment, wheel)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+            self._bank, self.scatter = before[0], before[1]
+            del self._store[before[2] :]
+            self._mix()
+            raise
         self.used += 1
+
+    def _use(self, segment: Segment, wheel: WheelPlace) -> None:
+        found: list[tuple[float, ...]] = []
+        for member in self._bank:
+            self._travel(member, segment.distance)
+            of, base = self._update(member, segment, wheel)
+            found.append((of.value, of.state_variance, of.variance, of.by_load, base))
+        *innovation, base = np.average(np.array(found), axis=0, weights=self._weights).tolist()
+        self.scatter.learn(Innovation(*innovation), base, wheel.index)
         self._level()
         if len(self._store) < _AGAIN[-1]:
             self._store.append((segment, wheel))
