@@ -236,7 +236,17 @@ def test_the_joint_and_the_base_frame_are_those_of_parameters() -> None:
                 joint("back", "tyre", "a"),
             ),
             {"lateral_position", "longitudinal_position", "joint_sign"},
-            "are a circle",
+            "above link 'tyre' are more than 100 joints, or they are a circle",
+        ),
+        (
+            robot(
+                link("base_link"),
+                link("l200", f"<collision>{LYING}</collision>"),
+                *(joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(199)),
+                joint("front_joint", "l199", "l200"),
+            ),
+            {"lateral_position", "longitudinal_position", "joint_sign"},
+            "above link 'l200' are more than 100 joints",
         ),
         (
             robot(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -23,6 +24,7 @@ _MOST_CHARACTERS = 10_000_000
 _MOST_ELEMENTS = 100_000
 _DEEPEST = 100
 _LONGEST_NAME = 60  # characters of a name or number that are repeated in a message
+_MOST_SHAPES = 5  # that are named in a message
 _LARGEST = 1e6  # m or rad: beyond any robot, and products of it stay finite
 TURNING = ("continuous", "revolute")
 
@@ -151,8 +153,11 @@ class Urdf:
         while link in self._above:
             chain.append(self._above[link])
             link = chain[-1].parent
-            if len(chain) > len(self._above):
-                raise RobotDescriptionError(f"the joints above link {quoted(link)} are a circle")
+            if len(chain) > _DEEPEST:
+                raise RobotDescriptionError(
+                    f"above link {quoted(chain[0].child)} are more than {_DEEPEST} joints, or they are"
+                    " a circle"
+                )
         return chain[::-1]
 
     def root(self, link: str) -> str:
@@ -187,7 +192,7 @@ class Urdf:
             ]
             if found:
                 return max(found, key=lambda cylinder: cylinder.radius)
-        shapes = sorted({quoted(s.tag) for s in element.findall("*/geometry/*")})
+        shapes = sorted({quoted(s.tag) for s in element.findall("*/geometry/*")})[:_MOST_SHAPES]
         raise RobotDescriptionError(
             f"link {quoted(link)} has {', '.join(shapes) or 'no geometry'}, expected a cylinder in"
             " its collision or visual"
@@ -197,7 +202,7 @@ class Urdf:
 class Joint:
     """A joint; its numbers are read, and can be wrong, when they are asked for.
 
-    kind: its type. origin, axis: see properties.
+    kind: its type.
     """
 
     def __init__(self, element: Element) -> None:
@@ -209,7 +214,7 @@ class Joint:
             for end in (element.find("parent"), element.find("child"))
         )
 
-    @property
+    @cached_property
     def origin(self) -> Pose:
         """Where the child link is in the parent link, with the joint at zero."""
         return _pose(self._element, f"joint {quoted(self.name)}")
@@ -247,7 +252,7 @@ def _numbers(
     if element is None or text is None:
         return default
     try:
-        numbers = tuple(float(word) for word in text.split())
+        numbers = tuple(float(word) for word in text.split(maxsplit=len(default)))
     except ValueError:
         numbers = ()
     if len(numbers) != len(default) or not all(abs(number) <= _LARGEST for number in numbers):
