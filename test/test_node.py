@@ -48,7 +48,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         peer.send_load(60.0, stamp=peer.now() + 60 * second)
         peer.send_load(60.0, stamp=peer.now() - 60 * second)
         peer.send_sinkage(math.nan)
-        peer.send_sinkage(-0.001)
+        peer.send_sinkage(-0.2)
         twice = peer.send_load(60.0)
         peer.send_load(60.0, stamp=twice)
         wanted = {

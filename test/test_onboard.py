@@ -70,6 +70,7 @@ def settings_of(drive: Drive, **changes: object) -> OnboardSettings:
         values[f"{wheel.name}.diameter"] = wheel.diameter
         values[f"{wheel.name}.width"] = wheel.width
         values[f"{wheel.name}.lateral_position"] = wheel.y
+        values[f"{wheel.name}.longitudinal_position"] = wheel.x
     return settings_from({**values, **changes}).onboard
 
 

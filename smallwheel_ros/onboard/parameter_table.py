@@ -276,7 +276,9 @@ _PER_WHEEL: dict[Parameter, str] = {
         " Without it: that in the URDF, if there is one."
     ),
     number("<wheel>.longitudinal_position", 0.0, "m", -10.0, 10.0): (
-        "Place of the wheel ahead of base_link: which ground of the cost map it is on."
+        "Place of the wheel ahead of base_link: which ground of the cost map it is on, which wheels come"
+        " to another soil first, and which follow in a rut. Without it another soil is found only"
+        " when all wheels are on it."
         " Without it: that in the URDF, if there is one."
     ),
     text("<wheel>.load_topic", "<wheel>/load", form="topic"): "Topic of the wheel's load.",
