@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import time
@@ -54,8 +55,15 @@ def directly(bag: Path, parameters: Path) -> list[Result]:
                 found += onboard.on_sinkage(wheel, stamp, message.sinkage, message.variance)
             elif topic == "/odom":
                 place, twist = message.pose.pose.position, message.twist.twist
+                q, spread = message.pose.pose.orientation, message.twist.covariance
                 found += onboard.on_odometry(
-                    stamp, place.x, place.y, twist.linear.x, twist.angular.z
+                    stamp,
+                    place.x,
+                    place.y,
+                    twist.linear.x,
+                    twist.angular.z,
+                    pitch=math.asin(2.0 * (q.w * q.y - q.z * q.x)),
+                    variances=(float(spread[0]), float(spread[35])),
                 )
             else:
                 for name, velocity in zip(message.name, message.velocity, strict=True):
