@@ -33,6 +33,7 @@ from smallwheel_ros.estimator.missing_effect import (
     MissingEffect,
     MissingEffectWatch,
 )
+from smallwheel_ros.estimator.point_sinkage import point_pressure
 from smallwheel_ros.estimator.pull_strength import PullStrength
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.segment import Segment, SegmentCollector
@@ -55,6 +56,7 @@ from smallwheel_ros.estimator.wheel_track import (
     wheels_ahead,
 )
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
 
 __all__ = [
@@ -150,7 +152,7 @@ class SoilEstimator:
         """
         relative = given.load_variance / given.load**2
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            law = self._soils.law or self._soils.new_law(_plain(given))
+            law = self._soils.law or self._soils.new_law(self._reference(given))
             self._sinkage(law, instant_segment(given, given.load, relative), 0.0)
         self._soils.law = law
         known = self._known_wheels.get(given.wheel)
@@ -253,6 +255,24 @@ class SoilEstimator:
             shown.by_load,
         )
         return wheel.expected, 0.0
+
+    def _reference(self, given: SinkageMeasurement) -> tuple[float, float, float]:
+        """Load (N), diameter and width (m) of the reference wheel: the one measured first.
+
+        A wheel that is pressed begins without load, so its reference is the load under which the
+        prior's soil lets it sink to the reference sinkage.
+        """
+        plain = observation(
+            (), given.load, given.diameter, given.width, given.contact, None, None
+        ).wheel
+        if given.contact == ROLLING:
+            return plain
+        prior, diameter, width = self.prior, given.diameter, given.width
+        log_depth = math.log(REFERENCE_SINKAGE)
+        unit = point_pressure(1.0, diameter, width, log_depth, prior.n).log_modulus
+        modulus = prior.log_reference_pressure - prior.n * log_depth
+        modulus += prior.m * math.log(diameter / REFERENCE_DIAMETER)
+        return math.exp(modulus - unit), diameter, width
 
     def _law_under(self, wheel: WheelTrack) -> LawFilter:
         """The law of the soil under a wheel; one that came later has no place in the old one."""
@@ -396,7 +416,7 @@ class SoilEstimator:
         now = instant_segment(given, load, load_variance / load**2)
         try:
             if known is None:
-                law = self._soils.law or self._soils.new_law(_plain(given))
+                law = self._soils.law or self._soils.new_law(self._reference(given))
             else:
                 law = self._law_under(known)
             value, variance = self._sinkage(law, now, passes)
@@ -442,11 +462,6 @@ class SoilEstimator:
         if state.soil is not None:
             self._soils.resume(state.soil, state.variety, state.accepted)
             self._soils.strength = strength
-
-
-def _plain(given: SinkageMeasurement) -> tuple[float, float, float]:
-    """Load (N), diameter and width (m) of the plain rolling wheel that a wheel comes nearest to."""
-    return observation((), given.load, given.diameter, given.width, given.contact, None, None).wheel
 
 
 def _place_variance(law: LawFilter, shown: Shown, now: Segment) -> float:

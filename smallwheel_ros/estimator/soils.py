@@ -21,6 +21,7 @@ from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_change import ChangeTest, Shift, Waiting
 from smallwheel_ros.estimator.strength import StrengthState
 from smallwheel_ros.estimator.wheel_track import WheelTrack
+from smallwheel_ros.physics.conditions import ROLLING
 
 Array = NDArray[np.float64]
 
@@ -106,6 +107,10 @@ class Soils:
         if law is None or segment.place < self._border:
             return
         about = law.linearised(segment, wheel.place)
+        if segment.contact != ROLLING:
+            # A rig presses into one place: there is no border on the way down.
+            self._absorb(Waiting(segment, wheel.place, wheel.leads, about), law, watch)
+            return
         self._test.waiting.append(Waiting(segment, wheel.place, wheel.leads, about))
         shift = self._test.find(law) if wheel.leads else None
         if shift is not None:
