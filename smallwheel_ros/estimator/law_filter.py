@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,7 @@ from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 
 Array = NDArray[np.float64]
+_State = tuple[Array, Array, float]  # x - x0, P, and to where it has travelled (m)
 
 MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
 _FAST = 6.0  # drift of the quick filters over that of the slow: soils that change within metres
@@ -59,6 +60,11 @@ class _Member:
     log_prior: float
     log_weight: float
     travelled: float = math.nan
+
+    def begin(self, state: _State) -> None:
+        """Go back to a state."""
+        x, covariance, self.travelled = state
+        self.kalman.x, self.kalman.P = x.copy(), covariance.copy()
 
 
 @dataclass(frozen=True)
@@ -100,14 +106,15 @@ class LawFilter:
 
     def add_wheel(self) -> int:
         """Give a wheel's zero a place in the state."""
-        for member, start in zip(self._bank, self._start, strict=True):
+        for i, member in enumerate(self._bank):
             factor = 1.0 if member.wide else _TIGHT
             variance = (factor * self.model.each_zero_std) ** 2
             kalman = member.kalman
             member.kalman = ExtendedKalmanFilter(len(kalman.x) + 1, 1)
             member.kalman.x = np.append(kalman.x, 0.0)
             member.kalman.P = _bordered(kalman.P, variance)
-            start[0], start[1] = np.append(start[0], 0.0), _bordered(start[1], variance)
+            x, covariance, travelled = self._start[i]
+            self._start[i] = np.append(x, 0.0), _bordered(covariance, variance), travelled
         self.model.mean = np.append(self.model.mean, 0.0)
         self._wheels += 1
         self._mix()
@@ -144,12 +151,16 @@ class LawFilter:
         Raises ArithmeticError, ValueError or LinAlgError, with nothing changed, where the law cannot
         be computed.
         """
-        before = [deepcopy(member) for member in self._bank], copy(self.scatter), len(self._store)
+        states, weights = self._states(), [member.log_weight for member in self._bank]
+        scatter, stored = copy(self.scatter), len(self._store)
         try:
             self._use(segment, wheel)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-            self._bank, self.scatter = before[0], before[1]
-            del self._store[before[2] :]
+            for member, state, weight in zip(self._bank, states, weights, strict=True):
+                member.begin(state)
+                member.log_weight = weight
+            self.scatter = scatter
+            del self._store[stored:]
             self._mix()
             raise
         self.used += 1
@@ -246,10 +257,10 @@ class LawFilter:
 
     def _again(self) -> None:
         """Take all segments of this soil again, linearised about the newest estimate."""
-        for member, (x, covariance, travelled) in zip(self._bank, self._start, strict=True):
+        for member, start in zip(self._bank, self._start, strict=True):
             about = self.model.mean + member.kalman.x
-            member.kalman.x, member.kalman.P = x.copy(), covariance.copy()
-            member.travelled, member.log_weight = travelled, member.log_prior
+            member.begin(start)
+            member.log_weight = member.log_prior
             for segment, wheel in self._store:
                 self._travel(member, segment.distance)
                 self._update(member, segment, wheel, about)
@@ -264,8 +275,12 @@ class LawFilter:
 
     def _remember(self) -> None:
         """From here on segments are of this soil: what the bank is before them."""
-        self._start = [[m.kalman.x.copy(), m.kalman.P.copy(), m.travelled] for m in self._bank]
+        self._start = self._states()
         self._store: list[tuple[Segment, WheelPlace]] = []
+
+    def _states(self) -> list[_State]:
+        """What each filter is at now."""
+        return [(m.kalman.x.copy(), m.kalman.P.copy(), m.travelled) for m in self._bank]
 
     def _mix(self) -> None:
         """Mean and covariance of the soil's numbers (`LawModel.soil`)."""

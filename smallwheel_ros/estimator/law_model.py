@@ -81,9 +81,7 @@ class LawModel:
         self.effects = tuple(effects)
         self._across = math.log(reference[1] / REFERENCE_DIAMETER)
         self.each_zero_std = max(_EACH * settings.sinkage_zero_std, _TINY)
-        log_modulus = (
-            prior.log_reference_pressure - prior.n * _LOG_REFERENCE_SINKAGE + prior.m * self._across
-        )
+        log_modulus = prior.log_modulus(reference[1])
         u = point_sinkage(*reference, log_modulus, prior.n).log_sinkage
         self.mean: Array = np.zeros(ZEROS)
         self.mean[:LAW] = u, prior.n, prior.m

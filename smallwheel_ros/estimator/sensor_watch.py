@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.identifiability import DETERMINED
 from smallwheel_ros.estimator.law_model import DELAY, LOAD_SCALE, PASS, PITCH, SLIP, ZERO, ZEROS
 from smallwheel_ros.estimator.segment import Segment
 
@@ -18,7 +19,6 @@ Array = NDArray[np.float64]
 _STUCK = 2  # segments in a row with one number throughout
 _WINDOW = 30  # segments of one wheel: 6 m
 _SURE = 3.0  # standard deviations
-_KNOWN = 0.5  # posterior over prior deviation, as for "determined"
 # Mean normalised innovation of a wheel: five standard deviations of the mean of so many neighbours
 # that are alike by the soil's texture.
 _AT_ODDS = 1.2
@@ -134,4 +134,8 @@ class SensorWatch:
 def _is_sure(mean: Array, covariance: Array, prior: Array, index: int) -> bool:
     deviation = math.sqrt(max(float(covariance[index, index]), 0.0))
     told = float(prior[index])
-    return told > 1e-6 and deviation < _KNOWN * told and abs(float(mean[index])) > _SURE * deviation
+    return (
+        told > 1e-6
+        and deviation < DETERMINED * told
+        and abs(float(mean[index])) > _SURE * deviation
+    )

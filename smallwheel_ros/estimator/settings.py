@@ -86,6 +86,11 @@ class SoilPrior:
         """The strength with its uncertainty."""
         return self.strength or usual_strength(self.soil)
 
+    def log_modulus(self, diameter: float) -> float:
+        """Ln of K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""
+        across = math.log(diameter / REFERENCE_DIAMETER)
+        return self.log_reference_pressure - self.n * math.log(REFERENCE_SINKAGE) + self.m * across
+
     @classmethod
     def from_soil(
         cls,

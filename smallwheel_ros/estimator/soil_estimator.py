@@ -56,7 +56,7 @@ from smallwheel_ros.estimator.wheel_track import (
     wheels_ahead,
 )
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
 
 __all__ = [
@@ -267,12 +267,10 @@ class SoilEstimator:
         ).wheel
         if given.contact == ROLLING:
             return plain
-        prior, diameter, width = self.prior, given.diameter, given.width
-        log_depth = math.log(REFERENCE_SINKAGE)
-        unit = point_pressure(1.0, diameter, width, log_depth, prior.n).log_modulus
-        modulus = prior.log_reference_pressure - prior.n * log_depth
-        modulus += prior.m * math.log(diameter / REFERENCE_DIAMETER)
-        return math.exp(modulus - unit), diameter, width
+        diameter, width = given.diameter, given.width
+        depth = math.log(REFERENCE_SINKAGE)
+        unit = point_pressure(1.0, diameter, width, depth, self.prior.n).log_modulus
+        return math.exp(self.prior.log_modulus(diameter) - unit), diameter, width
 
     def _law_under(self, wheel: WheelTrack) -> LawFilter:
         """The law of the soil under a wheel; one that came later has no place in the old one."""
