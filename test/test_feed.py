@@ -15,7 +15,7 @@ from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.onboard.streams import SECOND, Motion
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 
@@ -184,14 +184,14 @@ class TestUsual:
         results = self.drive_mirrored(feed)
         assert results[5].mobility.slip.value == pytest.approx(1.0, abs=0.01)
         assert results[-1].mobility.slip is None
-        (words,) = feed.onboard.findings
+        (words,) = feed.onboard.assessor.findings
         assert "wheel 'front': its joint has turned against the travel" in words
         assert "front.joint_sign" in words
 
     def test_the_sign_of_the_joint_mends_it(self) -> None:
         feed = make(**{"front.joint_sign": -1})
         assert self.drive_mirrored(feed)[-1].mobility.slip.value == pytest.approx(0.1, abs=0.01)
-        assert feed.onboard.findings == ()
+        assert feed.onboard.assessor.findings == ()
 
     def drive_mirrored(self, feed: Feed) -> list[Result]:
         results: list[Result] = []
@@ -209,10 +209,10 @@ class TestUsual:
         nose_down = (0.0, math.sin(0.05), 0.0, math.cos(0.05))
         message = odometry(START, 0.0, 0.5, nose_down)
         message.twist.covariance[0], message.twist.covariance[35] = 0.04, 0.01
-        topic(feed, "odom").handle(message, None)
-        (motion,) = feed.onboard._intake._memory.odometry.values
-        assert Motion(*motion).pitch == pytest.approx(0.1)
-        assert Motion(*motion)[6:8] == (0.04, 0.01)
+        ((stream, motion),) = topic(feed, "odom").read(message)
+        assert stream == "odom"
+        assert motion.pitch == pytest.approx(0.1)
+        assert (motion.speed_variance, motion.yaw_rate_variance) == (0.04, 0.01)
 
     def test_a_sure_odometry_makes_a_sure_slip(self) -> None:
         def slip(variance: float) -> float:
@@ -249,7 +249,7 @@ class TestRange:
         feed = self.feed()
         assert topic(feed, "front/sinkage").handle(distance(START, value), None) == []
         assert feed.onboard.counts["front/sinkage", "range_out_of_limits"] == 1
-        assert feed.onboard.rejected == 1
+        assert feed.onboard.problems.rejected == 1
         (problem,) = feed.onboard.take_problems()
         assert "expected a number from 0.05 to 2 m" in problem.text
 
@@ -432,7 +432,7 @@ class TestApply:
             replace(settings, estimator=replace(settings.estimator, process_noise=0.03))
         )
         assert onboard.soil.accepted == 0
-        assert onboard.rejected == 0
+        assert onboard.problems.rejected == 0
 
 
 # ---- Drawbar pull

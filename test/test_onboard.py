@@ -308,7 +308,7 @@ class TestBadInput:
             (result,) = onboard.on_sinkage("front_left", T + i, sinkage, 0.0)
             assert result.mobility.sinkage_measured.value == sinkage
         assert "-0.2 m" in self.text(onboard, "front_left/sinkage", "sinkage_negative")
-        assert onboard.rejected == 1
+        assert onboard.problems.rejected == 1
 
     @pytest.mark.parametrize("speed", [100.0, 9e8, -100.0])
     def test_an_absurd_speed_is_refused_and_adds_no_path(
@@ -441,7 +441,7 @@ def test_path_of_a_wheel_counts_on_the_spot() -> None:
     assert last.soil.distance == 0.0
     # 0.24 m/s for 12 s: 13 stretches of 0.2 m, of which at most eight wait.
     assert last.soil.accepted > 4 * 40
-    assert onboard.rejected < 6
+    assert onboard.problems.rejected < 6
     assert last.mobility.slip.value == pytest.approx(0.0, abs=1e-6)
 
 
@@ -486,7 +486,10 @@ class TestSettings:
         ("change", "words"),
         [
             ({"wheels": ()}, "there are no wheels"),
-            ({"standstill_speed": -1.0}, "standstill_speed is -1.0 m/s"),
+            (
+                {"standstill_speed": -1.0},
+                "standstill_speed is -1.0, expected a double from 0 to 1 m/s",
+            ),
         ],
     )
     def test_refusals(self, drive: Drive, change: dict[str, Any], words: str) -> None:
@@ -497,9 +500,9 @@ class TestSettings:
         settings = settings_of(drive)
         wheel = settings.wheels[0]
         for changed, words in (
-            (replace(wheel, diameter=0.0), r"front_left: diameter is 0\.0 m"),
-            (replace(wheel, width=math.nan), "front_left: width is nan m"),
-            (replace(wheel, contact="plate"), "front_left: contact is 'plate'"),
+            (replace(wheel, diameter=0.0), r"front_left\.diameter is 0\.0, .* 0\.005 to 5 m"),
+            (replace(wheel, width=math.nan), "front_left.width is nan"),
+            (replace(wheel, contact="plate"), "front_left.contact is 'plate', expected 'rolling'"),
             (settings.wheels[1], "front_right is there twice"),
         ):
             with pytest.raises(OnboardError, match=words):

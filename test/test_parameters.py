@@ -14,12 +14,15 @@ from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
 from smallwheel_ros.onboard.parameter_files import read_parameters, reference, template
-from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
-from smallwheel_ros.onboard.parameters import (
+from smallwheel_ros.onboard.parameter_table import (
+    GENERAL,
+    PER_WHEEL,
     LoadSource,
-    ParametersError,
     SinkageSource,
     parameters_for,
+)
+from smallwheel_ros.onboard.parameters import (
+    ParametersError,
     problems,
     read_models,
     settings_from,

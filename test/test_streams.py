@@ -7,21 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.onboard.streams import (
-    SECOND,
-    Motion,
-    PathSeries,
-    Series,
-    StampFault,
-    StampRules,
-    nanoseconds,
-)
+from smallwheel_ros.onboard.instant import Motion
+from smallwheel_ros.onboard.problems import stamp_fault
+from smallwheel_ros.onboard.settings import Timing
+from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
+from smallwheel_ros.physics.wheel import Wheel
 
-RULES = StampRules(
-    future_tolerance=nanoseconds(0.5),
-    maximum_age=nanoseconds(5.0),
-    jump_tolerance=nanoseconds(1.0),
-)
+RULES = Timing(future_tolerance=0.5, maximum_age=5.0, jump_tolerance=1.0)
 T = 1_700_000_000 * SECOND
 
 
@@ -37,7 +29,7 @@ def value_at(made: Series, time: float, reach: float = 0.2) -> float | None:
     return None if values is None else values[0]
 
 
-class TestStampRules:
+class TestStampFault:
     @pytest.mark.parametrize(
         ("stamp", "newest", "now", "fault"),
         [
@@ -61,7 +53,7 @@ class TestStampRules:
     def test_judges(
         self, stamp: int, newest: int | None, now: int | None, fault: StampFault | None
     ) -> None:
-        assert RULES.fault(stamp, newest, now) is fault
+        assert stamp_fault(stamp, newest, now, RULES) is fault
 
 
 class TestSeries:
@@ -108,66 +100,66 @@ class TestSeries:
         longest = 0
         for i in range(10_000):
             made.add(T + i * nanoseconds(0.01), (float(i),))
-            longest = max(longest, len(made))
+            longest = max(longest, len(made.stamps))
         assert longest <= 202
         # nothing within the horizon was lost
         assert made.stamps[-101:] == [T + i * nanoseconds(0.01) for i in range(9899, 10_000)]
 
 
 class TestPath:
-    def path(self, horizon: float = 100.0) -> PathSeries:
-        return PathSeries(nanoseconds(horizon), nanoseconds(0.2), standstill=0.01)
+    def path(self, horizon: float = 100.0) -> Travel:
+        return Travel(nanoseconds(horizon), nanoseconds(0.2), standstill=0.01)
 
     def test_integrates_speed(self) -> None:
         made = self.path()
         for i in range(101):
             t = i / 50
             made.add(T + nanoseconds(t), 0.5 * t)
-        assert made.at(T + 2 * SECOND) == pytest.approx(1.0, rel=0.01)
-        assert made.at(T + SECOND) == pytest.approx(0.25, rel=0.02)
+        assert made.at(T + 2 * SECOND)[0] == pytest.approx(1.0, rel=0.01)
+        assert made.at(T + SECOND)[0] == pytest.approx(0.25, rel=0.02)
 
     def test_reverse_is_travel_too(self) -> None:
         made = self.path()
         for i in range(11):
             made.add(T + nanoseconds(i / 10), -0.5)
-        assert made.at(T + SECOND) == pytest.approx(0.5)
+        assert made.at(T + SECOND)[0] == pytest.approx(0.5)
 
     def test_standing_still_adds_nothing(self) -> None:
         made = self.path()
         noise = random.Random(1)
         for i in range(1000):
-            made.add(T + nanoseconds(i / 30), noise.gauss(0, 0.003), noise.gauss(0, 1), 0.0)
-        assert made.at(T + 60 * SECOND) < 0.003
+            made.add(T + nanoseconds(i / 30), noise.gauss(0, 0.003), 0.0, noise.gauss(0, 1), 0.0)
+        assert made.at(T + 60 * SECOND)[0] < 0.003
 
     def test_a_gap_counts_by_position(self) -> None:
         made = self.path()
-        made.add(T, 0.5, 0.0, 0.0)
-        made.add(T + 10 * SECOND, 0.0, 3.0, 4.0)
-        assert made.at(T + 10 * SECOND) == pytest.approx(5.0)
+        made.add(T, 0.5, 0.0, 0.0, 0.0)
+        made.add(T + 10 * SECOND, 0.0, 0.0, 3.0, 4.0)
+        assert made.at(T + 10 * SECOND)[0] == pytest.approx(5.0)
         # a position that only wobbles is no travel
-        made.add(T + 20 * SECOND, 0.0, 3.0, 4.05)
-        assert made.at(T + 20 * SECOND) == pytest.approx(5.0)
+        made.add(T + 20 * SECOND, 0.0, 0.0, 3.0, 4.05)
+        assert made.at(T + 20 * SECOND)[0] == pytest.approx(5.0)
 
     def test_a_gap_without_positions_counts_by_the_slower_end(self) -> None:
         made = self.path()
         made.add(T, 0.5)
         made.add(T + 10 * SECOND, 0.1)
-        assert made.at(T + 10 * SECOND) == pytest.approx(1.0)
+        assert made.at(T + 10 * SECOND)[0] == pytest.approx(1.0)
 
     def test_a_gap_longer_than_the_memory_does_not_lose_the_path(self) -> None:
         made = self.path(horizon=1.0)
         for i in range(301):
-            made.add(T + i * nanoseconds(0.02), 1.0, 0.02 * i, 0.0)
-        made.add(T + 20 * SECOND, 1.0, 9.0, 4.0)
-        assert made.at(T + 20 * SECOND) == pytest.approx(6.0 + 5.0)
+            made.add(T + i * nanoseconds(0.02), 1.0, 0.0, 0.02 * i, 0.0)
+        made.add(T + 20 * SECOND, 1.0, 0.0, 9.0, 4.0)
+        assert made.at(T + 20 * SECOND)[0] == pytest.approx(6.0 + 5.0)
 
     def test_it_is_held_outside(self) -> None:
         made = self.path()
-        assert made.at(T) == 0.0
+        assert made.at(T)[0] == 0.0
         made.add(T, 1.0)
         made.add(T + nanoseconds(0.1), 1.0)
-        assert made.at(T - SECOND) == 0.0
-        assert made.at(T + SECOND) == pytest.approx(0.1)
+        assert made.at(T - SECOND)[0] == 0.0
+        assert made.at(T + SECOND)[0] == pytest.approx(0.1)
 
     @given(st.permutations(range(12)))
     def test_order_of_arrival_does_not_matter(self, order: list[int]) -> None:
@@ -178,7 +170,7 @@ class TestPath:
         # The path's zero is at whatever came first, so differences are compared.
         for i in range(1, 12):
             steps = [
-                o.at(T + i * nanoseconds(0.05)) - o.at(T + (i - 1) * nanoseconds(0.05))
+                o.at(T + i * nanoseconds(0.05))[0] - o.at(T + (i - 1) * nanoseconds(0.05))[0]
                 for o in (made, sorted_one)
             ]
             assert steps[0] == pytest.approx(steps[1], abs=1e-12)
@@ -187,16 +179,25 @@ class TestPath:
         made = self.path(horizon=1.0)
         for i in range(5001):
             made.add(T + i * nanoseconds(0.02), 1.0)
-        assert made.at(T + 100 * SECOND) == pytest.approx(100.0)
-        assert len(made._series) == len(made._path) <= 110
+        assert made.at(T + 100 * SECOND)[0] == pytest.approx(100.0)
+        assert len(made._series.stamps) <= 110
+
+    def test_each_point_has_its_own_path_in_a_turn(self) -> None:
+        made = Travel(100 * SECOND, SECOND, 0.01, (0.0, 0.3, -0.3), (1.0, 2.0, 3.0))
+        assert made.at(T) == (1.0, 2.0, 3.0)
+        for i in range(3):
+            made.add(T + i * SECOND, 0.1, 1.0)
+        assert made.at(T + 2 * SECOND) == pytest.approx((1.2, 2.4, 3.8))
 
 
 def test_yaw_is_read_across_the_jump_of_the_angle() -> None:
     """Cosine and sine are interpolated, not the angle."""
     made = Series(10 * SECOND)
     for i, yaw in enumerate((math.pi - 0.1, -math.pi + 0.1)):
-        made.add((i + 1) * SECOND, Motion(0.0, 2.0 * i, 0.5, 0.0, math.cos(yaw), math.sin(yaw)))
+        made.add((i + 1) * SECOND, Motion.of(0.0, 2.0 * i, 0.5, 0.0, yaw, 0.0, (0.0, 0.0)))
     between = Motion(*(made.at(3 * SECOND // 2, SECOND) or ()))
-    assert abs(between.yaw or 0.0) == pytest.approx(math.pi)
-    assert between.y == pytest.approx(1.0)
-    assert Motion(0.0, 0.0, 0.5, 0.0, math.nan, math.nan).yaw is None
+    ahead = Wheel("ahead", 0.2, 0.1, longitudinal_position=0.5)
+    assert between.place(ahead) == pytest.approx((-0.5, 1.0))
+    unknown = Motion.of(0.0, 0.0, 0.5, 0.0, None, math.nan, (math.inf, -1.0))
+    assert unknown.place(ahead) is None
+    assert unknown[6:] == (0.0, 0.0, 0.0)

@@ -1,44 +1,27 @@
 """From messages to `Onboard`: which topics there are, and what of each message counts.
 
-A topic says which fields of its messages it reads. Node and replay give messages, those of rclpy and of
-rosbags, to `Topic.handle`.
+A topic reads the values of its streams from a message. Node and replay give messages, those of
+rclpy and of rosbags, to `Topic.handle`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property, partial
-from operator import attrgetter
+from functools import partial
 from typing import Any
 
-from smallwheel_ros.onboard.arrivals import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import (
-    LoadSource,
-    NodeSettings,
-    SinkageSource,
-    WheelInputs,
-)
+from smallwheel_ros.onboard.parameter_table import LoadSource, SinkageSource
+from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.synchroniser import Reading
 
 JOINT_STATES = "joint_states"
-Fields = tuple[Any, ...]
-Taker = Callable[[Fields, int | None], list[Result]]
-
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
-_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
-_ODOMETRY_FIELDS = (
-    *_STAMP,
-    "header.frame_id",
-    "pose.pose.position.x",
-    "pose.pose.position.y",
-    *(f"pose.pose.orientation.{part}" for part in "xyzw"),
-    "twist.twist.linear.x",
-    "twist.twist.angular.z",
-    "twist.covariance",
-)
 _UNIT = 0.01  # a quaternion's length may differ from 1 by so much
 
 
@@ -52,35 +35,27 @@ class Topic:
         As the parameters have it, to be resolved or remapped.
     type
         Such as ``nav_msgs/msg/Odometry``.
+    onboard
+        What takes its messages.
     streams
         Streams of the estimate that come by it, each with a word on its part of the message.
-    fields
-        What is read of a message, such as ``header.stamp.sec``.
-    take
-        Takes the values of these fields, in their order, and what the clock says (ns, None without
-        a clock), and returns what they have made ready.
-    newer
-        Fields that older definitions of the type lack; their values, 0 then, come after the others.
+    read
+        Gives the readings in a message.
     """
 
     name: str
     type: str
+    onboard: Onboard
     streams: dict[str, str]
-    fields: tuple[str, ...]
-    take: Taker
-    newer: tuple[str, ...] = ()
-
-    @cached_property
-    def values_of(self) -> Callable[[Any], Fields]:
-        """What gives the values for `take`; raises AttributeError where a message lacks a field."""
-        needed, newer = attrgetter(*self.fields), self.newer
-        if not newer:
-            return needed
-        return lambda message: (*needed(message), *(getattr(message, n, 0.0) for n in newer))
+    read: Callable[[Any], Iterable[Reading]]
 
     def handle(self, message: Any, now: int | None) -> list[Result]:
-        """Take a message: any object with the type's fields."""
-        return self.take(self.values_of(message), now)
+        """Take a message, any object with the type's fields; return what it has made ready.
+
+        now: what the clock says (ns), None without a clock.
+        """
+        stamp = message.header.stamp
+        return self.onboard.add(stamp.sec * SECOND + stamp.nanosec, self.read(message), now)
 
 
 class Feed:
@@ -93,164 +68,122 @@ class Feed:
         self.onboard = onboard
         self.settings = settings
         self.odometry_frame = odometry_frame
-        self._by_joint: dict[str, str] = {}  # wheel speed
-        self._by_load_joint: dict[str, str] = {}
-        self._joints: tuple[str, ...] = ()  # of the newest joint states
-        self._speeds_at: list[tuple[int, str]] = []  # among them, and whose it is
-        self._loads_at: list[tuple[int, str]] = []
-        self.topics: tuple[Topic, ...] = tuple(self._topics())
-
-    def _topics(self) -> list[Topic]:
-        streams, settings = self.onboard.streams, self.settings
-        topics: list[Topic] = []
-        joints: dict[str, str] = {}
-        for wheel, inputs in settings.inputs.items():
-            pulled = f"{wheel}/drawbar_pull" in streams
-            if settings.load_source is LoadSource.WRENCH:
-                both = pulled and inputs.drawbar_pull_topic == inputs.load_topic
-                pulled = pulled and not both
-                topics.append(
-                    Topic(
-                        inputs.load_topic,
-                        _WRENCH,
-                        {f"{wheel}/load": ""}
-                        | ({f"{wheel}/drawbar_pull": ", force.x"} if both else {}),
-                        (*_STAMP, "wrench.force.z", *(("wrench.force.x",) if both else ())),
-                        partial(self._on_both if both else self._on_load, wheel),
-                    )
-                )
-            elif settings.load_source is LoadSource.JOINT_STATES:
-                self._by_load_joint[inputs.load_joint] = wheel
-                joints[f"{wheel}/load"] = f", effort of joint {inputs.load_joint}"
-            if pulled:
-                topics.append(
-                    Topic(
-                        inputs.drawbar_pull_topic,
-                        _WRENCH,
-                        {f"{wheel}/drawbar_pull": ", force.x"},
-                        (*_STAMP, "wrench.force.x"),
-                        partial(self._on_pull, wheel),
-                    )
-                )
-            if f"{wheel}/wheel_speed" in streams:
-                self._by_joint[inputs.joint] = wheel
-                joints[f"{wheel}/wheel_speed"] = f", joint {inputs.joint}"
-            if f"{wheel}/sinkage" in streams:
-                topics.append(self._sinkage_topic(wheel, inputs))
-        if joints:
+        topics = [topic for wheel in settings.inputs for topic in self._of_wheel(wheel)]
+        # By joint: the stream that its speed, or its effort, is of, and the factor to that.
+        self._wanted: tuple[dict[str, tuple[str, float]], ...] = self._of_joints()
+        self._joints: tuple[
+            str, ...
+        ] = ()  # of the newest joint states; where in it what is wanted is
+        self._places: tuple[list[tuple[int, str, float]], ...] = ([], [])
+        words = ", joint ", ", effort of joint "
+        details = {
+            stream: f"{word}{joint}"
+            for wanted, word in zip(self._wanted, words, strict=True)
+            for joint, (stream, _) in wanted.items()
+        }
+        if details:
             kind = "sensor_msgs/msg/JointState"
-            arrays = (*_STAMP, "name", "velocity", "effort")
-            topics.append(Topic(JOINT_STATES, kind, joints, arrays, self._on_joint_states))
-        if ODOMETRY in streams:
+            topics.append(Topic(JOINT_STATES, kind, onboard, details, self._joint_states))
+        if ODOMETRY in onboard.streams:
             kind = "nav_msgs/msg/Odometry"
-            topics.append(
-                Topic(ODOMETRY, kind, {ODOMETRY: ""}, _ODOMETRY_FIELDS, self._on_odometry)
-            )
-        if VELOCITY in streams:
-            kind = "geometry_msgs/msg/TwistStamped"
-            fields = (*_STAMP, "twist.linear.x", "twist.linear.y", "twist.angular.z")
-            name = settings.velocity_topic
-            topics.append(Topic(name, kind, {VELOCITY: ""}, fields, self._on_velocity))
+            topics.append(Topic(ODOMETRY, kind, onboard, {ODOMETRY: ""}, self._odometry))
+        if VELOCITY in onboard.streams:
+            name, kind = settings.velocity_topic, "geometry_msgs/msg/TwistStamped"
+            topics.append(Topic(name, kind, onboard, {VELOCITY: ""}, self._velocity))
+        self.topics = tuple(topics)
+
+    def _of_wheel(self, wheel: str) -> list[Topic]:
+        onboard, inputs = self.onboard, self.settings.inputs[wheel]
+        wrenches: dict[str, list[tuple[str, str, int]]] = {}  # streams, axes of the force, signs
+        if self.settings.load_source is LoadSource.WRENCH:
+            wrenches[inputs.load_topic] = [(f"{wheel}/load", "z", inputs.load_sign)]
+        if f"{wheel}/drawbar_pull" in onboard.streams:
+            pull = (f"{wheel}/drawbar_pull", "x", 1)
+            wrenches.setdefault(inputs.drawbar_pull_topic, []).append(pull)
+        topics = []
+        for name, parts in wrenches.items():
+            words = {stream: "" if axis == "z" else f", force.{axis}" for stream, axis, _ in parts}
+            topics.append(Topic(name, _WRENCH, onboard, words, partial(_forces, parts)))
+        stream, name = f"{wheel}/sinkage", inputs.sinkage_topic
+        if stream in onboard.streams:
+            kind, read = "smallwheel_ros/msg/WheelSinkage", partial(_sinkage, stream)
+            if inputs.sinkage_source is SinkageSource.RANGE:
+                kind, read = "sensor_msgs/msg/Range", partial(self._range, wheel)
+            topics.append(Topic(name, kind, onboard, {stream: ""}, read))
         return topics
 
-    def _sinkage_topic(self, wheel: str, inputs: WheelInputs) -> Topic:
-        name, streams = inputs.sinkage_topic, {f"{wheel}/sinkage": ""}
-        if inputs.sinkage_source is SinkageSource.RANGE:
-            kind = "sensor_msgs/msg/Range"
-            distance = (*_STAMP, "range", "min_range", "max_range")
-            take = partial(self._on_range, wheel)
-            # Messages before Jazzy have no variance; 0 means "not known".
-            return Topic(name, kind, streams, distance, take, newer=("variance",))
-        kind, fields = "smallwheel_ros/msg/WheelSinkage", (*_STAMP, "sinkage", "variance")
-        return Topic(name, kind, streams, fields, partial(self._on_sinkage, wheel))
+    def _of_joints(self) -> tuple[dict[str, tuple[str, float]], dict[str, tuple[str, float]]]:
+        speeds: dict[str, tuple[str, float]] = {}
+        efforts: dict[str, tuple[str, float]] = {}
+        settings = self.settings
+        for wheel, inputs in settings.inputs.items():
+            if f"{wheel}/wheel_speed" in self.onboard.streams:
+                speeds[inputs.joint] = (f"{wheel}/wheel_speed", inputs.joint_sign)
+            if settings.load_source is LoadSource.JOINT_STATES:
+                newtons = inputs.load_sign * settings.load_per_effort
+                efforts[inputs.load_joint] = (f"{wheel}/load", newtons)
+        return speeds, efforts
 
-    def _on_load(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, force = values
-        load = self.settings.inputs[wheel].load_sign * force
-        return self.onboard.on_load(wheel, sec * SECOND + nanosec, load, now=now)
-
-    def _on_pull(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, force = values
-        return self.onboard.on_drawbar_pull(wheel, sec * SECOND + nanosec, force, now=now)
-
-    def _on_both(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, load, pull = values
-        found = self._on_pull(wheel, (sec, nanosec, pull), now)
-        return found + self._on_load(wheel, (sec, nanosec, load), now)
-
-    def _on_sinkage(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, sinkage, variance = values
-        return self.onboard.on_sinkage(wheel, sec * SECOND + nanosec, sinkage, variance, now=now)
-
-    def _on_range(self, wheel: str, values: Fields, now: int | None) -> list[Result]:
-        """Take the distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
-        height = self.settings.inputs[wheel].range_height
-        assert height is not None
-        sec, nanosec, distance, low, high, variance = values
+    def _range(self, wheel: str, message: Any) -> Iterable[Reading]:
+        """Read the distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
+        distance, low, high = message.range, message.min_range, message.max_range
         limited = high > low  # drivers that do not know the limits leave both at 0
         if not math.isfinite(distance) or (limited and not low <= distance <= high):
             text = f"range is {distance:g} m, expected a number from {low:g} to {high:g} m"
             self.onboard.refuse(f"{wheel}/sinkage", "range_out_of_limits", text)
-            return []
-        stamp = sec * SECOND + nanosec
-        return self.onboard.on_sinkage(wheel, stamp, height - distance, variance, now=now)
+            return ()
+        height = self.settings.inputs[wheel].range_height
+        assert height is not None
+        # Messages before Jazzy have no variance; 0 means "not known".
+        return ((f"{wheel}/sinkage", (height - distance, getattr(message, "variance", 0.0))),)
 
-    def _on_odometry(self, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, self.odometry_frame, x, y, *orientation, speed, yaw_rate, spread = values
-        yaw, pitch = yaw_and_pitch_of(*orientation)
+    def _odometry(self, message: Any) -> Iterable[Reading]:
+        self.odometry_frame = message.header.frame_id
+        place, turn = message.pose.pose.position, message.pose.pose.orientation
+        yaw, pitch = yaw_and_pitch_of(turn.x, turn.y, turn.z, turn.w)
         if yaw is None:
             text = "the orientation is no unit quaternion: nobody knows where the wheels are"
-            self.onboard.report(ODOMETRY, "no_orientation", text)
-        return self.onboard.on_odometry(
-            sec * SECOND + nanosec,
-            x,
-            y,
-            speed,
-            yaw_rate,
-            yaw,
-            pitch=pitch,
-            # Row by row over x, y, z, and rotation about them; all 0 where nobody filled it in.
-            variances=(float(spread[0]), float(spread[35])),
-            now=now,
-        )
+            self.onboard.problems.add(ODOMETRY, "no_orientation", text, unused=False)
+        speed, yaw_rate = message.twist.twist.linear.x, message.twist.twist.angular.z
+        # Row by row over x, y, z, and rotation about them; all 0 where nobody filled it in.
+        spread = message.twist.covariance
+        variances = (float(spread[0]), float(spread[35]))
+        return ((ODOMETRY, Motion.of(place.x, place.y, speed, yaw_rate, yaw, pitch, variances)),)
 
-    def _on_velocity(self, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, ahead, left, yaw_rate = values
-        turn = self.settings.velocity_yaw
-        speed = math.cos(turn) * ahead - math.sin(turn) * left
-        return self.onboard.on_velocity(sec * SECOND + nanosec, speed, yaw_rate, now=now)
+    def _velocity(self, message: Any) -> Iterable[Reading]:
+        turn, over_ground = self.settings.velocity_yaw, message.twist.linear
+        speed = math.cos(turn) * over_ground.x - math.sin(turn) * over_ground.y
+        return ((VELOCITY, (speed, message.twist.angular.z, 0.0)),)
 
-    def _on_joint_states(self, values: Fields, now: int | None) -> list[Result]:
-        sec, nanosec, names, speeds, efforts = values
-        stamp, joints = sec * SECOND + nanosec, tuple(names)
+    def _joint_states(self, message: Any) -> Iterable[Reading]:
+        joints = tuple(message.name)
         if joints != self._joints:  # they hardly ever change
             self._joints = joints
-            self._speeds_at = _places(joints, self._by_joint)
-            self._loads_at = _places(joints, self._by_load_joint)
-        results: list[Result] = []
-        if self._speeds_at and self._as_many("wheel_speed", "velocities", len(speeds)):
-            inputs = self.settings.inputs
-            turning = [(w, inputs[w].joint_sign * float(speeds[i])) for i, w in self._speeds_at]
-            results += self.onboard.on_wheel_speeds(stamp, turning, now=now)
-        if self._loads_at and self._as_many("load", "efforts", len(efforts)):
-            for i, wheel in self._loads_at:
-                newtons = self.settings.inputs[wheel].load_sign * self.settings.load_per_effort
-                results += self.onboard.on_load(wheel, stamp, newtons * float(efforts[i]), now=now)
-        return results
-
-    def _as_many(self, what: str, values: str, count: int) -> bool:
-        """Whether a message has as many values as joints; counted for each wheel where not."""
-        joints = len(self._joints)
-        if count != joints:
-            text = f"{joints} joints have {count} {values}, expected as many"
-            for _, wheel in self._speeds_at if what == "wheel_speed" else self._loads_at:
-                self.onboard.refuse(f"{wheel}/{what}", f"no_{values}", text)
-        return count == joints
+            self._places = tuple(
+                [(i, *wanted[joint]) for i, joint in enumerate(joints) if joint in wanted]
+                for wanted in self._wanted
+            )
+        readings: list[Reading] = []
+        for what, values, places in zip(
+            ("velocities", "efforts"), (message.velocity, message.effort), self._places, strict=True
+        ):
+            count = len(values)
+            if count == len(joints):
+                readings += [(name, (by * float(values[i]),)) for i, name, by in places]
+                continue
+            text = f"{len(joints)} joints have {count} {what}, expected as many"
+            for _, name, _ in places:
+                self.onboard.refuse(name, f"no_{what}", text)
+        return readings
 
 
-def _places(joints: tuple[str, ...], wheels: dict[str, str]) -> list[tuple[int, str]]:
-    """Where among the joints those of wheels are, and the wheels."""
-    return [(i, wheels[joint]) for i, joint in enumerate(joints) if joint in wheels]
+def _forces(parts: Iterable[tuple[str, str, int]], message: Any) -> Iterable[Reading]:
+    force = message.wrench.force
+    return [(stream, (sign * getattr(force, axis),)) for stream, axis, sign in parts]
+
+
+def _sinkage(stream: str, message: Any) -> Iterable[Reading]:
+    return ((stream, (message.sinkage, message.variance)),)
 
 
 def yaw_and_pitch_of(x: float, y: float, z: float, w: float) -> tuple[float | None, float]:

@@ -1,7 +1,8 @@
-"""What belongs together at one instant of one wheel."""
+"""What belongs together at one instant: of one wheel, and of the vehicle."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from smallwheel_ros.physics.wheel import Quantity, Wheel
@@ -43,3 +44,49 @@ class Instant(NamedTuple):
     drawbar_pull: Quantity | None = None
     pitch: float = 0.0
     rim_speed: float | None = None
+
+
+class Motion(NamedTuple):
+    """Of a vehicle: forward speed (m/s), yaw rate (rad/s), place (m), cosine and sine of the yaw.
+
+    Between two messages the latter two are not of unit length; they are NaN where yaw is not known.
+    speed_variance, yaw_rate_variance: as the message has them, 0 where it does not. pitch: rad,
+    positive nose down, 0 where not known.
+    """
+
+    speed: float
+    yaw_rate: float
+    x: float
+    y: float
+    cosine: float = math.nan
+    sine: float = math.nan
+    speed_variance: float = 0.0
+    yaw_rate_variance: float = 0.0
+    pitch: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        x: float,
+        y: float,
+        speed: float,
+        yaw_rate: float,
+        yaw: float | None,
+        pitch: float,
+        variances: tuple[float, float],
+    ) -> Motion:
+        """Return the motion in an odometry; what of it may be unknown is so where it is no number."""
+        known = yaw is not None and math.isfinite(yaw)
+        turn = (math.cos(yaw), math.sin(yaw)) if yaw is not None and known else (math.nan, math.nan)
+        of_speed, of_yaw = (value if 0.0 < value < math.inf else 0.0 for value in variances)
+        nose = pitch if math.isfinite(pitch) else 0.0
+        return cls(speed, yaw_rate, x, y, *turn, of_speed, of_yaw, nose)
+
+    def place(self, wheel: Wheel) -> tuple[float, float] | None:
+        """Where a wheel is; None where nobody knows which way the vehicle looks."""
+        length = math.hypot(self.cosine, self.sine)
+        if not length > 0.0:
+            return None
+        cosine, sine = self.cosine / length, self.sine / length
+        ahead, left = wheel.longitudinal_position, wheel.lateral_position
+        return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left

@@ -5,27 +5,25 @@
     for result in onboard.on_sinkage("front_left", stamp, 0.011, 1e-6):
         print(result.mobility.forces, result.soil.n)
 
-Results may come with any message: a measured sinkage waits for what belongs to it (see `intake`).
+Results may come with any message: a measured sinkage waits for what belongs to it (see
+`synchroniser`).
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate, before_driving
-from smallwheel_ros.estimator.missing_effect import MissingEffect
-from smallwheel_ros.onboard.arrivals import stream_names
 from smallwheel_ros.onboard.assessment import Assessor
-from smallwheel_ros.onboard.health import FilterHealth
-from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.intake import Intake
+from smallwheel_ros.onboard.instant import Instant, Motion
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
-from smallwheel_ros.onboard.problems import Problem
+from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.synchroniser import Reading, Synchroniser
 from smallwheel_ros.physics.wheel import Quantity
 
 _OF_THE_ESTIMATOR = ("prior", "estimator", "effects")
@@ -54,12 +52,24 @@ class Result:
 class Onboard:
     """Estimates soil and mobility from messages as they arrive.
 
-    Every `on_` method takes the stamp (ns) of the measurement and, as `now`, what the clock says
-    (ns; None or 0: there is no clock, and stamps are only compared with each other). It returns
-    what the message has made ready, in the order of stamps. It raises OnboardError for an unknown
-    wheel, never for what is in a message: that is counted (`counts`) and said (`take_problems`).
+    `add` and the `on_` methods take the stamp (ns) of the measurement and, as `now`, what the clock
+    says (ns; None or 0: there is no clock, and stamps are only compared with each other). They
+    return what the message has made ready, in the order of stamps. They raise OnboardError for an
+    unknown wheel, never for what is in a message: that is counted and said (`problems`).
 
     on_result: is given each result as soon as it is there, before the next one is worked out.
+
+    Attributes
+    ----------
+    received, counts
+        How many messages have come, by stream, good and bad; and how many of them could not be
+        used, by stream and reason.
+    problems
+        The same in words.
+    assessor
+        What is believed of the soil and of the sensors; another one after `apply`.
+    time_jumps
+        How often everything was forgotten because time went back.
     """
 
     def __init__(
@@ -70,23 +80,48 @@ class Onboard:
     ) -> None:
         self._on_result = on_result
         self.settings = replace(settings, effects=tuple(effects)) if effects else settings
-        self._intake = Intake(self.settings)
-        self._arrivals = self._intake.arrivals
-        self._assessor = Assessor(self.settings)
-        self._jumps = 0
-        self._refused_before = 0
+        self._synchroniser = Synchroniser(self.settings, self._on_time_jump)
+        self.problems, self.received = self._synchroniser.problems, self._synchroniser.received
+        self.counts, self.take_problems = self.problems.counts, self.problems.take
+        self.assessor = Assessor(self.settings)
+        self.time_jumps = 0
+
+    def add(self, stamp: int, readings: Iterable[Reading], now: int | None = None) -> list[Result]:
+        """Take what was measured at one instant, by stream: `("front_left/load", (61.0,))`."""
+        return self._results(self._synchroniser.add(stamp, readings, now))
 
     def on_load(
         self, wheel: str, stamp: int, load: float, *, now: int | None = None
     ) -> list[Result]:
         """Take the normal load (N, positive when the wheel presses on the soil) of one wheel."""
-        return self._results(self._intake.add_load(wheel, stamp, load, now=now))
+        return self.add(stamp, [(f"{wheel}/load", (load,))], now)
 
     def on_drawbar_pull(
         self, wheel: str, stamp: int, pull: float, *, now: int | None = None
     ) -> list[Result]:
         """Take what a wheel pulls the vehicle with (N, positive forward)."""
-        return self._results(self._intake.add_drawbar_pull(wheel, stamp, pull, now=now))
+        return self.add(stamp, [(f"{wheel}/drawbar_pull", (pull,))], now)
+
+    def on_wheel_speed(
+        self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
+    ) -> list[Result]:
+        """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
+        return self.add(stamp, [(f"{wheel}/wheel_speed", (angular_velocity,))], now)
+
+    def on_sinkage(
+        self,
+        wheel: str,
+        stamp: int,
+        sinkage: float,
+        variance: float = 0.0,
+        *,
+        now: int | None = None,
+    ) -> list[Result]:
+        """Take the measured sinkage of a wheel (m, positive down) and its variance (m^2).
+
+        A variance of 0 or less, or one that is not finite, means that it is not known.
+        """
+        return self.add(stamp, [(f"{wheel}/sinkage", (sinkage, variance))], now)
 
     def on_odometry(
         self,
@@ -106,11 +141,8 @@ class Onboard:
         Without yaw nobody knows where its wheels are: results then have no place. pitch: rad,
         positive nose down. variances: of speed and yaw rate, 0 where not known.
         """
-        return self._results(
-            self._intake.add_odometry(
-                stamp, x, y, speed, yaw_rate, yaw, pitch=pitch, variances=variances, now=now
-            )
-        )
+        motion = Motion.of(x, y, speed, yaw_rate, yaw, pitch, variances)
+        return self.add(stamp, [(ODOMETRY, motion)], now)
 
     def on_velocity(
         self,
@@ -125,42 +157,16 @@ class Onboard:
 
         A sensor whose yaw rate is always 0 measures none. variance: of the speed, 0: not known.
         """
-        return self._results(self._intake.add_velocity(stamp, speed, yaw_rate, variance, now=now))
-
-    def on_wheel_speed(
-        self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
-    ) -> list[Result]:
-        """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
-        return self.on_wheel_speeds(stamp, [(wheel, angular_velocity)], now=now)
-
-    def on_wheel_speeds(
-        self, stamp: int, speeds: Sequence[tuple[str, float]], *, now: int | None = None
-    ) -> list[Result]:
-        """Take the angular velocities (rad/s) of several wheels, measured at one instant."""
-        return self._results(self._intake.add_wheel_speeds(stamp, speeds, now=now))
-
-    def on_sinkage(
-        self,
-        wheel: str,
-        stamp: int,
-        sinkage: float,
-        variance: float = 0.0,
-        *,
-        now: int | None = None,
-    ) -> list[Result]:
-        """Take the measured sinkage of a wheel (m, positive down) and its variance (m^2).
-
-        A variance of 0 or less, or one that is not finite, means that it is not known.
-        """
-        return self._results(self._intake.add_sinkage(wheel, stamp, sinkage, variance, now=now))
+        known = variance if 0.0 < variance < math.inf else 0.0
+        return self.add(stamp, [(VELOCITY, (speed, yaw_rate, known))], now)
 
     def flush(self) -> list[Result]:
         """Work on everything that waits, with what is there: nothing more will come."""
-        return self._results(self._intake.flush())
+        return self._results(self._synchroniser.flush())
 
     def reset(self) -> None:
         """Forget soil and measurements, and begin anew; the counts go on."""
-        self._intake.start_over("a reset was asked for")
+        self._synchroniser.start_over("a reset was asked for")
         self._forget_soil()
 
     def apply(self, settings: OnboardSettings) -> bool:
@@ -170,17 +176,13 @@ class Onboard:
         under the old ones does not hold under the new. Measurements that wait are dropped.
         """
         before, self.settings = self.settings, settings
-        self._intake.apply(settings)
+        self._synchroniser.apply(settings)
         if all(getattr(before, name) == getattr(settings, name) for name in _OF_THE_ESTIMATOR):
-            self._assessor.apply(settings)
+            self.assessor.apply(settings)
             return False
-        self._assessor = Assessor(settings)
-        self._refused_before = self._arrivals.problems.refused_sinkages
+        self.assessor = Assessor(settings)
+        self.problems.rejected = 0
         return True
-
-    def save(self, path: Path | str) -> None:
-        """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
-        self._assessor.estimator.save(path)
 
     def restore(self, path: Path | str) -> None:
         """Begin anew from a saved soil.
@@ -188,13 +190,13 @@ class Onboard:
         Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
         under another prior or other effects.
         """
-        self._assessor.estimator.restore(path)
-        self._refused_before = self._arrivals.problems.refused_sinkages
+        self.assessor.estimator.restore(path)
+        self.problems.rejected = 0
 
     @property
     def soil(self) -> SoilEstimate:
         """The soil as it is believed now."""
-        return self._assessor.estimator.estimate()
+        return self.assessor.estimator.estimate()
 
     @property
     def undeterminable(self) -> tuple[str, ...]:
@@ -203,71 +205,28 @@ class Onboard:
         return before_driving(wheel.diameter for wheel in measured)
 
     @property
-    def missing_effect(self) -> MissingEffect | None:
-        """What the model misses, as far as the last metres tell; None where nothing shows."""
-        return self._assessor.estimator.missing_effect
-
-    @property
-    def findings(self) -> tuple[str, ...]:
-        """What seems wrong with sensors, joints or wheels, each in words with what to check."""
-        return self._assessor.findings
-
-    @property
-    def health(self) -> FilterHealth:
-        """How well the filter has done lately."""
-        return self._assessor.health
-
-    @property
-    def rejected(self) -> int:
-        """Measured sinkages that were not used for the soil since the start or the last reset."""
-        return self._arrivals.problems.refused_sinkages - self._refused_before
-
-    @property
-    def time_jumps(self) -> int:
-        """How often everything was forgotten because time went back."""
-        return self._arrivals.time_jumps
-
-    @property
     def streams(self) -> tuple[str, ...]:
         """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
-        return stream_names(self.settings)
+        return self.settings.streams
 
-    @property
-    def received(self) -> Counter[str]:
-        """How many messages have come, by stream, good and bad."""
-        return self._arrivals.received
-
-    @property
-    def newest(self) -> dict[str, int]:
-        """The newest stamp (ns) of each stream that has had a message."""
-        return self._arrivals.newest
-
-    @property
-    def counts(self) -> Counter[tuple[str, str]]:
-        """How many of them could not be used, by stream and reason."""
-        return self._arrivals.problems.counts
-
-    def report(self, stream: str, reason: str, text: str) -> None:
-        """Count something that went wrong before a message could come in here."""
-        self._arrivals.problems.add(stream, reason, text, unused=False)
+    def newest(self, stream: str) -> int | None:
+        """Return the newest stamp (ns) of what was kept of a stream; None where there is none."""
+        return self._synchroniser.newest(stream)
 
     def refuse(self, stream: str, reason: str, text: str) -> None:
-        """Count a message that came and could not even be given to one of the `on_` methods."""
-        self._arrivals.received[stream] += 1
-        self._arrivals.problems.add(stream, reason, text)
+        """Count a message that came and could not even be given to `add`."""
+        self.received[stream] += 1
+        self.problems.add(stream, reason, text)
 
-    def take_problems(self) -> list[Problem]:
-        """What could not be used since the last call, in words; the newest 1000 at most."""
-        return self._arrivals.problems.take()
+    def _on_time_jump(self) -> None:
+        self.time_jumps += 1
+        self._forget_soil()
 
     def _forget_soil(self) -> None:
-        self._assessor.reset()
-        self._refused_before = self._arrivals.problems.refused_sinkages
+        self.assessor.reset()
+        self.problems.rejected = 0
 
     def _results(self, instants: list[Instant]) -> list[Result]:
-        if self._jumps != self._arrivals.time_jumps:
-            self._jumps = self._arrivals.time_jumps
-            self._forget_soil()
         results = []
         for instant in instants:
             results.append(self._result(instant))
@@ -276,21 +235,19 @@ class Onboard:
         return results
 
     def _result(self, instant: Instant) -> Result:
-        mobility, soil, elsewhere, problem, pull = self._assessor.assess(instant)
+        mobility, soil, elsewhere, problem, pull = self.assessor.assess(instant)
+        wheel = instant.wheel.name
         if pull is not None:
-            self._arrivals.problems.add(f"{instant.wheel.name}/drawbar_pull", *pull)
+            self.problems.add(f"{wheel}/drawbar_pull", *pull)
         if problem is not None:
-            name = "load" if instant.sinkage is None else "sinkage"
-            self._arrivals.problems.add(
-                f"{instant.wheel.name}/{name}",
-                *problem,
-                # A prediction that fails leaves the measurement used all the same.
-                unused=problem[0] != "numerical" or mobility.status is Status.REJECTED,
-            )
+            stream = f"{wheel}/load" if instant.sinkage is None else f"{wheel}/sinkage"
+            # A prediction that fails leaves the measurement used all the same.
+            unused = problem[0] != "numerical" or mobility.status is Status.REJECTED
+            self.problems.add(stream, *problem, unused=unused)
         return Result(
             mobility,
             soil,
-            self.rejected,
+            self.problems.rejected,
             instant.place,
             instant.vehicle,
             instant.speed,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -14,11 +13,7 @@ Form = Literal["any", "topic", "path"]
 Changes = Literal["always", "unconfigured", "at start"]
 Value = float | int | str | bool | list[str]
 
-_TOPIC = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-_LONGEST_TOPIC = 200  # DDS takes 255 characters, with a namespace and a prefix of ROS in them
-
 WHEEL = "<wheel>"  # stands for a wheel's name, in names and defaults
-
 _TYPES: dict[str, type] = {
     "double": float,
     "integer": int,
@@ -26,31 +21,9 @@ _TYPES: dict[str, type] = {
     "bool": bool,
     "string_array": list,
 }
-_NAMES: dict[type, str] = {kind: name for name, kind in _TYPES.items()} | {list: "list"}
-
-
-def _topic_problem(name: str) -> str | None:
-    if _TOPIC.fullmatch(name) and len(name) <= _LONGEST_TOPIC:
-        return None
-    return (
-        f"expected the name of a topic, at most {_LONGEST_TOPIC} letters, digits and _, in parts"
-        " divided by / that do not begin with a digit"
-    )
-
-
-def _path_problem(name: str) -> str | None:
-    try:
-        Path(name).expanduser().exists()
-    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a NUL in it
-        return f"expected the path of a file: {getattr(error, 'strerror', None) or error}"
-    return None
-
-
-_FORMS: dict[Form, Callable[[str], str | None]] = {
-    "any": lambda _: None,
-    "topic": _topic_problem,
-    "path": _path_problem,
-}
+_NAMES = {kind: name for name, kind in _TYPES.items()} | {list: "list"}
+_TOPIC = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_LONGEST_TOPIC = 200  # DDS takes 255 characters, with a namespace and a prefix of ROS in them
 
 
 @dataclass(frozen=True)
@@ -107,23 +80,42 @@ class Parameter:
         return words + (f" {self.unit}" if self.unit not in ("", "1") else "")
 
     def problem(self, value: object) -> str | None:
-        """Say what is wrong with a value, naming the parameter and the mend; None: nothing."""
-        wanted = _TYPES[self.kind]
-        if type(value) is not wanted:
-            mend = self._mend(value)
-            found = f"{_NAMES.get(type(value), type(value).__name__)} {value!r}"
-            return f"parameter {self.name} is {found}, expected {self.expected}{mend}"
-        if isinstance(value, list) and not all(isinstance(item, str) for item in value):
-            return f"parameter {self.name} is {value!r}, expected {self.expected}"
+        """Say what is wrong with a value, naming the parameter and the mend; None: nothing.
+
+        A value of None is one that is not given.
+        """
+        if value is None:
+            missing = f"parameter {self.name} is missing, expected {self.expected}"
+            return missing if self.required else None
+        found = f"parameter {self.name} is"
+        if type(value) is not _TYPES[self.kind]:
+            kind = _NAMES.get(type(value), type(value).__name__)
+            return f"{found} {kind} {value!r}, expected {self.expected}{self._mend(value)}"
         good = not self.choices or value in self.choices
-        if isinstance(value, (float, int)) and not isinstance(value, bool):
-            good = good and math.isfinite(value)
-            good = good and (self.low is None or value >= self.low)
-            good = good and (self.high is None or value <= self.high)
+        if isinstance(value, list):
+            good = all(isinstance(item, str) for item in value)
+        elif isinstance(value, (float, int)) and not isinstance(value, bool):
+            low = -math.inf if self.low is None else self.low
+            high = math.inf if self.high is None else self.high
+            good = good and math.isfinite(value) and low <= value <= high
         if not good:
-            return f"parameter {self.name} is {value!r}, expected {self.expected}"
-        wrong = _FORMS[self.form](value) if isinstance(value, str) and value else None
-        return f"parameter {self.name} is {value!r}, {wrong}" if wrong else None
+            return f"{found} {value!r}, expected {self.expected}"
+        wrong = self._malformed(value) if isinstance(value, str) and value else None
+        return f"{found} {value!r}, expected {wrong}" if wrong else None
+
+    def _malformed(self, value: str) -> str | None:
+        """What a text is expected to be, if it is not of its form."""
+        if self.form == "topic" and not (_TOPIC.fullmatch(value) and len(value) <= _LONGEST_TOPIC):
+            return (
+                f"the name of a topic, at most {_LONGEST_TOPIC} letters, digits and _, in parts"
+                " divided by / that do not begin with a digit"
+            )
+        if self.form == "path":
+            try:
+                Path(value).expanduser().exists()
+            except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a NUL
+                return f"the path of a file: {getattr(error, 'strerror', None) or error}"
+        return None
 
     def _mend(self, value: object) -> str:
         if self.kind == "double" and type(value) is int:
@@ -134,6 +126,4 @@ class Parameter:
             return f": write '{value}' in quotes"
         if self.kind == "string_array" and isinstance(value, str):
             return f": write [{value}]"
-        if isinstance(value, str) and self.kind != "string":
-            return ": write it without quotes"
-        return ""
+        return ": write it without quotes" if isinstance(value, str) else ""

@@ -1,19 +1,19 @@
 """The one table of the node's parameters: name, default, unit, range, and what it means.
 
-It makes the node's ROS descriptors, config/template.yaml, docs/parameters.md and the validation.
-Defaults of a group (estimator, noise, timing, digging_in, cost) are those of its settings' class.
+It makes the settings' defaults, the node's ROS descriptors, config/template.yaml, docs/parameters.md
+and the validation. Defaults of estimator and cost map are those of their settings' classes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
-from smallwheel_ros.onboard.parameter import Changes, Form, Parameter
-from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing
+from smallwheel_ros.onboard.parameter import WHEEL, Changes, Form, Parameter
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
 
@@ -33,8 +33,7 @@ class SinkageSource(Enum):
     RANGE = "Range"
 
 
-_ESTIMATOR, _NOISE, _TIMING = EstimatorSettings(), SensorNoise(), Timing()
-_DIGGING_IN, _COST = DiggingInRules(), CostSettings()
+_ESTIMATOR, _COST = EstimatorSettings(), CostSettings()
 _OF_SOIL = "Without it: that of soil.name."
 
 
@@ -57,7 +56,7 @@ def choice(name: str, default: Enum) -> Parameter:
     return Parameter(name, "string", default.value, choices=tuple(c.value for c in type(default)))
 
 
-_GENERAL: dict[Parameter, str] = {
+_DESCRIPTIONS: dict[Parameter, str] = {
     Parameter("wheels", "string_array", None, required=True, changes="at start"): (
         "Names of the wheels. Each has parameters of its own, see <wheel>."
     ),
@@ -153,37 +152,35 @@ _GENERAL: dict[Parameter, str] = {
     number("noise.sinkage", _ESTIMATOR.sinkage_std, "m", 1e-5, 1.0): (
         "Standard deviation of a measured sinkage whose message does not give its variance."
     ),
-    number("noise.load", _NOISE.load, "N", 0.0, 1e5): "Standard deviation of a measured load.",
-    number("noise.load_relative", _NOISE.load_relative, "1", 0.0, 1.0): (
+    number("noise.load", 0.5, "N", 0.0, 1e5): "Standard deviation of a measured load.",
+    number("noise.load_relative", 0.02, "1", 0.0, 1.0): (
         "The same as a share of the load; both together count."
     ),
-    number("noise.drawbar_pull", _NOISE.drawbar_pull, "N", 1e-3, 1e5): (
+    number("noise.drawbar_pull", 0.6, "N", 1e-3, 1e5): (
         "Standard deviation of a measured drawbar pull."
     ),
-    number("noise.speed", _NOISE.speed, "m/s", 0.0, 10.0): (
-        "Standard deviation of odometry's speed."
-    ),
-    number("noise.wheel_speed_relative", _NOISE.wheel_speed_relative, "1", 0.0, 1.0): (
+    number("noise.speed", 0.01, "m/s", 0.0, 10.0): ("Standard deviation of odometry's speed."),
+    number("noise.wheel_speed_relative", 0.01, "1", 0.0, 1.0): (
         "Standard deviation of a rim's speed as a share of it, effective radius included."
     ),
-    number("timing.reorder_time", _TIMING.reorder_time, "s", 0.0, 5.0): (
+    number("timing.reorder_time", 0.2, "s", 0.0, 5.0): (
         "How long (by stamps) a sinkage waits for those of other wheels that belong before it."
         " 0: it waits for nothing, with least delay; results then depend on the order of arrival."
     ),
-    number("timing.silent_after", _TIMING.silent_after, "s", 0.0, 60.0): (
+    number("timing.silent_after", 1.0, "s", 0.0, 60.0): (
         "A sinkage waits for load, odometry and wheel speed of its instant, unless their topic has"
         " been silent (by stamps) for so long."
     ),
-    number("timing.maximum_gap", _TIMING.maximum_gap, "s", 1e-3, 10.0): (
+    number("timing.maximum_gap", 0.2, "s", 1e-3, 10.0): (
         "Load, speed and odometry are interpolated or held over at most so long."
     ),
-    number("timing.future_tolerance", _TIMING.future_tolerance, "s", 0.0, 3600.0): (
+    number("timing.future_tolerance", 0.5, "s", 0.0, 3600.0): (
         "Messages stamped further ahead of the clock are refused."
     ),
-    number("timing.maximum_age", _TIMING.maximum_age, "s", 0.01, 1e9): (
+    number("timing.maximum_age", 5.0, "s", 0.01, 1e9): (
         "Messages stamped further behind the clock are refused."
     ),
-    number("timing.jump_tolerance", _TIMING.jump_tolerance, "s", 0.01, 3600.0): (
+    number("timing.jump_tolerance", 1.0, "s", 0.01, 3600.0): (
         "Stamps (and clock) that go back by more reset the estimate; by less, a message is late."
     ),
     number("estimator.reference_sinkage", _ESTIMATOR.reference_sinkage, "m", 1e-4, 1.0): (
@@ -223,16 +220,16 @@ _GENERAL: dict[Parameter, str] = {
     number("delay_std", _ESTIMATOR.delay_std, "s", 0.0, 1.0): (
         "Standard deviation of the time by which sinkage is shown behind the load."
     ),
-    number("digging_in.slip", _DIGGING_IN.slip, "1", 0.31, 1.0): (
+    number("digging_in.slip", 0.5, "1", 0.31, 1.0): (
         "A wheel digs itself in where its slip is at least this, and all that follows holds."
     ),
-    number("digging_in.sinkage_rise", _DIGGING_IN.sinkage_rise, "1", 0.01, 10.0): (
+    number("digging_in.sinkage_rise", 0.3, "1", 0.01, 10.0): (
         "Its sinkage is above that of ordinary driving (slip up to 0.3) by this share of it."
     ),
-    number("digging_in.speed_drop", _DIGGING_IN.speed_drop, "1", 0.01, 1.0): (
+    number("digging_in.speed_drop", 0.3, "1", 0.01, 1.0): (
         "Its speed over ground is below that of ordinary driving by this share of it."
     ),
-    number("digging_in.time", _DIGGING_IN.time, "s", 0.0, 60.0): "All of it for so long.",
+    number("digging_in.time", 1.0, "s", 0.0, 60.0): "All of it for so long.",
     number("cost.resolution", _COST.resolution, "m", 0.01, 10.0): "Side of a cell of ~/cost.",
     number("cost.size", _COST.size, "m", 1.0, 2000.0): (
         "Side of the window of crossed ground that goes along with the robot; what it leaves behind"
@@ -258,9 +255,6 @@ _GENERAL: dict[Parameter, str] = {
         "Standard deviation of the margin between places of one terrain class, until enough of them"
         " have been crossed to tell."
     ),
-}
-
-_PER_WHEEL: dict[Parameter, str] = {
     number("<wheel>.diameter", None, "m", 0.005, 5.0, required=True): (
         "Diameter of the wheel. Without it: twice the radius of its link's cylinder in the URDF."
     ),
@@ -314,5 +308,11 @@ _PER_WHEEL: dict[Parameter, str] = {
     ),
 }
 
-GENERAL = tuple(replace(p, description=words) for p, words in _GENERAL.items())
-PER_WHEEL = tuple(replace(p, description=words) for p, words in _PER_WHEEL.items())
+PARAMETERS = {p.name: replace(p, description=words) for p, words in _DESCRIPTIONS.items()}
+GENERAL = tuple(p for p in PARAMETERS.values() if WHEEL not in p.name)
+PER_WHEEL = tuple(p for p in PARAMETERS.values() if WHEEL in p.name)
+
+
+def parameters_for(wheels: Sequence[str]) -> tuple[Parameter, ...]:
+    """Return all parameters of a vehicle with these wheels."""
+    return GENERAL + tuple(p.for_wheel(wheel) for wheel in wheels for p in PER_WHEEL)

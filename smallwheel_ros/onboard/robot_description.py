@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from smallwheel_ros.onboard.parameter_table import parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
-    parameters_for,
     problems,
     wheel_names,
 )

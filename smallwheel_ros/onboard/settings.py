@@ -1,4 +1,8 @@
-"""What the estimate on board rests on besides the measurements: vehicle, soil, sensors, time."""
+"""What the estimate on board rests on besides the measurements: vehicle, soil, sensors, time.
+
+A setting that is a parameter is described, with its unit and range, in `parameter_table`; it has
+the parameter's name, in the class of its group or with _ for the point.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,15 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
+from typing import Any
 
+from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING
+from smallwheel_ros.onboard.parameter import WHEEL
+from smallwheel_ros.onboard.parameter_table import PARAMETERS, LoadSource, SinkageSource
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 
@@ -28,78 +35,41 @@ class VelocitySource(Enum):
     NONE = "none"  # odometry is made from the wheels: it cannot show slip
 
 
+def _default(name: str) -> Any:
+    return PARAMETERS[name].default
+
+
 @dataclass(frozen=True)
 class DiggingInRules:
-    """When a wheel is taken to dig itself in: all of these at once, and for some time.
+    """When a wheel is taken to dig itself in: all of `digging_in.*` at once."""
 
-    Attributes
-    ----------
-    slip
-        Slip of at least this, 1.
-    sinkage_rise
-        Measured sinkage above that of ordinary driving by this share of it.
-    speed_drop
-        Speed over ground below that of ordinary driving by this share of it.
-    time
-        For so long, s.
-    """
-
-    slip: float = 0.5
-    sinkage_rise: float = 0.3
-    speed_drop: float = 0.3
-    time: float = 1.0
+    slip: float = _default("digging_in.slip")
+    sinkage_rise: float = _default("digging_in.sinkage_rise")
+    speed_drop: float = _default("digging_in.speed_drop")
+    time: float = _default("digging_in.time")
 
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of measurements whose messages do not carry them.
+    """Standard deviations of measurements whose messages do not carry them: `noise.*`."""
 
-    Attributes
-    ----------
-    load, load_relative
-        N, and as a share of the load; both together.
-    speed
-        m/s, of the odometry.
-    drawbar_pull
-        N.
-    wheel_speed_relative
-        Share of the rim's speed, the error of the wheel's effective radius included.
-    """
-
-    load: float = 0.5
-    load_relative: float = 0.02
-    speed: float = 0.01
-    drawbar_pull: float = 0.6
-    wheel_speed_relative: float = 0.01
+    load: float = _default("noise.load")
+    load_relative: float = _default("noise.load_relative")
+    drawbar_pull: float = _default("noise.drawbar_pull")
+    speed: float = _default("noise.speed")
+    wheel_speed_relative: float = _default("noise.wheel_speed_relative")
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What is expected of stamps; s.
+    """What is expected of stamps, s: `timing.*`."""
 
-    Attributes
-    ----------
-    reorder_time
-        How long a measured sinkage waits for those of other wheels that belong before it. 0: it
-        waits for nothing; then the result depends on which message happens to come first.
-    silent_after
-        It also waits for load, odometry and wheel speed of its own instant, from topics that have
-        not been silent for so long. Behind a node that has no time for all its messages those may
-        be much behind, since they are more.
-    maximum_gap
-        Load, speed and odometry are interpolated or held over at most so long.
-    future_tolerance, maximum_age
-        How far a stamp may be ahead of and behind the clock.
-    jump_tolerance
-        How far a stamp may be behind the newest before it counts as a jump of time, not as late.
-    """
-
-    reorder_time: float = 0.2
-    silent_after: float = 1.0
-    maximum_gap: float = 0.2
-    future_tolerance: float = 0.5
-    maximum_age: float = 5.0
-    jump_tolerance: float = 1.0
+    reorder_time: float = _default("timing.reorder_time")
+    silent_after: float = _default("timing.silent_after")
+    maximum_gap: float = _default("timing.maximum_gap")
+    future_tolerance: float = _default("timing.future_tolerance")
+    maximum_age: float = _default("timing.maximum_age")
+    jump_tolerance: float = _default("timing.jump_tolerance")
 
 
 @dataclass(frozen=True)
@@ -112,28 +82,16 @@ class OnboardSettings:
         The vehicle's wheels, with names of their own.
     prior, strength
         The soil's law before any measurement, and its shear strength.
-    estimator, noise, timing
-        See there.
-    standstill_speed
-        m/s; at or below it vehicle and wheels count as standing.
     without_sinkage
         Names of wheels whose sinkage nobody measures; they get predictions at the times of loads.
     with_drawbar_pull
         Names of rolling wheels whose drawbar pull is measured.
-    reference_slip
-        Slip at which the margin is worked out (`mobility.WheelForces`), 0 .. 1.
     effects
         Effects of the model beside pressure and sinkage, in their order.
     static_loads
         Loads (N) of wheels whose load nobody measures, by name.
     velocity
         Where the speed over ground comes from.
-    digging_in
-        When a wheel is taken to dig itself in.
-    velocity_lateral_position
-        m left of the vehicle's middle, of the sensor of the velocity: in a turn it is faster or slower.
-    maximum_speed
-        m/s; a vehicle with small wheels is not faster: a message that says so is refused.
 
     Raises OnboardError where something is outside its domain.
     """
@@ -144,16 +102,16 @@ class OnboardSettings:
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     noise: SensorNoise = field(default_factory=SensorNoise)
     timing: Timing = field(default_factory=Timing)
-    standstill_speed: float = 0.01
-    without_sinkage: frozenset[str] = frozenset()
-    reference_slip: float = REFERENCE_SLIP
+    digging_in: DiggingInRules = field(default_factory=DiggingInRules)
     effects: tuple[Effect, ...] = ()
+    without_sinkage: frozenset[str] = frozenset()
+    with_drawbar_pull: frozenset[str] = frozenset()
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = VelocitySource.ODOMETRY
-    digging_in: DiggingInRules = field(default_factory=DiggingInRules)
-    with_drawbar_pull: frozenset[str] = frozenset()
-    velocity_lateral_position: float = 0.0
-    maximum_speed: float = 10.0
+    standstill_speed: float = _default("standstill_speed")
+    reference_slip: float = _default("reference_slip")
+    velocity_lateral_position: float = _default("velocity_lateral_position")
+    maximum_speed: float = _default("maximum_speed")
 
     def __post_init__(self) -> None:
         """Check everything that no other class checks."""
@@ -162,55 +120,73 @@ class OnboardSettings:
         twice = [name for name, count in Counter(w.name for w in self.wheels).items() if count > 1]
         if twice:
             raise OnboardError(f"wheel {twice[0]} is there twice: each needs a name of its own")
+        _check(self, "")
+        for name in ("noise", "timing", "digging_in"):
+            _check(getattr(self, name), f"{name}.")
         for wheel in self.wheels:
-            for name in ("diameter", "width"):
-                value = getattr(wheel, name)
-                if not (math.isfinite(value) and value > 0):
-                    raise OnboardError(
-                        f"wheel {wheel.name}: {name} is {value!r} m, expected more than 0"
-                    )
-            for name in ("lateral_position", "longitudinal_position"):
-                value = getattr(wheel, name)
-                if not math.isfinite(value):
-                    raise OnboardError(
-                        f"wheel {wheel.name}: {name} is {value!r} m, expected a number"
-                    )
-            if wheel.contact not in (ROLLING, PRESSED):
-                raise OnboardError(
-                    f"wheel {wheel.name}: contact is {wheel.contact!r}, expected '{ROLLING}' or"
-                    f" '{PRESSED}'"
-                )
+            _check(wheel, f"{WHEEL}.", wheel.name)
         for name, load in self.static_loads.items():
             if not (math.isfinite(load.value) and load.value > 0):
                 raise OnboardError(
                     f"wheel {name}: static load is {load.value!r} N, expected over 0"
                 )
-        for group in (self.noise, self.timing, self.digging_in):
-            for entry in fields(group):
-                value = getattr(group, entry.name)
-                if not (math.isfinite(value) and value >= 0):
-                    raise OnboardError(f"{entry.name} is {value!r}, expected 0 or more")
-        if not (math.isfinite(self.standstill_speed) and self.standstill_speed >= 0):
-            raise OnboardError(
-                f"standstill_speed is {self.standstill_speed!r} m/s, expected 0 or more"
-            )
-        if not (math.isfinite(self.maximum_speed) and self.maximum_speed > 0):
-            raise OnboardError(f"maximum_speed is {self.maximum_speed!r} m/s, expected over 0")
-        if not math.isfinite(self.velocity_lateral_position):
-            raise OnboardError(
-                f"velocity_lateral_position is {self.velocity_lateral_position!r} m, expected a number"
-            )
-        if not 0.0 < self.reference_slip < 1.0:
-            raise OnboardError(f"reference_slip is {self.reference_slip!r}, expected 0 to 1")
-        for name, quantity in (
-            ("cohesion", self.strength.cohesion),
-            ("friction_angle", self.strength.friction_angle),
-            ("shear_displacement", self.strength.shear_displacement),
-        ):
-            if not (math.isfinite(quantity.value) and math.isfinite(quantity.standard_deviation)):
-                raise OnboardError(f"{name} is {quantity!r}, expected numbers")
-            if quantity.standard_deviation < 0:
-                raise OnboardError(
-                    f"{name}_standard_deviation is {quantity.standard_deviation!r},"
-                    " expected 0 or more"
-                )
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
+        wheels, rolling = self.wheels, [w for w in self.wheels if w.contact == ROLLING]
+        by_topic = rolling and self.velocity is VelocitySource.TOPIC
+        return (
+            *(f"{w.name}/load" for w in wheels if w.name not in self.static_loads),
+            *(f"{w.name}/sinkage" for w in wheels if w.name not in self.without_sinkage),
+            *(f"{w.name}/drawbar_pull" for w in wheels if w.name in self.with_drawbar_pull),
+            *(f"{w.name}/wheel_speed" for w in rolling),
+            *(("odom",) if rolling else ()),
+            *(("velocity",) if by_topic else ()),
+        )
+
+
+def _check(settings: Any, prefix: str, wheel: str = "") -> None:
+    """Raise OnboardError for a setting that is outside the range of its parameter."""
+    for entry in fields(settings):
+        parameter = PARAMETERS.get(f"{prefix}{entry.name}")
+        if parameter is not None and parameter.kind in ("double", "string"):
+            value = getattr(settings, entry.name)
+            value = float(value) if parameter.kind == "double" else value
+            problem = parameter.for_wheel(wheel).problem(value)
+            if problem is not None:
+                raise OnboardError(problem)
+
+
+@dataclass(frozen=True)
+class WheelInputs:
+    """Where a wheel's measurements come from: `<wheel>.*`; a topic is empty where there is none.
+
+    load_sign: that of the wheel, or of all.
+    """
+
+    load_topic: str
+    drawbar_pull_topic: str
+    load_joint: str
+    sinkage_topic: str
+    sinkage_source: SinkageSource
+    range_height: float | None
+    joint: str
+    joint_sign: int
+    load_sign: int
+
+
+@dataclass(frozen=True)
+class NodeSettings:
+    """What the parameters say: settings of the estimate and the cost map, and inputs by wheel."""
+
+    onboard: OnboardSettings
+    inputs: Mapping[str, WheelInputs]
+    cost: CostSettings
+    autostart: bool
+    load_source: LoadSource
+    load_per_effort: float
+    velocity_topic: str
+    velocity_yaw: float
+    soil_file: str
+    robot_description_topic: str

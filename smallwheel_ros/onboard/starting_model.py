@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load_effects
@@ -19,13 +18,6 @@ class StartingModelError(SmallwheelError):
     """A model file that the estimate on board cannot go by."""
 
 
-class StartingModel(NamedTuple):
-    """A soil to start from, and the effects beside it."""
-
-    soil: Soil
-    effects: tuple[Effect, ...]
-
-
 @dataclass(frozen=True)
 class StartingModels:
     """What can be started from: the soils of one model file with its effects, or the library.
@@ -37,30 +29,30 @@ class StartingModels:
     soils: tuple[Soil, ...] = ()
     effects: tuple[Effect, ...] = ()
 
-    def choose(self, name: str | None) -> StartingModel:
+    def choose(self, name: str | None) -> Soil:
         """Return the soil of that name; None: the only one of the file, or the library's dry sand.
 
         Raises StartingModelError where there is no such soil.
         """
         if not self.model_file:
             try:
-                return StartingModel(soil(name or _DEFAULT), ())
+                return soil(name or _DEFAULT)
             except SoilError as error:
                 raise StartingModelError(f"parameter soil.name: {error}") from None
-        if name is None and len(self.soils) == 1:
-            return StartingModel(self.soils[0], self.effects)
         found = {kind.name: kind for kind in self.soils}
+        if name is None and len(found) == 1:
+            return self.soils[0]
         if name not in found:
             asked = f"has no soil '{name}'" if name else "has several soils"
             raise StartingModelError(
                 f"{self.model_file} {asked}, parameter soil.name says which."
                 f" {nearest(name or '', list(found))}"
             )
-        return StartingModel(found[name], self.effects)
+        return found[name]
 
 
-def read_starting_models(model_file: str = "", effects_file: str = "") -> StartingModels:
-    """Read the files that the parameters of these names give; empty: none. An effects file is run.
+def read_starting_models(model_file: str | None, effects_file: str | None) -> StartingModels:
+    """Read the files that the parameters of these names give, if any. An effects file is run.
 
     Raises
     ------

@@ -1,19 +1,14 @@
-"""Short memories of what the sensors said, by header stamp: for node and replay alike.
-
-Stamps are whole nanoseconds. Messages of several topics come late, out of order, twice, or from a
-bag that starts again; what belongs to one instant is put together here, and what cannot be used is
-told apart by reason.
-"""
+"""Recent values by header stamp, and the paths that speeds add up to. Stamps are ns."""
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Sequence
 from enum import Enum
-from typing import NamedTuple
 
 SECOND = 1_000_000_000  # ns
+_EVER = 1 << 63  # ns: further apart are no stamps
 
 
 def nanoseconds(seconds: float) -> int:
@@ -32,58 +27,11 @@ class StampFault(Enum):
     JUMP_BACK = "time_jump"
 
 
-@dataclass(frozen=True)
-class StampRules:
-    """What is expected of header stamps; all in ns.
-
-    Attributes
-    ----------
-    future_tolerance
-        How far a stamp may be ahead of the clock.
-    maximum_age
-        How far it may be behind the clock.
-    jump_tolerance
-        How far it may be behind the newest stamp before it counts as a jump of time.
-    """
-
-    future_tolerance: int
-    maximum_age: int
-    jump_tolerance: int
-
-    def fault(self, stamp: int, newest: int | None, now: int | None) -> StampFault | None:
-        """Judge a stamp by the newest one so far and the clock (None or 0: no clock, no opinion).
-
-        JUMP_BACK is not a bad message: time itself went back (a bag that loops), and what was
-        collected before is void.
-        """
-        if stamp <= 0:
-            return StampFault.ZERO
-        if now:
-            if stamp > now + self.future_tolerance:
-                return StampFault.FUTURE
-            if stamp < now - self.maximum_age:
-                return StampFault.TOO_OLD
-        if newest is None or stamp >= newest - self.jump_tolerance:
-            return None
-        # A clock that has not gone back itself makes this one message late, and time no jump.
-        clock_stands_by = now and now + self.future_tolerance >= newest
-        return StampFault.LATE if clock_stands_by else StampFault.JUMP_BACK
-
-
 class Series:
     """The recent values of one stream, sorted by stamp in whatever order they came.
 
-    Parameters
-    ----------
-    horizon
-        How far back from the newest stamp values are kept (ns).
-
-    Attributes
-    ----------
-    stamps, values
-        What is kept, sorted by stamp.
-    newest
-        The newest stamp; None when there is none.
+    horizon: how far back from the newest stamp values are kept (ns). stamps, values: what is kept.
+    newest: the newest stamp; None when there is none.
     """
 
     def __init__(self, horizon: int) -> None:
@@ -91,13 +39,6 @@ class Series:
         self.stamps: list[int] = []
         self.values: list[tuple[float, ...]] = []
         self.newest: int | None = None
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def __contains__(self, stamp: int) -> bool:
-        place = bisect_left(self.stamps, stamp)
-        return place < len(self.stamps) and self.stamps[place] == stamp
 
     def add(self, stamp: int, values: tuple[float, ...]) -> StampFault | None:
         """Keep values at their place; a fault says why they were not kept."""
@@ -120,7 +61,7 @@ class Series:
         self.values.insert(place, values)
         return None
 
-    def at(self, stamp: int, reach: int) -> tuple[float, ...] | None:
+    def at(self, stamp: int, reach: int = _EVER) -> tuple[float, ...] | None:
         """Values at an instant: interpolated linearly, or held from the nearest stamp.
 
         Only values within `reach` (ns) of the instant count; None when there is none.
@@ -140,39 +81,9 @@ class Series:
             return values[after - 1]
         return values[after] if later else None
 
-    def clear(self) -> None:
-        """Forget everything."""
-        self.stamps.clear()
-        self.values.clear()
-        self.newest = None
 
-
-class Motion(NamedTuple):
-    """Of a vehicle: place (m), forward speed (m/s), yaw rate (rad/s), cosine and sine of the yaw.
-
-    Between two messages the latter two are not of unit length; they are NaN where yaw is not known.
-    speed_variance, yaw_rate_variance: as the message has them, 0 where it does not. pitch: rad,
-    positive nose down, 0 where not known.
-    """
-
-    x: float
-    y: float
-    speed: float
-    yaw_rate: float
-    cosine: float
-    sine: float
-    speed_variance: float = 0.0
-    yaw_rate_variance: float = 0.0
-    pitch: float = 0.0
-
-    @property
-    def yaw(self) -> float | None:
-        """Direction that the vehicle looks to, rad; None where it is not known."""
-        return None if math.isnan(self.cosine) else math.atan2(self.sine, self.cosine)
-
-
-class PathSeries:
-    """Path (m) by integrating a speed over stamps; standing still adds nothing.
+class Travel:
+    """Paths (m) of points of a vehicle: their speeds over stamps; standing still adds nothing.
 
     Parameters
     ----------
@@ -183,66 +94,74 @@ class PathSeries:
         where they are known; else the smaller one of both speeds.
     standstill
         Speeds up to this (m/s) are noise of a standing vehicle.
+    lateral_positions
+        Of the points, m left of the vehicle's middle.
+    start
+        Their paths so far, m.
     """
 
-    def __init__(self, horizon: int, longest_gap: int, standstill: float) -> None:
-        self._series = Series(horizon)  # speed, x, y
-        self._path: list[float] = []  # at each stamp of the series
+    def __init__(
+        self,
+        horizon: int,
+        longest_gap: int,
+        standstill: float,
+        lateral_positions: Sequence[float] = (0.0,),
+        start: Sequence[float] = (0.0,),
+    ) -> None:
+        self._series = Series(horizon)  # speed, yaw rate, x, y, then the path of each point
         self._gap = longest_gap
         self._standstill = standstill
+        self._lateral = tuple(lateral_positions)
+        self._start = tuple(start)
 
-    def add(self, stamp: int, speed: float, x: float = math.nan, y: float = math.nan) -> None:
-        """Take a speed (m/s, either sign), and the position (m) where it is known."""
-        series, path = self._series, self._path
-        last = series.newest
-        if last is None or stamp > last:
-            so_far = 0.0
-            if last is not None:
-                so_far = path[-1] + self._step(last, series.values[-1], stamp, (speed, x, y))
-            series.add(stamp, (speed, x, y))
-            path.append(so_far)
-            del path[: -len(series)]  # what the series has forgotten
-            return
-        if series.add(stamp, (speed, x, y)) is not None:
-            return
-        # A late message changes the path at every later stamp.
-        place = bisect_left(series.stamps, stamp)
-        path.insert(place, 0.0)
-        if place == 0:
-            path[0] = path[1] - self._step_to(1)
-        for i in range(max(place, 1), len(series)):
-            path[i] = path[i - 1] + self._step_to(i)
-
-    def _step_to(self, i: int) -> float:
-        """Path to stamp i from the one before it."""
+    def add(
+        self,
+        stamp: int,
+        speed: float,
+        yaw_rate: float = 0.0,
+        x: float = math.nan,
+        y: float = math.nan,
+    ) -> None:
+        """Take speed (m/s) and yaw rate (rad/s) of the vehicle, and its position where known (m)."""
         stamps, values = self._series.stamps, self._series.values
-        return self._step(stamps[i - 1], values[i - 1], stamps[i], values[i])
+        motion, paths = (speed, yaw_rate, x, y), self._start
+        late = bool(stamps) and stamp <= stamps[-1]
+        if stamps and not late:
+            paths = self._onward(values[-1], motion, stamp - stamps[-1])
+        if self._series.add(stamp, (*motion, *paths)) is not None or not late:
+            return
+        # A late message changes the paths at every later stamp.
+        place = bisect_left(stamps, stamp)
+        if place == 0:
+            begin = (*motion, *(0.0 for _ in paths))
+            steps = self._onward(begin, values[1], stamps[1] - stamp)
+            paths = tuple(p - s for p, s in zip(values[1][4:], steps, strict=True))
+            values[0] = (*motion, *paths)
+        for i in range(max(place, 1), len(stamps)):
+            paths = self._onward(values[i - 1], values[i], stamps[i] - stamps[i - 1])
+            values[i] = (*values[i][:4], *paths)
 
-    def _step(
-        self, start: int, first: tuple[float, ...], end: int, last: tuple[float, ...]
-    ) -> float:
-        """Path between two stamps with speed, x and y at both."""
-        (before, x0, y0), (after, x1, y1) = first, last
-        duration = (end - start) / SECOND
-        before, after = self._moving(before), self._moving(after)
-        if end - start <= self._gap:
-            return 0.5 * (before + after) * duration
-        straight = math.hypot(x1 - x0, y1 - y0)
-        if math.isnan(straight):
-            return min(before, after) * duration
-        return straight if straight > self._standstill * duration else 0.0
+    def _onward(
+        self, first: tuple[float, ...], last: tuple[float, ...], time: int
+    ) -> tuple[float, ...]:
+        """Paths after a time (ns) with these motions at both ends."""
+        duration, short = time / SECOND, time <= self._gap
+        v0, turn0, x0, y0, *paths = first
+        v1, turn1, x1, y1 = last[:4]
+        straight = math.nan if short else math.hypot(x1 - x0, y1 - y0)
+        if not math.isnan(straight):
+            step = straight if straight > self._standstill * duration else 0.0
+            return tuple([path + step for path in paths])
+        found = []
+        for path, lateral in zip(paths, self._lateral, strict=True):
+            before, after = abs(v0 - turn0 * lateral), abs(v1 - turn1 * lateral)
+            before = before if before > self._standstill else 0.0
+            after = after if after > self._standstill else 0.0
+            mean = 0.5 * (before + after) if short else min(before, after)
+            found.append(path + mean * duration)
+        return tuple(found)
 
-    def _moving(self, speed: float) -> float:
-        return abs(speed) if abs(speed) > self._standstill else 0.0
-
-    def at(self, stamp: int) -> float:
-        """Path (m) at an instant; held before the first and after the last message."""
-        stamps, path = self._series.stamps, self._path
-        if not stamps:
-            return 0.0
-        after = bisect_right(stamps, stamp)
-        if after in (0, len(stamps)):
-            return path[min(after, len(stamps) - 1)]
-        start, end = stamps[after - 1], stamps[after]
-        share = (stamp - start) / (end - start)
-        return path[after - 1] + share * (path[after] - path[after - 1])
+    def at(self, stamp: int) -> tuple[float, ...]:
+        """Path (m) of each point at an instant; held before the first and after the last message."""
+        values = self._series.at(stamp)
+        return self._start if values is None else values[4:]

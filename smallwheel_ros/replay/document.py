@@ -83,7 +83,7 @@ def document(result: Replayed, files: dict[str, str]) -> dict[str, Any]:
                 "text": soil.missing_effect.message,
             },
         },
-        "sensors": list(result.onboard.findings),
+        "sensors": list(result.onboard.assessor.findings),
         "events": [
             {"time": e.time, "travel": e.travel, "kind": e.kind, "text": e.text}
             for e in summary.events

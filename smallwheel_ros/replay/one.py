@@ -10,7 +10,7 @@ from smallwheel_ros.bag_files import BagError, RawMessage, Storage, reason, stor
 from smallwheel_ros.bags import BagReader, DefinitionError
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.document import document
 from smallwheel_ros.replay.inputs import (
@@ -202,7 +202,8 @@ class _Session:
         except Exception as error:  # damaged bytes make rosbags raise as it likes
             text = f"a message cannot be deserialised ({reason(error)})"
             streams = (i.stream for i in self.result.inputs if (i.topic, i.type) == key)
-            self._onboard.report(next(streams, raw.topic), "undecodable", text)
+            stream = next(streams, raw.topic)
+            self._onboard.problems.add(stream, "undecodable", text, unused=False)
             return []
         by_recording = self.result.spec.clock and not self._has_clock
         now = raw.log_time if by_recording else self._clock

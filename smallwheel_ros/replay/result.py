@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from smallwheel_ros.bag_files import BagTopic
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameters import NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.replay.inputs import Input, Missing
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments

@@ -9,7 +9,6 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import (
-    NodeSettings,
     ParametersError,
     settings_from,
     unknown_parameters,
@@ -21,6 +20,7 @@ from smallwheel_ros.onboard.robot_description import (
     needs_description,
     silent_parameters,
 )
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.replay.inputs import resolved
 from smallwheel_ros.replay.spec import ReplaySpec
 

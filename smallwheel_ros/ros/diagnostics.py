@@ -86,11 +86,11 @@ def strength_values(soil: SoilEstimate) -> dict[str, str]:
 
 def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     """Whether the filter's innovations are what it expects them to be."""
-    soil, health = onboard.soil, onboard.health
+    soil, health = onboard.soil, onboard.assessor.health
     mean = health.mean_square
     values = {
         "accepted": str(soil.accepted),
-        "rejected": str(onboard.rejected),
+        "rejected": str(onboard.problems.rejected),
         "outliers": str(soil.outliers),
         "outliers lately": f"{health.outlier_share:.1%} of {health.count}",
         "mean square of normalised innovations": "" if mean is None else f"{mean:.2f}",
@@ -103,7 +103,7 @@ def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
 
 def sensor_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     """What seems wrong with sensors, joints or wheels, and what to check."""
-    findings = onboard.findings
+    findings = onboard.assessor.findings
     values = {f"finding {i + 1}": words for i, words in enumerate(findings)}
     text = "; ".join(findings) or "nothing seems wrong"
     return status(name, WARN if findings else OK, text, values)
@@ -115,8 +115,9 @@ def alarms(onboard: Onboard, estimates: Iterable[MobilityEstimate]) -> list[str]
     words = []
     if digging:
         words.append(f"{', '.join(digging)}: digging in (slip and sinkage up, speed down): stop")
-    if onboard.missing_effect is not None:
-        words.append(onboard.missing_effect.message)
+    missing = onboard.assessor.estimator.missing_effect
+    if missing is not None:
+        words.append(missing.message)
     return words
 
 
@@ -126,7 +127,7 @@ def alarm_status(
     """The alarms, and what they rest on."""
     estimates = list(estimates)
     digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
-    missing = onboard.missing_effect
+    missing = onboard.assessor.estimator.missing_effect
     values = {"digging in": ", ".join(digging) or "no", "missing effect": "none shows"}
     if missing is not None:
         values["missing effect"] = ", ".join((missing.effect, *missing.rivals))

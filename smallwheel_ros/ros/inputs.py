@@ -216,7 +216,7 @@ class Inputs:
     def _flow(self, name: str, stream: _Stream) -> str:
         """How a stream comes in: rate, count, age of the newest good stamp."""
         text = f"{stream.rate:.1f} Hz, {stream.count} received"
-        newest = self._onboard.newest.get(name)
+        newest = self._onboard.newest(name)
         if newest is None:
             return text
         age = (self._node.get_clock().now().nanoseconds - newest) / SECOND

@@ -22,7 +22,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
-from smallwheel_ros.onboard.parameters import NODE_NAME, NodeSettings, ParametersError
+from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.description import RobotDescription
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status

@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros import qos
@@ -128,7 +128,8 @@ class Outputs:
     def publish_soil_of(self, onboard: Onboard, frame: str) -> None:
         """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
         stamp = self._node.get_clock().now().nanoseconds
-        self._soil.publish(soil_message(onboard.soil, stamp, frame, onboard.rejected))
+        rejected = onboard.problems.rejected
+        self._soil.publish(soil_message(onboard.soil, stamp, frame, rejected))
 
     def publish_cost(self) -> None:
         """Publish the cost map if it has changed."""

@@ -16,17 +16,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from smallwheel_ros.onboard.parameter import Parameter
-from smallwheel_ros.onboard.parameter_table import GENERAL
+from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
 from smallwheel_ros.onboard.parameters import (
-    NodeSettings,
     ParametersError,
-    parameters_for,
     read_models,
     settings_from,
     unknown_parameters,
     wheel_names,
 )
 from smallwheel_ros.onboard.robot_description import silent_parameters
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.starting_model import StartingModels
 from smallwheel_ros.ros.qos import OVERRIDES
 

@@ -16,8 +16,9 @@ from rclpy.timer import Timer
 
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.parameters import NodeSettings, ParametersError
+from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import WARN, alarms, entries, status
 from smallwheel_ros.ros.inputs import Inputs
@@ -238,7 +239,8 @@ class Session:
             self._report(name, "internal_error", f"failed:\n{traceback.format_exc()}")
 
     def _report(self, topic: str, reason: str, text: str) -> None:
-        self._onboard.report(self._node.resolve_topic_name(topic), reason, text)
+        name = self._node.resolve_topic_name(topic)
+        self._onboard.problems.add(name, reason, text, unused=False)
         self._log_problems()
 
     def _log_problems(self) -> None:

@@ -35,7 +35,7 @@ class SoilFile:
             return ""
         try:
             onboard.restore(self._path)
-            _check_finite(soil_fields(onboard.soil, onboard.rejected))
+            _check_finite(soil_fields(onboard.soil, onboard.problems.rejected))
         except SmallwheelError as error:
             self.problem = f"the saved soil is not used: {error}"
         except Exception as error:  # numbers that nobody has thought of
@@ -55,7 +55,7 @@ class SoilFile:
             return False, "nothing saved: the soil has not been measured yet"
         try:
             check_may_replace(self._path)
-            onboard.save(self._path)
+            onboard.assessor.estimator.save(self._path)
         except SmallwheelError as error:
             return False, f"nothing saved: {error}"
         return True, f"{self._path}: {onboard.soil.accepted} measurements"

@@ -1,0 +1,223 @@
+"""What the sensors said lately of a vehicle, and what of it belongs to one instant of a wheel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from smallwheel_ros.onboard.instant import Instant, Motion
+from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
+from smallwheel_ros.onboard.streams import Series, StampFault, Travel, nanoseconds
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
+from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
+
+ODOMETRY = "odom"
+VELOCITY = "velocity"
+OF_A_WHEEL = ("load", "sinkage", "drawbar_pull", "wheel_speed")
+
+
+class Stream(Series):
+    """The recent values of what comes by one name, `<wheel>/load`, `odom`, ...
+
+    order: number of the wheel. predicts: numbers of the wheels without sinkage sensor that this
+    gives their instants.
+    """
+
+    def __init__(self, name: str, horizon: int, order: int = -1) -> None:
+        super().__init__(horizon)
+        self.name, self.order = name, order
+        self.kind = name.rpartition("/")[2]
+        self.predicts: list[int] = []
+
+
+@dataclass
+class WheelState:
+    """A wheel with its streams.
+
+    needed: streams that its instants are put together from. timing: the stream that gives them.
+    answered: stamp of the newest one (ns). path: travelled so far, m. deepest: sinkage so far, m.
+    """
+
+    wheel: Wheel
+    load: Stream
+    sinkage: Stream
+    drawbar_pull: Stream
+    wheel_speed: Stream
+    static_load: Quantity | None
+    needed: tuple[Stream, ...]
+    timing: Stream
+    path: float
+    answered: int
+    deepest: float = 0.0
+
+
+class SensorBuffer:
+    """Recent values of all streams of a vehicle; wheels go by their number.
+
+    Parameters
+    ----------
+    before
+        What was kept before: paths and answers go on from there.
+
+    Attributes
+    ----------
+    streams
+        By name.
+    wheels
+        In the order of the settings.
+    distance
+        Path of the vehicle so far, m.
+    """
+
+    def __init__(self, settings: OnboardSettings, before: SensorBuffer | None = None) -> None:
+        self.settings = settings
+        timing, wheels = settings.timing, settings.wheels
+        self._gap = nanoseconds(timing.maximum_gap)
+        longest_wait = max(timing.reorder_time, timing.silent_after)
+        horizon = nanoseconds(longest_wait + timing.maximum_gap + timing.jump_tolerance)
+        self._odometry, self._velocity = Stream(ODOMETRY, horizon), Stream(VELOCITY, horizon)
+        self.streams = {ODOMETRY: self._odometry, VELOCITY: self._velocity}
+        for i, wheel in enumerate(wheels):
+            for name in (f"{wheel.name}/{kind}" for kind in OF_A_WHEEL):
+                self.streams[name] = Stream(name, horizon, i)
+        self._velocity_turns: bool = before is not None and before._velocity_turns
+        self.distance: float = 0.0 if before is None else before.distance
+        self.wheels = [self._state(i, before) for i in range(len(wheels))]
+        # Paths come from the same source as slip: the vehicle's, then those of the wheels.
+        lateral = (0.0, *(wheel.lateral_position for wheel in wheels))
+        start = (self.distance, *(state.path for state in self.wheels))
+        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, start)
+        self._pressed_path = 0.0
+
+    def _state(self, order: int, before: SensorBuffer | None) -> WheelState:
+        settings = self.settings
+        wheel = settings.wheels[order]
+        load, sinkage, pull, speed = (self.streams[f"{wheel.name}/{kind}"] for kind in OF_A_WHEEL)
+        static = settings.static_loads.get(wheel.name)
+        needed = [] if static is not None else [load]
+        if wheel.name in settings.with_drawbar_pull:
+            needed.append(pull)
+        if wheel.contact == ROLLING:
+            needed += [self._odometry, speed]
+            if settings.velocity is VelocitySource.TOPIC:
+                needed.append(self._velocity)
+        timing = sinkage
+        if wheel.name in settings.without_sinkage:
+            timing = load if static is None else self._odometry
+            timing.predicts.append(order)
+        old = None if before is None else before.wheels[order]
+        path, answered = (0.0, 0) if old is None else (old.path, old.answered)
+        return WheelState(
+            wheel, load, sinkage, pull, speed, static, tuple(needed), timing, path, answered
+        )
+
+    def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
+        """Keep values, and the travel that they show; a fault says why they were not kept."""
+        if stream is self._velocity:
+            # A yaw rate of exactly 0 in every message so far is none: then odometry's is used.
+            speed, yaw_rate, variance = values
+            self._velocity_turns = self._velocity_turns or yaw_rate != 0.0
+            values = (speed, yaw_rate if self._velocity_turns else math.nan, variance)
+        fault = stream.add(stamp, tuple(values))
+        if fault is not None:
+            return fault
+        if (self.settings.velocity is VelocitySource.TOPIC) == (stream is self._velocity):
+            if stream is self._odometry:
+                self._travel.add(stamp, *values[:4])
+            elif stream is self._velocity:
+                speed, yaw_rate, _ = self._middle(values, self._motion(stamp))
+                self._travel.add(stamp, speed, yaw_rate)
+        return None
+
+    def instant(self, order: int, stamp: int, measured: float | None, variance: float) -> Instant:
+        """Put together what belongs to a wheel's instant; call it in the order of stamps.
+
+        measured: its sinkage, m, if any. variance: of that, m^2; not known where it is not over 0.
+        """
+        state, noise, gap = self.wheels[order], self.settings.noise, self._gap
+        load, pull = state.load.at(stamp, gap), state.drawbar_pull.at(stamp, gap)
+        carried = state.static_load
+        if load is not None:
+            carried = Quantity(load[0], math.hypot(noise.load, noise.load_relative * load[0]))
+        motion = self._motion(stamp)
+        speed, rim, slip = None, None, None
+        if state.wheel.contact == ROLLING:
+            speed, rim, slip = self._moves(state, stamp, motion)
+        sinkage = None
+        if measured is not None:
+            known = math.isfinite(variance) and variance > 0
+            deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
+            sinkage = Quantity(measured, deviation)
+        self._advance(state, order, stamp, sinkage)
+        return Instant(
+            state.wheel,
+            stamp,
+            carried,
+            slip,
+            sinkage,
+            speed,
+            self.distance,
+            state.path,
+            None if motion is None else motion.place(state.wheel),
+            state.static_load is not None,
+            None if motion is None else (motion.x, motion.y),
+            None if pull is None else Quantity(pull[0], noise.drawbar_pull),
+            0.0 if motion is None else motion.pitch,
+            rim,
+        )
+
+    def _motion(self, stamp: int) -> Motion | None:
+        values = self._odometry.at(stamp, self._gap)
+        return None if values is None else Motion(*values)
+
+    def _middle(
+        self, velocity: Sequence[float], motion: Motion | None
+    ) -> tuple[float, float, float]:
+        """Speed of the vehicle's middle, yaw rate, and variance of the speed, by the velocity sensor.
+
+        A sensor that is beside the middle moves with v_x = v - omega y.
+        """
+        speed, yaw_rate, variance = velocity
+        if math.isnan(yaw_rate):
+            yaw_rate = 0.0 if motion is None else motion.yaw_rate
+        return speed + yaw_rate * self.settings.velocity_lateral_position, yaw_rate, variance
+
+    def _moves(
+        self, state: WheelState, stamp: int, motion: Motion | None
+    ) -> tuple[float | None, float | None, Quantity | None]:
+        """Speed of a wheel's place over ground, of its rim, and its slip; None where not known."""
+        wheel, noise, source = state.wheel, self.settings.noise, self.settings.velocity
+        lateral = wheel.lateral_position
+        if source is VelocitySource.TOPIC:
+            measured = self._velocity.at(stamp, self._gap)
+            if measured is None:
+                return None, None, None
+            middle, yaw_rate, variance = self._middle(measured, motion)
+        elif motion is None:
+            return None, None, None
+        else:
+            middle, yaw_rate = motion.speed, motion.yaw_rate
+            variance = motion.speed_variance + motion.yaw_rate_variance * lateral**2
+        speed = middle - yaw_rate * lateral
+        turning = state.wheel_speed.at(stamp, self._gap)
+        if turning is None or source is VelocitySource.NONE:
+            return speed, None, None
+        rim = turning[0] * wheel.diameter / 2
+        slip = wheel_slip(
+            Quantity(speed, math.sqrt(variance) if variance > 0.0 else noise.speed),
+            Quantity(rim, noise.wheel_speed_relative * abs(rim)),
+            self.settings.standstill_speed,
+        )
+        return speed, rim, slip
+
+    def _advance(self, state: WheelState, order: int, stamp: int, sinkage: Quantity | None) -> None:
+        """Paths so far (m), which never fall."""
+        if sinkage is not None and state.wheel.contact == PRESSED:
+            # A pressed wheel meets new soil by going deeper than it has been.
+            self._pressed_path += max(0.0, sinkage.value - state.deepest)
+            state.deepest = max(state.deepest, sinkage.value)
+        paths = self._travel.at(stamp)
+        self.distance = max(self.distance, paths[0] + self._pressed_path)
+        state.path = max(state.path, paths[1 + order] + self._pressed_path)
+        state.answered = stamp

@@ -1,0 +1,232 @@
+"""Put together what belongs to one instant of one wheel, from streams that come as they like.
+
+A measured sinkage waits until load, speeds and other wheels' sinkages of the same instant are there
+(by stamps, see `Timing`), so the order in which topics arrive does not matter. Stamps are ns.
+Nothing that a message holds raises: what cannot be used is counted, and put in words.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.problems import ProblemLog, stamp_fault, stamp_words
+from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY, SensorBuffer, Stream
+from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
+from smallwheel_ros.onboard.streams import SECOND, StampFault, nanoseconds
+
+Reading = tuple[str, Sequence[float]]  # the name of a stream, and its values
+
+# By the end of a stream's name: what has to be a number, with its unit; further values may be
+# unknown. In SI units nothing on a vehicle is larger than 1e9; squares of such numbers are finite.
+_NUMBERS = {
+    "load": (("load", "N"),),
+    "drawbar_pull": (("drawbar pull", "N"),),
+    "wheel_speed": (("wheel speed", "rad/s"),),
+    "sinkage": (("sinkage", "m"),),
+    ODOMETRY: (("speed", "m/s"), ("yaw rate", "rad/s"), ("position x", "m"), ("position y", "m")),
+    VELOCITY: (("speed", "m/s"), ("yaw rate", "rad/s")),
+}
+_LARGEST = 1e9
+# Predictions for a wheel without sinkage sensor come so far apart.
+_PREDICTION_PERIOD = SECOND // 10
+
+
+class Synchroniser:
+    """Takes readings as they arrive, and gives instants in the order of their stamps.
+
+    Parameters
+    ----------
+    on_time_jump
+        Called when time has gone back: what was collected is void.
+
+    Attributes
+    ----------
+    problems
+        What could not be used.
+    received
+        Readings so far, by stream, good and bad.
+    """
+
+    def __init__(self, settings: OnboardSettings, on_time_jump: Callable[[], None]) -> None:
+        self.problems = ProblemLog()
+        self.received: Counter[str] = Counter()
+        self._on_time_jump = on_time_jump
+        # Stamp, wheel's number (it decides between measurements of one instant), sinkage, variance.
+        self._waiting: list[tuple[int, int, float | None, float]] = []
+        self._begin(SensorBuffer(settings))
+
+    def apply(self, settings: OnboardSettings) -> None:
+        """Go on with other settings of the same wheels; what was collected is forgotten."""
+        self._drop("settings were changed")
+        # Way and time go on: the estimate takes no measurement from behind the newest one.
+        self._begin(SensorBuffer(settings, self._buffer))
+
+    def start_over(self, why: str) -> None:
+        """Forget what was collected; the counts go on, and measurements that waited are counted."""
+        self._drop(why)
+        self._begin(SensorBuffer(self._settings))
+
+    def newest(self, stream: str) -> int | None:
+        """Return the newest stamp (ns) of what was kept of a stream; None where there is none."""
+        return self._buffer.streams[stream].newest
+
+    def add(self, stamp: int, readings: Iterable[Reading], now: int | None = None) -> list[Instant]:
+        """Take what was measured at one instant; return the instants that are complete now.
+
+        stamp: when it was measured. now: what the clock says, None or 0 where there is no clock.
+        Raises OnboardError for an unknown wheel.
+        """
+        for name, values in readings:
+            self._take(name, stamp, values, now)
+        ready = []
+        while self._waiting and not self._is_held():
+            ready.append(self._first())
+        return ready
+
+    def flush(self) -> list[Instant]:
+        """Give everything that waits, with what is there: nothing more will come."""
+        return [self._first() for _ in range(len(self._waiting))]
+
+    def _begin(self, buffer: SensorBuffer) -> None:
+        self._settings, self._buffer = buffer.settings, buffer
+        timing = self._settings.timing
+        self._reorder = nanoseconds(timing.reorder_time)
+        self._silence = nanoseconds(timing.silent_after)
+        self._jump = nanoseconds(timing.jump_tolerance)
+        self._timing = [state.timing for state in buffer.wheels]
+        self._oldest = 0  # stamp of the first reading that was kept
+        self._latest: int | None = None  # and of the newest
+        self._doubted: int | None = None  # a stamp far from all others
+        self._held_by: Stream | None = None  # the first one that waits needs more of this,
+        self._held_until = 0  # unless there is a stamp as late as this
+
+    def _drop(self, why: str) -> None:
+        for _, order, sinkage, _ in self._waiting:
+            if sinkage is not None:
+                name = self._buffer.wheels[order].sinkage.name
+                self.problems.add(name, "dropped_by_reset", f"not used: {why}")
+        self._waiting.clear()
+
+    # --- What comes in
+
+    def _take(self, name: str, stamp: int, values: Sequence[float], now: int | None) -> None:
+        if name not in self._buffer.streams:
+            known = ", ".join(wheel.name for wheel in self._settings.wheels)
+            raise OnboardError(f"no wheel '{name.partition('/')[0]}': the vehicle has {known}")
+        self.received[name] += 1
+        if not self._is_timely(name, stamp, now):
+            return
+        stream = self._buffer.streams[name]  # not before: a jump of time makes it anew
+        problem = self._implausible(stream.kind, values)
+        if problem is not None:
+            self.problems.add(name, *problem)
+            return
+        fault = self._buffer.add(stream, stamp, values)
+        measured = stream.kind == "sinkage"
+        if measured and not fault and stamp <= self._buffer.wheels[stream.order].answered:
+            fault = StampFault.LATE
+        if fault is not None:
+            self._note(name, fault, stamp)
+            return
+        if self._latest is None:
+            self._oldest = self._latest = stamp
+        elif stamp > self._latest:
+            self._latest = stamp
+        if measured:
+            self._wait(stamp, stream.order, *values)
+        for order in stream.predicts:
+            state = self._buffer.wheels[order]
+            if stamp >= (state.sinkage.newest or state.answered) + _PREDICTION_PERIOD:
+                state.sinkage.add(stamp, ())
+                self._wait(stamp, order, None, 0.0)
+
+    def _is_timely(self, name: str, stamp: int, now: int | None) -> bool:
+        """Whether a stamp can be used; so can the first one of a new time."""
+        latest = self._latest
+        fault = stamp_fault(stamp, latest, now, self._settings.timing)
+        back = fault is StampFault.JUMP_BACK
+        if not now and latest is not None and (back or (not fault and stamp > latest + self._jump)):
+            # Without a clock one message far from all others may be corrupt: another has to agree.
+            doubted, self._doubted = self._doubted, stamp
+            if doubted is None or abs(stamp - doubted) > self._jump:
+                fault = StampFault.LATE if back else StampFault.FUTURE
+            else:
+                self._doubted = None
+        if fault is None:
+            return True
+        self._note(name, fault, stamp, now)
+        if fault is not StampFault.JUMP_BACK:
+            return False
+        self.start_over("time went back before its turn came")
+        self._on_time_jump()
+        return True
+
+    def _note(self, name: str, fault: StampFault, stamp: int, now: int | None = None) -> None:
+        words = stamp_words(fault, stamp, self._latest, now, self._settings.timing)
+        unused = fault is not StampFault.JUMP_BACK
+        self.problems.add(name, fault.value, words, unused=unused)
+
+    def _implausible(self, kind: str, values: Sequence[float]) -> tuple[str, str] | None:
+        """Key and words of a value that nothing can be computed with; None: there is none."""
+        for (name, unit), value in zip(_NUMBERS[kind], values, strict=False):
+            if not abs(value) < _LARGEST:
+                reason = "not_plausible" if math.isfinite(value) else "not_finite"
+                expected = f"expected a number (smaller than {_LARGEST:g})"
+                return reason, f"{name} is {value:g} {unit}, {expected}"
+        first, fastest = values[0], self._settings.maximum_speed
+        if kind in (ODOMETRY, VELOCITY) and abs(first) > fastest:
+            expected = f"expected at most {fastest:g} (parameter maximum_speed)"
+            return "not_plausible", f"speed is {first:g} m/s, {expected}"
+        if kind == "load" and first <= 0:
+            return "load_not_positive", (
+                f"load is {first:g} N, expected more than 0: the wheel is in the air, or the"
+                " sensor's sign is the other one (parameter load_sign)"
+            )
+        return None
+
+    # --- When a measurement's turn has come
+
+    def _wait(self, stamp: int, order: int, sinkage: float | None, variance: float) -> None:
+        measurement = (stamp, order, sinkage, variance)
+        heapq.heappush(self._waiting, measurement)
+        if self._waiting[0] is measurement:
+            self._held_by = None
+
+    def _first(self) -> Instant:
+        """Take the first one that waits."""
+        self._held_by = None
+        stamp, order, sinkage, variance = heapq.heappop(self._waiting)
+        return self._buffer.instant(order, stamp, sinkage, variance)
+
+    def _is_held(self) -> bool:
+        """Whether something that belongs to the first one that waits, or before it, may come yet."""
+        stamp, order, _, _ = self._waiting[0]
+        latest, held_by = self._latest, self._held_by
+        if self._reorder == 0 or latest is None:
+            return False
+        # Most messages change nothing about what it needs.
+        if held_by is not None and latest < self._held_until and (held_by.newest or 0) < stamp:
+            return True
+        last = stamp + self._reorder  # so long it waits for the other wheels
+        needed = self._buffer.wheels[order].needed
+        return self._waits_for(needed, stamp, latest) or (
+            latest < last and self._waits_for(self._timing, stamp, latest, last)
+        )
+
+    def _waits_for(
+        self, streams: Sequence[Stream], stamp: int, latest: int, last: int | None = None
+    ) -> bool:
+        """Whether something may still come at this stamp or before it, by a stream not yet silent."""
+        for stream in streams:
+            newest = stream.newest
+            if newest is None or newest < stamp:
+                until = (self._oldest if newest is None else newest) + self._silence + 1
+                if latest < until:
+                    self._held_by = stream
+                    self._held_until = until if last is None else min(until, last)
+                    return True
+        return False
