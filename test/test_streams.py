@@ -8,9 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from smallwheel_ros.onboard.instant import Motion
-from smallwheel_ros.onboard.problems import stamp_fault
 from smallwheel_ros.onboard.settings import Timing
-from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
+from smallwheel_ros.onboard.streams import (
+    SECOND,
+    Series,
+    StampFault,
+    Travel,
+    nanoseconds,
+    stamp_fault,
+)
 from smallwheel_ros.physics.wheel import Wheel
 
 RULES = Timing(future_tolerance=0.5, maximum_age=5.0, jump_tolerance=1.0)

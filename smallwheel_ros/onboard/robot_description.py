@@ -7,20 +7,19 @@ and what was expected.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
-from smallwheel_ros.onboard.parameter_table import parameters_for
-from smallwheel_ros.onboard.parameters import (
-    ParametersError,
-    problems,
-    wheel_names,
-)
+from smallwheel_ros.onboard.parameter import WHEEL
+from smallwheel_ros.onboard.parameter_table import PARAMETERS
+from smallwheel_ros.onboard.parameters import ParametersError, problems, wheel_names
 from smallwheel_ros.onboard.urdf import (
     TURNING,
+    Array,
     Joint,
-    Pose,
     RobotDescriptionError,
     Urdf,
+    listed,
     quoted,
 )
 from smallwheel_ros.physics.conditions import PRESSED
@@ -35,7 +34,6 @@ _SIGN = ("joint_sign",)
 _ALONG = 0.9
 _UPRIGHT = 0.7  # an axis within 45 degrees of the vertical steers
 _DIGITS = 9  # of metres: products of rotations are only exact to rounding
-_MOST_NAMES = 8
 _BASE = "base_link"
 
 
@@ -74,8 +72,7 @@ def needs_description(given: Mapping[str, object]) -> list[str]:
 
     Empty where none is missing, and where anything else is wrong: that is to be said at once.
     """
-    silent = silent_parameters(given)
-    needed = [name for name in silent if name.endswith(_SIZE)]
+    needed = [name for name in silent_parameters(given) if name.endswith(_SIZE)]
     return needed if len(problems(given)) == len(needed) else []
 
 
@@ -100,124 +97,48 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
     ParametersError
         If the wheels have no usable names.
     """
-    urdf = Urdf(text)
-    wheels = wheel_names(given.get("wheels"))
-    silent, table = silent_parameters(given), {p.name: p for p in parameters_for(wheels)}
-    filled = Filled()
-    for wheel in wheels:
-        wanted = [name for name in silent if name.startswith(f"{wheel}.")]
-        if not wanted:
-            continue
-        try:
-            of_wheel = _Wheel(urdf, wheel, given)
-        except RobotDescriptionError as error:
-            filled.lacking.append(f"robot description: {', '.join(wanted)}: {error}")
-            continue
-        for names, find in (
-            (_SIZE, of_wheel.size),
-            (_PLACE, of_wheel.place),
-            (_SIGN, of_wheel.sign),
-        ):
-            missing = [name for name in names if f"{wheel}.{name}" in wanted]
-            if not missing:
+    urdf, filled, silent = Urdf(text), Filled(), set(silent_parameters(given))
+    for wheel in wheel_names(given.get("wheels")):
+        failed: dict[str, list[str]] = {}  # parameters, by what is wrong
+        steered = ""
+        for names, find in ((_SIZE, _size), (_PLACE, _place), (_SIGN, _sign)):
+            wanted = [name for name in names if f"{wheel}.{name}" in silent]
+            if not wanted:
                 continue
             try:
-                found = dict(zip(names, find(), strict=True))
+                joint = _joint(urdf, wheel, given.get(f"{wheel}.joint"))
+                base = _base(urdf, joint.child, given.get("base_frame"))
+                found = dict(zip(names, find(urdf, joint, base), strict=True))
             except RobotDescriptionError as error:
-                parameters = ", ".join(f"{wheel}.{name}" for name in missing)
-                filled.lacking.append(f"robot description: {parameters}: {error}")
+                failed.setdefault(str(error), []).extend(f"{wheel}.{name}" for name in wanted)
                 continue
-            for name in missing:
-                parameter = table[f"{wheel}.{name}"]
+            for name in wanted:
+                parameter = PARAMETERS[f"{WHEEL}.{name}"].for_wheel(wheel)
                 problem = parameter.problem(found[name])
                 if problem is None:
                     filled.values[parameter.name] = found[name]
                 else:
                     filled.lacking.append(f"robot description: {problem}")
-        filled.lacking.extend(of_wheel.steering)
+            if given.get(f"{wheel}.contact") != PRESSED:
+                steered = _steering(urdf, joint, base)
+        for why, lacking in failed.items():
+            filled.lacking.append(f"robot description: {', '.join(lacking)}: {why}")
+        if steered:
+            filled.lacking.append(
+                f"wheel {wheel} is steered by joint {quoted(steered)}: steering is not read, its slip"
+                " is that of a wheel that points straight ahead"
+            )
     return filled
-
-
-class _Wheel:
-    """A wheel in a robot description. Its methods raise RobotDescriptionError for what it lacks."""
-
-    def __init__(self, urdf: Urdf, wheel: str, given: Mapping[str, object]) -> None:
-        self._urdf = urdf
-        self._wheel = wheel
-        self._rolls = given.get(f"{wheel}.contact") != PRESSED
-        self._joint = _joint(urdf, wheel, given.get(f"{wheel}.joint"))
-        self._base = _base(urdf, self._joint.child, given.get("base_frame"))
-
-    @property
-    def _pose(self) -> Pose:
-        """Of the wheel's link in the base frame."""
-        return self._urdf.pose(self._joint.child, self._base)
-
-    def size(self) -> tuple[float, float]:
-        """Return diameter and width, m."""
-        cylinder = self._urdf.cylinder(self._joint.child)
-        along = abs(float(cylinder.pose.rotation[:, 2] @ self._joint.axis))
-        if along < _ALONG:
-            raise RobotDescriptionError(
-                f"the cylinder of link {quoted(self._joint.child)} is not about the axis of joint"
-                f" {quoted(self._joint.name)}, expected its z along that axis"
-            )
-        return 2.0 * cylinder.radius, cylinder.length
-
-    def place(self) -> tuple[float, float]:
-        """Return lateral and longitudinal position, m: of the cylinder's middle where it has one."""
-        pose = self._pose
-        try:
-            middle = self._urdf.cylinder(self._joint.child).pose.position
-        except RobotDescriptionError:
-            x, y, _ = pose.position
-        else:
-            x, y, _ = pose.position + pose.rotation @ middle
-        return round(float(y), _DIGITS) + 0.0, round(float(x), _DIGITS) + 0.0  # no -0.0
-
-    def sign(self) -> tuple[int]:
-        """Return the joint's sign: a turn about +y takes the top of the wheel forward."""
-        name = quoted(self._joint.name)
-        if self._joint.kind not in TURNING:
-            raise RobotDescriptionError(
-                f"joint {name} is {quoted(self._joint.kind)}, expected {' or '.join(TURNING)}"
-            )
-        axis = self._pose.rotation @ self._joint.axis
-        if abs(axis[1]) < _ALONG:
-            found = " ".join(f"{number:.2f}" for number in axis)
-            raise RobotDescriptionError(
-                f"the axis of joint {name} is ({found}) in {quoted(self._base)}, expected (0 1 0)"
-                " or (0 -1 0)"
-            )
-        return (1 if axis[1] > 0.0 else -1,)
-
-    @property
-    def steering(self) -> list[str]:
-        """A sentence where the wheel is steered."""
-        if not self._rolls:
-            return []
-        try:
-            for joint in self._urdf.chain(self._joint.parent):
-                axis = self._urdf.pose(joint.child, self._base).rotation @ joint.axis
-                if joint.kind in TURNING and abs(axis[2]) > _UPRIGHT:
-                    return [
-                        f"wheel {self._wheel} is steered by joint {quoted(joint.name)}: steering is"
-                        " not read, its slip is that of a wheel that points straight ahead"
-                    ]
-        except RobotDescriptionError:
-            pass  # what is wrong in the chain has been said of the place
-        return []
 
 
 def _joint(urdf: Urdf, wheel: str, given: object) -> Joint:
     name = given if isinstance(given, str) and given else f"{wheel}_joint"
     joint = urdf.joints.get(name)
     if joint is None:
-        there = [quoted(j.name) for j in urdf.joints.values() if j.kind in TURNING]
-        more = " and others" if len(there) > _MOST_NAMES else ""
+        there = [joint.name for joint in urdf.joints.values() if joint.kind in TURNING]
         raise RobotDescriptionError(
             f"there is no joint {quoted(name)}, expected parameter {wheel}.joint to be one that"
-            f" turns: {', '.join(there[:_MOST_NAMES]) or 'there is none'}{more}"
+            f" turns: {listed(there) or 'there is none'}"
         )
     return joint
 
@@ -232,3 +153,53 @@ def _base(urdf: Urdf, link: str, given: object) -> str:
     raise RobotDescriptionError(
         f"there is no link {quoted(name)}, expected parameter base_frame to be one"
     )
+
+
+def _size(urdf: Urdf, joint: Joint, base: str) -> tuple[float, float]:
+    """Diameter and width, m."""
+    radius, length, pose = urdf.cylinder(joint.child)
+    if abs(float(pose[:3, 2] @ joint.axis)) < _ALONG:
+        raise RobotDescriptionError(
+            f"the cylinder of link {quoted(joint.child)} is not about the axis of joint"
+            f" {quoted(joint.name)}, expected its z along that axis"
+        )
+    return 2.0 * radius, length
+
+
+def _place(urdf: Urdf, joint: Joint, base: str) -> tuple[float, float]:
+    """Lateral and longitudinal position, m: of the cylinder's middle where the wheel has one."""
+    pose = urdf.pose(joint.child, base)
+    with suppress(RobotDescriptionError):
+        pose = pose @ urdf.cylinder(joint.child).pose
+    x, y = (round(float(metres), _DIGITS) + 0.0 for metres in pose[:2, 3])  # no -0.0
+    return y, x
+
+
+def _sign(urdf: Urdf, joint: Joint, base: str) -> tuple[int]:
+    """The joint's sign: a turn about +y takes the top of the wheel forward."""
+    name = quoted(joint.name)
+    if joint.kind not in TURNING:
+        expected = " or ".join(TURNING)
+        raise RobotDescriptionError(f"joint {name} is {quoted(joint.kind)}, expected {expected}")
+    axis = _axis(urdf, joint, base)
+    if abs(axis[1]) < _ALONG:
+        found = " ".join(f"{number:.2f}" for number in axis)
+        raise RobotDescriptionError(
+            f"the axis of joint {name} is ({found}) in {quoted(base)}, expected (0 1 0) or (0 -1 0)"
+        )
+    return (1 if axis[1] > 0.0 else -1,)
+
+
+def _steering(urdf: Urdf, joint: Joint, base: str) -> str:
+    """Name of a joint that steers the wheel; empty where there is none."""
+    with suppress(RobotDescriptionError):  # what is wrong in the chain has been said of the place
+        for above in urdf.chain(joint.parent):
+            if above.kind in TURNING and abs(_axis(urdf, above, base)[2]) > _UPRIGHT:
+                return above.name
+    return ""
+
+
+def _axis(urdf: Urdf, joint: Joint, base: str) -> Array:
+    """Direction of a joint's axis in the base frame."""
+    found: Array = urdf.pose(joint.child, base)[:3, :3] @ joint.axis
+    return found

@@ -36,20 +36,21 @@ class WheelState:
     """A wheel with its streams.
 
     needed: streams that its instants are put together from. timing: the stream that gives them.
-    answered: stamp of the newest one (ns). path: travelled so far, m. deepest: sinkage so far, m.
+    path: travelled so far, m. answered: stamp of the newest instant (ns). deepest: sinkage so far, m.
     """
 
     wheel: Wheel
-    load: Stream
-    sinkage: Stream
-    drawbar_pull: Stream
-    wheel_speed: Stream
+    streams: Sequence[Stream]
     static_load: Quantity | None
-    needed: tuple[Stream, ...]
+    needed: list[Stream]
     timing: Stream
-    path: float
-    answered: int
+    path: float = 0.0
+    answered: int = 0
     deepest: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Name the streams."""
+        self.load, self.sinkage, self.drawbar_pull, self.wheel_speed = self.streams
 
 
 class SensorBuffer:
@@ -72,28 +73,30 @@ class SensorBuffer:
 
     def __init__(self, settings: OnboardSettings, before: SensorBuffer | None = None) -> None:
         self.settings = settings
-        timing, wheels = settings.timing, settings.wheels
+        timing = settings.timing
         self._gap = nanoseconds(timing.maximum_gap)
         longest_wait = max(timing.reorder_time, timing.silent_after)
         horizon = nanoseconds(longest_wait + timing.maximum_gap + timing.jump_tolerance)
         self._odometry, self._velocity = Stream(ODOMETRY, horizon), Stream(VELOCITY, horizon)
-        self.streams = {ODOMETRY: self._odometry, VELOCITY: self._velocity}
-        for i, wheel in enumerate(wheels):
-            for name in (f"{wheel.name}/{kind}" for kind in OF_A_WHEEL):
-                self.streams[name] = Stream(name, horizon, i)
         self._velocity_turns: bool = before is not None and before._velocity_turns
-        self.distance: float = 0.0 if before is None else before.distance
-        self.wheels = [self._state(i, before) for i in range(len(wheels))]
+        self.wheels = [self._state(i, horizon) for i in range(len(settings.wheels))]
+        self.distance: float = 0.0
+        if before is not None:
+            self.distance = before.distance
+            for state, old in zip(self.wheels, before.wheels, strict=True):
+                state.path, state.answered = old.path, old.answered
+        streams = [stream for state in self.wheels for stream in state.streams]
+        self.streams = {s.name: s for s in (self._odometry, self._velocity, *streams)}
         # Paths come from the same source as slip: the vehicle's, then those of the wheels.
-        lateral = (0.0, *(wheel.lateral_position for wheel in wheels))
+        lateral = (0.0, *(wheel.lateral_position for wheel in settings.wheels))
         start = (self.distance, *(state.path for state in self.wheels))
         self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, start)
         self._pressed_path = 0.0
 
-    def _state(self, order: int, before: SensorBuffer | None) -> WheelState:
-        settings = self.settings
-        wheel = settings.wheels[order]
-        load, sinkage, pull, speed = (self.streams[f"{wheel.name}/{kind}"] for kind in OF_A_WHEEL)
+    def _state(self, order: int, horizon: int) -> WheelState:
+        settings, wheel = self.settings, self.settings.wheels[order]
+        streams = [Stream(f"{wheel.name}/{kind}", horizon, order) for kind in OF_A_WHEEL]
+        load, timing, pull, speed = streams
         static = settings.static_loads.get(wheel.name)
         needed = [] if static is not None else [load]
         if wheel.name in settings.with_drawbar_pull:
@@ -102,15 +105,10 @@ class SensorBuffer:
             needed += [self._odometry, speed]
             if settings.velocity is VelocitySource.TOPIC:
                 needed.append(self._velocity)
-        timing = sinkage
         if wheel.name in settings.without_sinkage:
             timing = load if static is None else self._odometry
             timing.predicts.append(order)
-        old = None if before is None else before.wheels[order]
-        path, answered = (0.0, 0) if old is None else (old.path, old.answered)
-        return WheelState(
-            wheel, load, sinkage, pull, speed, static, tuple(needed), timing, path, answered
-        )
+        return WheelState(wheel, streams, static, needed, timing)
 
     def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
@@ -130,10 +128,10 @@ class SensorBuffer:
                 self._travel.add(stamp, speed, yaw_rate)
         return None
 
-    def instant(self, order: int, stamp: int, measured: float | None, variance: float) -> Instant:
+    def instant(self, order: int, stamp: int, measured: Sequence[float]) -> Instant:
         """Put together what belongs to a wheel's instant; call it in the order of stamps.
 
-        measured: its sinkage, m, if any. variance: of that, m^2; not known where it is not over 0.
+        measured: its sinkage (m) and variance (m^2, not known where it is not over 0), if any.
         """
         state, noise, gap = self.wheels[order], self.settings.noise, self._gap
         load, pull = state.load.at(stamp, gap), state.drawbar_pull.at(stamp, gap)
@@ -145,10 +143,11 @@ class SensorBuffer:
         if state.wheel.contact == ROLLING:
             speed, rim, slip = self._moves(state, stamp, motion)
         sinkage = None
-        if measured is not None:
+        if measured:
+            value, variance = measured
             known = math.isfinite(variance) and variance > 0
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
-            sinkage = Quantity(measured, deviation)
+            sinkage = Quantity(value, deviation)
         self._advance(state, order, stamp, sinkage)
         return Instant(
             state.wheel,

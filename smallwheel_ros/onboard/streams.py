@@ -1,4 +1,4 @@
-"""Recent values by header stamp, and the paths that speeds add up to. Stamps are ns."""
+"""Header stamps (ns), recent values by stamp, and the paths that speeds add up to."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from enum import Enum
+
+from smallwheel_ros.onboard.settings import Timing
 
 SECOND = 1_000_000_000  # ns
 _EVER = 1 << 63  # ns: further apart are no stamps
@@ -25,6 +27,53 @@ class StampFault(Enum):
     LATE = "late"
     DUPLICATE = "duplicate"
     JUMP_BACK = "time_jump"
+
+
+# With the stamp, how far it is ahead of the clock and behind the newest message (s), and the timing.
+_WORDS = {
+    StampFault.ZERO: "header.stamp is zero: the publisher must stamp its messages",
+    StampFault.FUTURE: "header.stamp is {ahead:.3f} s ahead of the clock, at most"
+    " {timing.future_tolerance:g} s expected: are the clocks synchronised?",
+    StampFault.TOO_OLD: "header.stamp is {old:.3f} s behind the clock, at most"
+    " {timing.maximum_age:g} s expected: for a bag, set use_sim_time and play it with its clock",
+    StampFault.LATE: "header.stamp is {behind:.3f} s behind the newest message: too late to be used"
+    " (parameter reorder_time, now {timing.reorder_time:g} s)",
+    StampFault.DUPLICATE: "header.stamp {stamp:.9f} came twice: is there more than one publisher?",
+    StampFault.JUMP_BACK: "time went back by {behind:.3f} s (a bag that loops?): soil and buffers"
+    " are reset",
+}
+
+
+def stamp_fault(
+    stamp: int, newest: int | None, now: int | None, timing: Timing
+) -> StampFault | None:
+    """Judge a stamp by the newest one so far and the clock (None or 0: no clock, no opinion).
+
+    JUMP_BACK is not a bad message: time itself went back (a bag that loops), and what was collected
+    before is void.
+    """
+    if stamp <= 0:
+        return StampFault.ZERO
+    if now:
+        if (stamp - now) / SECOND > timing.future_tolerance:
+            return StampFault.FUTURE
+        if (now - stamp) / SECOND > timing.maximum_age:
+            return StampFault.TOO_OLD
+    if newest is None or (newest - stamp) / SECOND <= timing.jump_tolerance:
+        return None
+    # A clock that has not gone back itself makes this one message late, and time no jump.
+    clock_stands_by = now and (newest - now) / SECOND <= timing.future_tolerance
+    return StampFault.LATE if clock_stands_by else StampFault.JUMP_BACK
+
+
+def stamp_words(
+    fault: StampFault, stamp: int, newest: int | None, now: int | None, timing: Timing
+) -> str:
+    """Say what is wrong with a header stamp (ns), with the numbers and what to do."""
+    ahead, behind = (stamp - (now or stamp)) / SECOND, ((newest or stamp) - stamp) / SECOND
+    return _WORDS[fault].format(
+        stamp=stamp / SECOND, ahead=ahead, old=-ahead, behind=behind, timing=timing
+    )
 
 
 class Series:

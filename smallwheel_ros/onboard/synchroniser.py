@@ -13,10 +13,16 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.problems import ProblemLog, stamp_fault, stamp_words
-from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY, SensorBuffer, Stream
+from smallwheel_ros.onboard.problems import ProblemLog
+from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY, SensorBuffer
 from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
-from smallwheel_ros.onboard.streams import SECOND, StampFault, nanoseconds
+from smallwheel_ros.onboard.streams import (
+    SECOND,
+    StampFault,
+    nanoseconds,
+    stamp_fault,
+    stamp_words,
+)
 
 Reading = tuple[str, Sequence[float]]  # the name of a stream, and its values
 
@@ -55,8 +61,8 @@ class Synchroniser:
         self.problems = ProblemLog()
         self.received: Counter[str] = Counter()
         self._on_time_jump = on_time_jump
-        # Stamp, wheel's number (it decides between measurements of one instant), sinkage, variance.
-        self._waiting: list[tuple[int, int, float | None, float]] = []
+        # Stamp, wheel's number (it decides between measurements of one instant), values of sinkage.
+        self._waiting: list[tuple[int, int, Sequence[float]]] = []
         self._begin(SensorBuffer(settings))
 
     def apply(self, settings: OnboardSettings) -> None:
@@ -97,16 +103,19 @@ class Synchroniser:
         self._reorder = nanoseconds(timing.reorder_time)
         self._silence = nanoseconds(timing.silent_after)
         self._jump = nanoseconds(timing.jump_tolerance)
-        self._timing = [state.timing for state in buffer.wheels]
-        self._oldest = 0  # stamp of the first reading that was kept
-        self._latest: int | None = None  # and of the newest
+        self._oldest = self._latest = 0  # stamps of what was kept; 0: nothing
         self._doubted: int | None = None  # a stamp far from all others
-        self._held_by: Stream | None = None  # the first one that waits needs more of this,
-        self._held_until = 0  # unless there is a stamp as late as this
+        # What a measurement of each wheel waits for: its own streams, and the times of the others.
+        others = [(state.timing, True) for state in buffer.wheels]
+        waits = timing.reorder_time > 0
+        self._awaited = [
+            [*((stream, False) for stream in state.needed), *others] if waits else []
+            for state in buffer.wheels
+        ]
 
     def _drop(self, why: str) -> None:
-        for _, order, sinkage, _ in self._waiting:
-            if sinkage is not None:
+        for _, order, measured in self._waiting:
+            if measured:
                 name = self._buffer.wheels[order].sinkage.name
                 self.problems.add(name, "dropped_by_reset", f"not used: {why}")
         self._waiting.clear()
@@ -132,30 +141,31 @@ class Synchroniser:
         if fault is not None:
             self._note(name, fault, stamp)
             return
-        if self._latest is None:
-            self._oldest = self._latest = stamp
-        elif stamp > self._latest:
-            self._latest = stamp
+        self._oldest = self._oldest or stamp
+        self._latest = max(self._latest, stamp)
         if measured:
-            self._wait(stamp, stream.order, *values)
+            heapq.heappush(self._waiting, (stamp, stream.order, values))
         for order in stream.predicts:
             state = self._buffer.wheels[order]
             if stamp >= (state.sinkage.newest or state.answered) + _PREDICTION_PERIOD:
                 state.sinkage.add(stamp, ())
-                self._wait(stamp, order, None, 0.0)
+                heapq.heappush(self._waiting, (stamp, order, ()))
 
     def _is_timely(self, name: str, stamp: int, now: int | None) -> bool:
         """Whether a stamp can be used; so can the first one of a new time."""
-        latest = self._latest
-        fault = stamp_fault(stamp, latest, now, self._settings.timing)
+        latest, timing = self._latest, self._settings.timing
+        fault = stamp_fault(stamp, latest or None, now, timing)
         back = fault is StampFault.JUMP_BACK
-        if not now and latest is not None and (back or (not fault and stamp > latest + self._jump)):
+        if not now and latest and (back or (fault is None and stamp > latest + self._jump)):
             # Without a clock one message far from all others may be corrupt: another has to agree.
             doubted, self._doubted = self._doubted, stamp
             if doubted is None or abs(stamp - doubted) > self._jump:
-                fault = StampFault.LATE if back else StampFault.FUTURE
-            else:
-                self._doubted = None
+                reason = StampFault.LATE if back else StampFault.FUTURE
+                apart, way = abs(stamp - latest) / SECOND, "behind" if back else "ahead of"
+                text = f"header.stamp is {apart:.3f} s {way} all others: another has to agree first"
+                self.problems.add(name, reason.value, text)
+                return False
+            self._doubted = None
         if fault is None:
             return True
         self._note(name, fault, stamp, now)
@@ -166,7 +176,7 @@ class Synchroniser:
         return True
 
     def _note(self, name: str, fault: StampFault, stamp: int, now: int | None = None) -> None:
-        words = stamp_words(fault, stamp, self._latest, now, self._settings.timing)
+        words = stamp_words(fault, stamp, self._latest or None, now, self._settings.timing)
         unused = fault is not StampFault.JUMP_BACK
         self.problems.add(name, fault.value, words, unused=unused)
 
@@ -190,43 +200,19 @@ class Synchroniser:
 
     # --- When a measurement's turn has come
 
-    def _wait(self, stamp: int, order: int, sinkage: float | None, variance: float) -> None:
-        measurement = (stamp, order, sinkage, variance)
-        heapq.heappush(self._waiting, measurement)
-        if self._waiting[0] is measurement:
-            self._held_by = None
-
-    def _first(self) -> Instant:
-        """Take the first one that waits."""
-        self._held_by = None
-        stamp, order, sinkage, variance = heapq.heappop(self._waiting)
-        return self._buffer.instant(order, stamp, sinkage, variance)
-
     def _is_held(self) -> bool:
         """Whether something that belongs to the first one that waits, or before it, may come yet."""
-        stamp, order, _, _ = self._waiting[0]
-        latest, held_by = self._latest, self._held_by
-        if self._reorder == 0 or latest is None:
-            return False
-        # Most messages change nothing about what it needs.
-        if held_by is not None and latest < self._held_until and (held_by.newest or 0) < stamp:
-            return True
-        last = stamp + self._reorder  # so long it waits for the other wheels
-        needed = self._buffer.wheels[order].needed
-        return self._waits_for(needed, stamp, latest) or (
-            latest < last and self._waits_for(self._timing, stamp, latest, last)
-        )
-
-    def _waits_for(
-        self, streams: Sequence[Stream], stamp: int, latest: int, last: int | None = None
-    ) -> bool:
-        """Whether something may still come at this stamp or before it, by a stream not yet silent."""
-        for stream in streams:
+        stamp, order, _ = self._waiting[0]
+        for stream, is_other in self._awaited[order]:
             newest = stream.newest
             if newest is None or newest < stamp:
-                until = (self._oldest if newest is None else newest) + self._silence + 1
-                if latest < until:
-                    self._held_by = stream
-                    self._held_until = until if last is None else min(until, last)
+                until = (self._oldest if newest is None else newest) + self._silence
+                if is_other:
+                    until = min(until, stamp + self._reorder - 1)
+                if self._latest <= until:
                     return True
         return False
+
+    def _first(self) -> Instant:
+        stamp, order, measured = heapq.heappop(self._waiting)
+        return self._buffer.instant(order, stamp, measured)

@@ -1,13 +1,13 @@
 """Read a robot description (URDF): its joints, where they are, and cylinders of its links.
 
-The text comes from somebody else: nothing in it is expanded or run, and its size is limited.
+The text comes from somebody else: nothing in it is expanded or run, and its size is limited. Poses
+are matrices, (4, 4), of what is in a frame to that frame; m.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -24,7 +24,7 @@ _MOST_CHARACTERS = 10_000_000
 _MOST_ELEMENTS = 100_000
 _DEEPEST = 100
 _LONGEST_NAME = 60  # characters of a name or number that are repeated in a message
-_MOST_SHAPES = 5  # that are named in a message
+_MOST_NAMES = 5  # that are listed in a message
 _LARGEST = 1e6  # m or rad: beyond any robot, and products of it stay finite
 TURNING = ("continuous", "revolute")
 
@@ -38,33 +38,18 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...")
 
 
-@dataclass(frozen=True)
-class Pose:
-    """Where something is in another frame.
-
-    rotation: (3, 3), from its axes to those of the frame. position: (3,), m.
-    """
-
-    rotation: Array
-    position: Array
-
-    def of(self, inner: Pose) -> Pose:
-        """Return where something is in the frame, of which inner says where it is in this."""
-        return Pose(self.rotation @ inner.rotation, self.position + self.rotation @ inner.position)
-
-    @property
-    def inverse(self) -> Pose:
-        """Where the frame is in this."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.position)
+def listed(names: list[str]) -> str:
+    """Return names from the description as they may stand in a message; empty where none is."""
+    more = " and others" if len(names) > _MOST_NAMES else ""
+    return ", ".join(map(quoted, names[:_MOST_NAMES])) + more
 
 
-@dataclass(frozen=True)
-class Cylinder:
+class Cylinder(NamedTuple):
     """A cylinder of a link; radius and length in m, its axis is z of its pose in the link."""
 
     radius: float
     length: float
-    pose: Pose
+    pose: Array
 
 
 class _LimitedBuilder(ElementTree.TreeBuilder):
@@ -78,13 +63,10 @@ class _LimitedBuilder(ElementTree.TreeBuilder):
         """Begin an element."""
         self._depth += 1
         self._count += 1
-        if self._depth > _DEEPEST:
+        if self._depth > _DEEPEST or self._count > _MOST_ELEMENTS:
             raise RobotDescriptionError(
-                f"elements more than {_DEEPEST} deep in each other, expected a URDF"
-            )
-        if self._count > _MOST_ELEMENTS:
-            raise RobotDescriptionError(
-                f"more than {_MOST_ELEMENTS} elements, expected the URDF of a robot"
+                f"elements more than {_DEEPEST} deep in each other, or more than {_MOST_ELEMENTS}"
+                " elements, expected the URDF of a robot"
             )
         return super().start(tag, attrs)
 
@@ -100,13 +82,37 @@ class _LimitedBuilder(ElementTree.TreeBuilder):
         )
 
 
+class Joint:
+    """A joint; its numbers are read, and can be wrong, when they are asked for. kind: its type."""
+
+    def __init__(self, element: Element) -> None:
+        self._element = element
+        self.name, self.kind = element.get("name", ""), element.get("type", "")
+        self.parent, self.child = (
+            "" if end is None else end.get("link", "")
+            for end in (element.find("parent"), element.find("child"))
+        )
+        self._where = f"joint {quoted(self.name)}"
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the child link in the parent link, with the joint at zero."""
+        return _pose(self._element, self._where)
+
+    @property
+    def axis(self) -> Array:
+        """Direction that it turns about, (3,), of length 1, in the frame of the child link."""
+        axis = _numbers(self._element.find("axis"), "xyz", (1.0, 0.0, 0.0), self._where)
+        length = math.hypot(*axis)
+        if length < 1e-6:
+            raise RobotDescriptionError(f"{self._where} has an axis without direction")
+        return np.array(axis) / length
+
+
 class Urdf:
     """The links and joints of a robot description.
 
-    Attributes
-    ----------
-    joints
-        By name; only those of the robot, not those within transmissions or plugins.
+    joints: by name; only those of the robot, not those within transmissions or plugins.
 
     Raises
     ------
@@ -119,10 +125,8 @@ class Urdf:
             raise RobotDescriptionError(
                 f"it has {len(text)} characters, expected at most {_MOST_CHARACTERS}"
             )
-        parser = ElementTree.XMLParser(target=_LimitedBuilder())
         try:
-            parser.feed(text)
-            root = parser.close()
+            root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_LimitedBuilder()))
         except (ElementTree.ParseError, ValueError) as error:
             raise RobotDescriptionError(f"it is no XML: {error}") from None
         if root.tag != "robot":
@@ -132,8 +136,7 @@ class Urdf:
         self._links = {link.get("name", ""): link for link in root.findall("link")}
         self.joints: dict[str, Joint] = {}
         self._above: dict[str, Joint] = {}
-        for element in root.findall("joint"):
-            joint = Joint(element)
+        for joint in map(Joint, root.findall("joint")):
             if joint.name in self.joints:
                 raise RobotDescriptionError(f"two joints are called {quoted(joint.name)}")
             if joint.child in self._above:
@@ -148,7 +151,7 @@ class Urdf:
         return name in self._links
 
     def chain(self, link: str) -> list[Joint]:
-        """Return the joints from the root link down to a link."""
+        """Return the joints above a link, from the lowest up to the root link."""
         chain: list[Joint] = []
         while link in self._above:
             chain.append(self._above[link])
@@ -158,91 +161,56 @@ class Urdf:
                     f"above link {quoted(chain[0].child)} are more than {_DEEPEST} joints, or they are"
                     " a circle"
                 )
-        return chain[::-1]
+        return chain
 
     def root(self, link: str) -> str:
         """Return the link at the top of the chain that a link is in."""
-        chain = self.chain(link)
-        return chain[0].parent if chain else link
+        return ([link] + [joint.parent for joint in self.chain(link)])[-1]
 
-    def pose(self, link: str, frame: str) -> Pose:
-        """Return where a link is in the frame of another one, with all joints at zero."""
+    def pose(self, link: str, frame: str) -> Array:
+        """Return the pose of a link in the frame of another one, with all joints at zero."""
         if self.root(link) != self.root(frame):
             raise RobotDescriptionError(
                 f"no joints connect link {quoted(link)} with link {quoted(frame)}"
             )
-        return self._in_root(frame).inverse.of(self._in_root(link))
-
-    def _in_root(self, link: str) -> Pose:
-        pose = Pose(np.eye(3), np.zeros(3))
+        of_link, of_frame = np.eye(4), np.eye(4)
         for joint in self.chain(link):
-            pose = pose.of(joint.origin)
-        return pose
+            of_link = joint.pose @ of_link
+        for joint in self.chain(frame):
+            of_frame = joint.pose @ of_frame
+        return np.asarray(np.linalg.solve(of_frame, of_link), dtype=np.float64)
 
     def cylinder(self, link: str) -> Cylinder:
         """Return the largest cylinder of a link's collision, else of its visual."""
-        element = self._links.get(link)
+        element, where = self._links.get(link), f"link {quoted(link)}"
         if element is None:
-            raise RobotDescriptionError(f"there is no link {quoted(link)}")
+            raise RobotDescriptionError(f"there is no {where}")
         for part in ("collision", "visual"):
             found = [
-                _cylinder(body, shape, f"link {quoted(link)}")
+                Cylinder(
+                    _numbers(shape, "radius", (0.0,), where)[0],
+                    _numbers(shape, "length", (0.0,), where)[0],
+                    _pose(body, where),
+                )
                 for body in element.findall(part)
                 for shape in body.findall("geometry/cylinder")
             ]
             if found:
                 return max(found, key=lambda cylinder: cylinder.radius)
-        shapes = sorted({quoted(s.tag) for s in element.findall("*/geometry/*")})[:_MOST_SHAPES]
+        shapes = sorted({shape.tag for shape in element.findall("*/geometry/*")})
         raise RobotDescriptionError(
-            f"link {quoted(link)} has {', '.join(shapes) or 'no geometry'}, expected a cylinder in"
-            " its collision or visual"
+            f"{where} has {listed(shapes) or 'no geometry'}, expected a cylinder in its collision or"
+            " visual"
         )
 
 
-class Joint:
-    """A joint; its numbers are read, and can be wrong, when they are asked for.
-
-    kind: its type.
-    """
-
-    def __init__(self, element: Element) -> None:
-        self._element = element
-        self.name = element.get("name", "")
-        self.kind = element.get("type", "")
-        self.parent, self.child = (
-            "" if end is None else end.get("link", "")
-            for end in (element.find("parent"), element.find("child"))
-        )
-
-    @cached_property
-    def origin(self) -> Pose:
-        """Where the child link is in the parent link, with the joint at zero."""
-        return _pose(self._element, f"joint {quoted(self.name)}")
-
-    @property
-    def axis(self) -> Array:
-        """Direction that it turns about, (3,), of length 1, in the frame of the child link."""
-        axis = _numbers(
-            self._element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"joint {quoted(self.name)}"
-        )
-        length = math.hypot(*axis)
-        if length < 1e-6:
-            raise RobotDescriptionError(f"joint {quoted(self.name)} has an axis without direction")
-        return np.array(axis) / length
-
-
-def _cylinder(body: Element, shape: Element, where: str) -> Cylinder:
-    (radius,) = _numbers(shape, "radius", (0.0,), where)
-    (length,) = _numbers(shape, "length", (0.0,), where)
-    return Cylinder(radius, length, _pose(body, where))
-
-
-def _pose(element: Element, where: str) -> Pose:
+def _pose(element: Element, where: str) -> Array:
     """Read the element's origin; rpy are angles about the fixed axes x, y and z, in this order."""
-    origin, nothing = element.find("origin"), (0.0, 0.0, 0.0)
+    origin, nothing, pose = element.find("origin"), (0.0, 0.0, 0.0), np.eye(4)
     angles = _numbers(origin, "rpy", nothing, where)
-    position = _numbers(origin, "xyz", nothing, where)
-    return Pose(Rotation.from_euler("xyz", angles).as_matrix(), np.array(position))
+    pose[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+    pose[:3, 3] = _numbers(origin, "xyz", nothing, where)
+    return pose
 
 
 def _numbers(
