@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from operator import attrgetter
 from typing import Any
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate
@@ -10,35 +9,18 @@ from smallwheel_ros.onboard.mobility import MobilityEstimate
 from smallwheel_ros.physics.wheel import Quantity
 
 STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
-# The message's names of its quantities and of their standard deviations: first what belongs to the
-# wheel, then what `_of_forces` gives.
-_QUANTITIES = tuple(
-    (name, f"{name}_standard_deviation")
-    for name in (
-        "load",
-        "slip",
-        "sinkage_measured",
-        "sinkage_predicted",
-        "compaction_resistance",
-        "other_resistance",
-        "rolling_resistance_coefficient",
-        "thrust",
-        "drawbar_pull",
-        "mobility_margin",
-        "steepest_slope",
-        "energy_per_metre",
-    )
-)
-_of_forces = attrgetter(
-    "compaction_resistance",
-    "other_resistance",
-    "rolling_resistance_coefficient",
-    "thrust",
-    "drawbar_pull",
-    "margin",
-    "steepest_slope",
-    "energy_per_metre",
-)
+_UNKNOWN = Quantity(0.0, 0.0)
+# Quantities of the message, and what they are called in `WheelForces`.
+_OF_FORCES = {
+    "compaction_resistance": "compaction_resistance",
+    "other_resistance": "other_resistance",
+    "rolling_resistance_coefficient": "rolling_resistance_coefficient",
+    "thrust": "thrust",
+    "drawbar_pull": "drawbar_pull",
+    "mobility_margin": "margin",
+    "steepest_slope": "steepest_slope",
+    "energy_per_metre": "energy_per_metre",
+}
 
 
 def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
@@ -46,8 +28,16 @@ def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
 
     The header's stamp is `estimate.stamp` (ns), its frame_id `estimate.wheel`.
     """
-    forces = estimate.forces if estimate.sinkage_predicted is not None else None
-    probability = None if forces is None else forces.probability_drawbar_pull_positive
+    predicted = estimate.sinkage_predicted
+    forces = None if predicted is None else estimate.forces
+    quantities: dict[str, Quantity | None] = {
+        "load": estimate.load,
+        "slip": estimate.slip,
+        "sinkage_measured": estimate.sinkage_measured,
+        "sinkage_predicted": None if forces is None else predicted,
+    }
+    for name, of_forces in _OF_FORCES.items():
+        quantities[name] = getattr(forces, of_forces, None)
     fields: dict[str, Any] = {
         "status": int(estimate.status),
         "status_text": estimate.status_text,
@@ -55,23 +45,19 @@ def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
         "slip_valid": estimate.slip is not None,
         "sinkage_measured_valid": estimate.sinkage_measured is not None,
         "prediction_valid": forces is not None,
-        "traction_valid": forces is not None and forces.drawbar_pull is not None,
-        "probability_drawbar_pull_positive": probability or 0.0,
-        "margin_valid": forces is not None and forces.margin is not None,
-        "energy_valid": forces is not None and forces.energy_per_metre is not None,
+        "traction_valid": quantities["drawbar_pull"] is not None,
+        "probability_drawbar_pull_positive": 0.0,
+        "margin_valid": quantities["mobility_margin"] is not None,
+        "energy_valid": quantities["energy_per_metre"] is not None,
         "digging_in": estimate.digging_in,
     }
-    quantities: tuple[Quantity | None, ...] = (
-        estimate.load,
-        estimate.slip,
-        estimate.sinkage_measured,
-        *((None,) * 9 if forces is None else (estimate.sinkage_predicted, *_of_forces(forces))),
-    )
-    for (name, deviation), quantity in zip(_QUANTITIES, quantities, strict=True):
-        if quantity is None:  # not known
-            fields[name] = fields[deviation] = 0.0
-        else:
-            fields[name], fields[deviation] = quantity.value, quantity.standard_deviation
+    if forces is not None and forces.probability_drawbar_pull_positive is not None:
+        probability = forces.probability_drawbar_pull_positive
+        fields["probability_drawbar_pull_positive"] = probability
+    for name, quantity in quantities.items():
+        known = quantity or _UNKNOWN
+        fields[name] = known.value
+        fields[f"{name}_standard_deviation"] = known.standard_deviation
     return fields
 
 

@@ -5,13 +5,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value
-from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml
 
@@ -39,15 +42,13 @@ def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]
         content = read_yaml(path)
     except PlainYamlError as error:
         raise ParametersError(f"{path}: {error}") from error
-    values: dict[str, Value] = {}
     sections = content if isinstance(content, dict) else {}
-    found = False
-    for name, section in sections.items():
-        if not re.fullmatch(rf"/\*\*|(/\*\*|/\w+)*/?{re.escape(node)}", str(name)):
-            continue
+    own = re.compile(rf"/\*\*|(/\*\*|/\w+)*/?{re.escape(node)}")
+    found = {name: section for name, section in sections.items() if own.fullmatch(str(name))}
+    values: dict[str, Value] = {}
+    for name, section in found.items():
         if not isinstance(section, dict) or not isinstance(section.get(_SECTION), dict):
             raise ParametersError(f"{path}: section {name} has no {_SECTION}: in it")
-        found = True
         values.update(_flat(section[_SECTION]))
     if not found:
         there = ", ".join(str(name) for name in sections) or "nothing"
@@ -69,15 +70,16 @@ def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
 
 
 def _written(value: Value) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        text = repr(value)
-        mantissa, _, exponent = text.partition("e")
-        return text if "." in mantissa or not exponent else f"{mantissa}.0e{exponent}"
-    if isinstance(value, list):
-        return f"[{', '.join(value)}]"
-    return str(value) if isinstance(value, int) or value else '""'
+    return str(yaml.safe_dump([value], default_flow_style=True, width=math.inf)).strip()[1:-1]
+
+
+def _span(parameter: Parameter) -> str:
+    """What a value may be, in words; empty: anything."""
+    if parameter.choices:
+        return " or ".join(map(str, parameter.choices))
+    if parameter.low is None or parameter.high is None:
+        return ""
+    return f"{parameter.low:g} to {parameter.high:g}"
 
 
 def template() -> str:
@@ -88,31 +90,23 @@ def template() -> str:
         "/**:",
         f"  {_SECTION}:",
     ]
-    per_wheel = tuple(p.for_wheel(_EXAMPLE_WHEEL) for p in PER_WHEEL)
+    table = parameters_for([_EXAMPLE_WHEEL])
+    needed = {p.name.split(".")[0] for p in table if p.required}
     group = ""
-    for parameter in GENERAL + per_wheel:
+    for parameter in table:
         *above, name = parameter.name.split(".")
         indent = "    " + "  " * len(above)
         if above and above[0] != group:
             group = above[0]
-            needed = any(p.required for p in GENERAL + per_wheel if p.name.startswith(f"{group}."))
-            lines += ["", f"    {'' if needed else '# '}{group}:"]
-        words = f"{parameter.description}{_range(parameter)}"
+            lines += ["", f"    {'' if group in needed else '# '}{group}:"]
+        words, span = parameter.description, _span(parameter)
+        words += f" [{parameter.unit}]" if parameter.unit else ""
+        words += f" {span}." if span else ""
         lines += [f"{indent}# {line}" for line in textwrap.wrap(words, 92 - len(indent))]
         value = _EXAMPLES.get(parameter.name, parameter.default)
-        text = f" {_written(value)}" if value is not None else ""
+        text = "" if value is None else f" {_written(value)}"
         lines.append(f"{indent}{'' if parameter.required else '# '}{name}:{text}")
     return "\n".join(lines) + "\n"
-
-
-def _range(parameter: Parameter) -> str:
-    unit = parameter.unit
-    words = f" [{unit}]" if unit else ""
-    if parameter.choices:
-        words += f" One of: {', '.join(str(choice) for choice in parameter.choices)}."
-    elif parameter.low is not None and parameter.high is not None:
-        words += f" {parameter.low:g} to {parameter.high:g}."
-    return words
 
 
 def reference() -> str:
@@ -140,14 +134,8 @@ def reference() -> str:
             default = "*required*" if p.required else "*optional*"
             if p.default is not None:
                 default = f"`{_written(p.default)}`"
-            span = ""
-            if p.choices:
-                span = ", ".join(f"`{choice}`" for choice in p.choices)
-            elif p.low is not None and p.high is not None:
-                span = f"{p.low:g} .. {p.high:g}"
             unit = f" [{p.unit}]" if p.unit else ""
-            start = _CHANGES[p.changes]
-            row = (p.name, p.kind, default, span, f"{p.description}{unit}{start}")
+            row = (p.name, p.kind, default, _span(p), f"{p.description}{unit}{_CHANGES[p.changes]}")
             lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))
         lines.append("")
     return "\n".join(lines)
