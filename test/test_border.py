@@ -83,7 +83,8 @@ def test_the_cost_up_to_the_border_is_that_of_the_soil_before_it(steps: list[Ste
     across = {step.result.mobility.wheel: step.place[1] for step in steps}
     mapper = GroundMapper(cost_map, {name: Wheel(name, 0.25, 0.1) for name in across})
     for step in steps:
-        mapper.add(replace(step.result, place=step.place), "odom")
+        instant = step.result.instant._replace(place=step.place)
+        mapper.add(replace(step.result, instant=instant), "odom")
     grid = cost_map.grid()
     assert grid is not None
 

@@ -147,18 +147,18 @@ class TestUsual:
         assert last.mobility.load.value == 60.0
         assert last.mobility.slip.value == pytest.approx(0.1)
         assert last.mobility.sinkage_measured.value == 0.008
-        assert last.place == pytest.approx((0.29 + 0.2, 2.0 + 0.3))
+        assert last.instant.place == pytest.approx((0.29 + 0.2, 2.0 + 0.3))
         assert feed.odometry_frame == "odom"
 
     def test_the_wheel_is_where_the_robot_is_turned_to(self) -> None:
         feed = make(**{"front.lateral_position": 0.3, "front.longitudinal_position": 0.2})
         last = self.run(feed, orientation=(0.0, 0.0, QUARTER, QUARTER))[-1]
-        assert last.place == pytest.approx((0.29 - 0.3, 2.0 + 0.2))
+        assert last.instant.place == pytest.approx((0.29 - 0.3, 2.0 + 0.2))
 
     def test_without_an_orientation_there_is_no_place_and_that_is_said(self) -> None:
         feed = make()
         last = self.run(feed, orientation=(0.0, 0.0, 0.0, 0.0))[-1]
-        assert last.place is None
+        assert last.instant.place is None
         assert last.mobility.slip is not None
         assert feed.onboard.counts["odom", "no_orientation"] == 30
 

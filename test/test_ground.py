@@ -70,8 +70,8 @@ class TestGroundMapper:
         names = {r.mobility.wheel: Wheel(r.mobility.wheel, 0.25, 0.1) for r in results}
         mapper = GroundMapper(cost_map, names)
         for i, result in enumerate(results):
-            place = {"place": (0.05 * i, 0.0), **changes}
-            mapper.add(replace(result, **place), "odom")
+            instant = result.instant._replace(**{"place": (0.05 * i, 0.0), **changes})
+            mapper.add(replace(result, instant=instant), "odom")
         grid = cost_map.grid()
         return None if grid is None else grid.cells
 
@@ -81,10 +81,11 @@ class TestGroundMapper:
         assert cells.max() <= 99
 
     def test_without_a_place_or_a_frame_there_is_no_map(self, results: list[Result]) -> None:
-        assert results[0].place is None
+        assert results[0].instant.place is None
         assert self.made(results, place=None) is None
         mapper = GroundMapper(CostMap(CostSettings()), WHEELS)
-        mapper.add(replace(results[0], place=(0.0, 0.0)), "")
+        instant = results[0].instant._replace(place=(0.0, 0.0))
+        mapper.add(replace(results[0], instant=instant), "")
         assert mapper.map.grid() is None
 
     def test_a_soil_that_nobody_has_measured_is_unknown(self, results: list[Result]) -> None:

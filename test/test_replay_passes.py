@@ -50,8 +50,7 @@ class Path:
         return SimpleNamespace(
             mobility=SimpleNamespace(wheel=one.name),
             soil=SimpleNamespace(distance=self.travel),
-            place=place if self.known else None,
-            speed=sign * 0.2,
+            instant=SimpleNamespace(place=place if self.known else None, speed=sign * 0.2),
         )
 
 

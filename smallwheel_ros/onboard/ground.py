@@ -52,7 +52,7 @@ class GroundMapper:
         Nothing is known where the soil has not been measured yet or the measured sinkage did not
         fit; a wheel that is sunk to its axle or digs itself in is stuck there.
         """
-        mobility, place = result.mobility, result.place
+        mobility, place = result.mobility, result.instant.place
         self._newest[mobility.wheel] = mobility
         if place is None or not frame:
             return

@@ -24,29 +24,24 @@ from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.synchroniser import Reading, Synchroniser
-from smallwheel_ros.physics.wheel import Quantity
 
 _OF_THE_ESTIMATOR = ("prior", "estimator", "effects")
 
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one measurement: the wheel's mobility, and the soil after it.
+    """What came of the instant of one wheel: its mobility, and the soil after it.
 
     soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
     rejected: measured sinkages that were not used for the soil since the start or the last reset.
-    place, vehicle, speed, drawbar_pull: of the instant, see `Instant`.
     elsewhere: wheels that are on another soil than this one, just before or after a border.
     """
 
+    instant: Instant
     mobility: MobilityEstimate
     soil: SoilEstimate
     rejected: int
-    place: tuple[float, float] | None = None
-    vehicle: tuple[float, float] | None = None
-    speed: float | None = None
-    elsewhere: tuple[str, ...] = ()
-    drawbar_pull: Quantity | None = None
+    elsewhere: tuple[str, ...]
 
 
 class Onboard:
@@ -244,13 +239,4 @@ class Onboard:
             # A prediction that fails leaves the measurement used all the same.
             unused = problem[0] != "numerical" or mobility.status is Status.REJECTED
             self.problems.add(stream, *problem, unused=unused)
-        return Result(
-            mobility,
-            soil,
-            self.problems.rejected,
-            instant.place,
-            instant.vehicle,
-            instant.speed,
-            elsewhere,
-            instant.drawbar_pull,
-        )
+        return Result(instant, mobility, soil, self.problems.rejected, elsewhere)

@@ -61,7 +61,7 @@ class PassCounter:
 
     def number(self, result: Result) -> int | None:
         """Return the pass number of the wheel at the instant of a result; None: not known."""
-        wheel, place, travel = result.mobility.wheel, result.place, result.soil.distance
+        wheel, place, travel = result.mobility.wheel, result.instant.place, result.soil.distance
         width = self._widths.get(wheel)
         if place is None or width is None:
             return None
@@ -77,7 +77,7 @@ class PassCounter:
             return last[1]
         point = _Point(*place, wheel, travel)
         number = self._crossings(point, width)
-        if travel - self._begin <= self._followed(wheel, result.speed or 0.0) + self._side:
+        if travel - self._begin <= self._followed(wheel, result.instant.speed or 0.0) + self._side:
             number = None
         self._last[wheel] = (point, number)
         self._add(point)

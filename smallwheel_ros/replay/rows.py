@@ -86,7 +86,7 @@ class Estimate:
     def row(self, start: int) -> dict[str, Any]:
         """Return the cells by column, None for a blank one. start: the bag's first log time, ns."""
         found, soil = self.result.mobility, self.result.soil
-        x, y = self.result.vehicle or (None, None)
+        x, y = self.result.instant.vehicle or (None, None)
         spreads = [max(variance, 0.0) ** 0.5 for variance in soil.covariance.diagonal().tolist()]
         cells = {
             **self.mobility,
@@ -95,7 +95,7 @@ class Estimate:
             "wheel": found.wheel,
             "x": x,
             "y": y,
-            "speed": self.result.speed,
+            "speed": self.result.instant.speed,
             "travel": soil.distance,
             "status": found.status.name,
             **{f"soil_{name}": value for name, value in self.soil.items()},

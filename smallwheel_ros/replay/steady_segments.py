@@ -88,7 +88,7 @@ class SteadySegments:
 
     def add(self, result: Result, changing: bool) -> None:
         """Take one result; changing: the soil is taken to change just now (`DriveSummary.changing`)."""
-        found, soil, speed = result.mobility, result.soil, result.speed
+        found, soil, speed = result.mobility, result.soil, result.instant.speed
         passes = self._passes.number(result)
         order = self._order[found.wheel]
         wheel = self._wheels[order]
@@ -110,7 +110,7 @@ class SteadySegments:
         if now is None or now.key != key:
             self._close(order)
             now = self._open[order] = _Open(key)
-        pull = result.drawbar_pull
+        pull = result.instant.drawbar_pull
         now.readings.append(
             (
                 found.load.value,

@@ -27,7 +27,7 @@ def markers(newest: Mapping[str, Result], wheels: Mapping[str, Wheel], frame: st
     array = MarkerArray()
     for i, (name, wheel) in enumerate(wheels.items()):
         result = newest.get(name)
-        if result is not None and result.place is not None:
+        if result is not None and result.instant.place is not None:
             array.markers.extend(_of_wheel(i, result, wheel, frame))
     return array
 
@@ -38,7 +38,7 @@ def deletion() -> MarkerArray:
 
 
 def _of_wheel(number: int, result: Result, wheel: Wheel, frame: str) -> Iterator[Marker]:
-    mobility, place = result.mobility, result.place
+    mobility, place = result.mobility, result.instant.place
     assert place is not None
     depth = mobility.sinkage_measured or mobility.sinkage_predicted
     if depth is None:
