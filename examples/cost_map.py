@@ -42,8 +42,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
     settings = settings_from(read_parameters(config))
     onboard = Onboard(settings.onboard)
     feed = Feed(onboard, settings)
-    wheels = {wheel.name: wheel for wheel in settings.onboard.wheels}
-    mapper = GroundMapper(CostMap(settings.cost), wheels)
+    mapper = GroundMapper(CostMap(settings.cost))
     if classes is not None:
         mapper.map.take_classes(classes)
     topics = {f"/{topic.name.lstrip('/')}": topic for topic in feed.topics}

@@ -13,7 +13,6 @@ from test_onboard import messages_of, settings_of
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.simulate.drive import EPOCH, DriveSettings, simulate_drive
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
@@ -81,7 +80,7 @@ def test_all_wheels_are_on_one_soil_away_from_the_border(steps: list[Step]) -> N
 def test_the_cost_up_to_the_border_is_that_of_the_soil_before_it(steps: list[Step]) -> None:
     cost_map = CostMap(CostSettings(size=40.0, resolution=0.05))
     across = {step.result.mobility.wheel: step.place[1] for step in steps}
-    mapper = GroundMapper(cost_map, {name: Wheel(name, 0.25, 0.1) for name in across})
+    mapper = GroundMapper(cost_map)
     for step in steps:
         instant = step.result.instant._replace(place=step.place)
         mapper.add(replace(step.result, instant=instant), "odom")

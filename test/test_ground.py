@@ -15,11 +15,10 @@ from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
 from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 NOTHING = Quantity(0.0, 0.0)
-WHEELS = {name: Wheel(name, 0.25, 0.1) for name in ("a", "b")}
 
 
 def estimate(
@@ -67,8 +66,7 @@ class TestGroundMapper:
     def made(self, results: list[Result], **changes: object) -> np.ndarray | None:
         """Cells of a map on which each result is laid down at x = 0.05 i."""
         cost_map = CostMap(CostSettings(size=60.0))
-        names = {r.mobility.wheel: Wheel(r.mobility.wheel, 0.25, 0.1) for r in results}
-        mapper = GroundMapper(cost_map, names)
+        mapper = GroundMapper(cost_map)
         for i, result in enumerate(results):
             instant = result.instant._replace(**{"place": (0.05 * i, 0.0), **changes})
             mapper.add(replace(result, instant=instant), "odom")
@@ -83,7 +81,7 @@ class TestGroundMapper:
     def test_without_a_place_or_a_frame_there_is_no_map(self, results: list[Result]) -> None:
         assert results[0].instant.place is None
         assert self.made(results, place=None) is None
-        mapper = GroundMapper(CostMap(CostSettings()), WHEELS)
+        mapper = GroundMapper(CostMap(CostSettings()))
         instant = results[0].instant._replace(place=(0.0, 0.0))
         mapper.add(replace(results[0], instant=instant), "")
         assert mapper.map.grid() is None

@@ -68,19 +68,15 @@ class Feed:
         self.onboard = onboard
         self.settings = settings
         self.odometry_frame = odometry_frame
+        # By joint: the stream that its velocity or its effort is of, and the factor to that.
+        self._velocities: dict[str, tuple[str, float]] = {}
+        self._efforts: dict[str, tuple[str, float]] = {}
+        self._joints: tuple[str, ...] = ()  # of the newest joint states
+        self._places: tuple[list[tuple[int, str, float]], ...] = ([], [])  # of those among them
         topics = [topic for wheel in settings.inputs for topic in self._of_wheel(wheel)]
-        # By joint: the stream that its speed, or its effort, is of, and the factor to that.
-        self._wanted: tuple[dict[str, tuple[str, float]], ...] = self._of_joints()
-        self._joints: tuple[
-            str, ...
-        ] = ()  # of the newest joint states; where in it what is wanted is
-        self._places: tuple[list[tuple[int, str, float]], ...] = ([], [])
-        words = ", joint ", ", effort of joint "
-        details = {
-            stream: f"{word}{joint}"
-            for wanted, word in zip(self._wanted, words, strict=True)
-            for joint, (stream, _) in wanted.items()
-        }
+        details = {stream: f", joint {joint}" for joint, (stream, _) in self._velocities.items()}
+        for joint, (stream, _) in self._efforts.items():
+            details[stream] = f", effort of joint {joint}"
         if details:
             kind = "sensor_msgs/msg/JointState"
             topics.append(Topic(JOINT_STATES, kind, onboard, details, self._joint_states))
@@ -93,13 +89,19 @@ class Feed:
         self.topics = tuple(topics)
 
     def _of_wheel(self, wheel: str) -> list[Topic]:
-        onboard, inputs = self.onboard, self.settings.inputs[wheel]
+        """Topics of a wheel; what of it comes by joint states is noted."""
+        onboard, settings, inputs = self.onboard, self.settings, self.settings.inputs[wheel]
         wrenches: dict[str, list[tuple[str, str, int]]] = {}  # streams, axes of the force, signs
-        if self.settings.load_source is LoadSource.WRENCH:
+        if settings.load_source is LoadSource.WRENCH:
             wrenches[inputs.load_topic] = [(f"{wheel}/load", "z", inputs.load_sign)]
+        elif settings.load_source is LoadSource.JOINT_STATES:
+            newtons = inputs.load_sign * settings.load_per_effort
+            self._efforts[inputs.load_joint] = (f"{wheel}/load", newtons)
         if f"{wheel}/drawbar_pull" in onboard.streams:
             pull = (f"{wheel}/drawbar_pull", "x", 1)
             wrenches.setdefault(inputs.drawbar_pull_topic, []).append(pull)
+        if f"{wheel}/wheel_speed" in onboard.streams:
+            self._velocities[inputs.joint] = (f"{wheel}/wheel_speed", inputs.joint_sign)
         topics = []
         for name, parts in wrenches.items():
             words = {stream: "" if axis == "z" else f", force.{axis}" for stream, axis, _ in parts}
@@ -111,18 +113,6 @@ class Feed:
                 kind, read = "sensor_msgs/msg/Range", partial(self._range, wheel)
             topics.append(Topic(name, kind, onboard, {stream: ""}, read))
         return topics
-
-    def _of_joints(self) -> tuple[dict[str, tuple[str, float]], dict[str, tuple[str, float]]]:
-        speeds: dict[str, tuple[str, float]] = {}
-        efforts: dict[str, tuple[str, float]] = {}
-        settings = self.settings
-        for wheel, inputs in settings.inputs.items():
-            if f"{wheel}/wheel_speed" in self.onboard.streams:
-                speeds[inputs.joint] = (f"{wheel}/wheel_speed", inputs.joint_sign)
-            if settings.load_source is LoadSource.JOINT_STATES:
-                newtons = inputs.load_sign * settings.load_per_effort
-                efforts[inputs.load_joint] = (f"{wheel}/load", newtons)
-        return speeds, efforts
 
     def _range(self, wheel: str, message: Any) -> Iterable[Reading]:
         """Read the distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
@@ -161,7 +151,7 @@ class Feed:
             self._joints = joints
             self._places = tuple(
                 [(i, *wanted[joint]) for i, joint in enumerate(joints) if joint in wanted]
-                for wanted in self._wanted
+                for wanted in (self._velocities, self._efforts)
             )
         readings: list[Reading] = []
         for what, values, places in zip(

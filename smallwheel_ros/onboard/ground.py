@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.onboard.streams import nanoseconds
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Quantity
 
 _STALE = nanoseconds(2.0)  # estimates of other wheels from longer ago do not count
 
@@ -36,9 +36,8 @@ class GroundMapper:
     itself is dragged along by the others. At a border those that are on the other soil do not count.
     """
 
-    def __init__(self, cost_map: CostMap, wheels: Mapping[str, Wheel]) -> None:
+    def __init__(self, cost_map: CostMap) -> None:
         self.map = cost_map
-        self.wheels = wheels
         self._newest: dict[str, MobilityEstimate] = {}
 
     def clear(self) -> None:
@@ -67,5 +66,5 @@ class GroundMapper:
                 for name, e in self._newest.items()
                 if e.stamp >= since and name not in result.elsewhere
             )
-        width = self.wheels[mobility.wheel].width
-        self.map.add(mobility.wheel, frame, place, width, margin, stuck=stuck)
+        wheel = result.instant.wheel
+        self.map.add(wheel.name, frame, place, wheel.width, margin, stuck=stuck)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from smallwheel_ros.onboard.instant import Instant, Motion
 from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import Series, StampFault, Travel, nanoseconds
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
+from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 ODOMETRY = "odom"
 VELOCITY = "velocity"
-OF_A_WHEEL = ("load", "sinkage", "drawbar_pull", "wheel_speed")
 
 
 class Stream(Series):
@@ -31,26 +29,36 @@ class Stream(Series):
         self.predicts: list[int] = []
 
 
-@dataclass
 class WheelState:
-    """A wheel with its streams.
+    """A wheel with its streams, and how far it has come.
 
     needed: streams that its instants are put together from. timing: the stream that gives them.
     path: travelled so far, m. answered: stamp of the newest instant (ns). deepest: sinkage so far, m.
     """
 
-    wheel: Wheel
-    streams: Sequence[Stream]
-    static_load: Quantity | None
-    needed: list[Stream]
-    timing: Stream
-    path: float = 0.0
-    answered: int = 0
-    deepest: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Name the streams."""
+    def __init__(
+        self, settings: OnboardSettings, order: int, odometry: Stream, velocity: Stream
+    ) -> None:
+        self.wheel = wheel = settings.wheels[order]
+        self.streams = [
+            Stream(f"{wheel.name}/{kind}", odometry.horizon, order)
+            for kind in ("load", "sinkage", "drawbar_pull", "wheel_speed")
+        ]
         self.load, self.sinkage, self.drawbar_pull, self.wheel_speed = self.streams
+        self.static_load = settings.static_loads.get(wheel.name)
+        self.needed = [] if self.static_load is not None else [self.load]
+        if wheel.name in settings.with_drawbar_pull:
+            self.needed.append(self.drawbar_pull)
+        if wheel.contact == ROLLING:
+            self.needed += [odometry, self.wheel_speed]
+            if settings.velocity is VelocitySource.TOPIC:
+                self.needed.append(velocity)
+        self.timing = self.sinkage
+        if wheel.name in settings.without_sinkage:
+            self.timing = self.load if self.static_load is None else odometry
+            self.timing.predicts.append(order)
+        self.path = self.deepest = 0.0
+        self.answered = 0
 
 
 class SensorBuffer:
@@ -77,38 +85,25 @@ class SensorBuffer:
         self._gap = nanoseconds(timing.maximum_gap)
         longest_wait = max(timing.reorder_time, timing.silent_after)
         horizon = nanoseconds(longest_wait + timing.maximum_gap + timing.jump_tolerance)
-        self._odometry, self._velocity = Stream(ODOMETRY, horizon), Stream(VELOCITY, horizon)
+        odometry, velocity = Stream(ODOMETRY, horizon), Stream(VELOCITY, horizon)
+        self._odometry, self._velocity = odometry, velocity
         self._velocity_turns: bool = before is not None and before._velocity_turns
-        self.wheels = [self._state(i, horizon) for i in range(len(settings.wheels))]
+        order = range(len(settings.wheels))
+        self.wheels = [WheelState(settings, i, odometry, velocity) for i in order]
         self.distance: float = 0.0
         if before is not None:
             self.distance = before.distance
             for state, old in zip(self.wheels, before.wheels, strict=True):
                 state.path, state.answered = old.path, old.answered
         streams = [stream for state in self.wheels for stream in state.streams]
-        self.streams = {s.name: s for s in (self._odometry, self._velocity, *streams)}
+        self.streams = {stream.name: stream for stream in (odometry, velocity, *streams)}
         # Paths come from the same source as slip: the vehicle's, then those of the wheels.
+        by_topic = settings.velocity is VelocitySource.TOPIC
+        self._travel_source = velocity if by_topic else odometry
         lateral = (0.0, *(wheel.lateral_position for wheel in settings.wheels))
         start = (self.distance, *(state.path for state in self.wheels))
         self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, start)
         self._pressed_path = 0.0
-
-    def _state(self, order: int, horizon: int) -> WheelState:
-        settings, wheel = self.settings, self.settings.wheels[order]
-        streams = [Stream(f"{wheel.name}/{kind}", horizon, order) for kind in OF_A_WHEEL]
-        load, timing, pull, speed = streams
-        static = settings.static_loads.get(wheel.name)
-        needed = [] if static is not None else [load]
-        if wheel.name in settings.with_drawbar_pull:
-            needed.append(pull)
-        if wheel.contact == ROLLING:
-            needed += [self._odometry, speed]
-            if settings.velocity is VelocitySource.TOPIC:
-                needed.append(self._velocity)
-        if wheel.name in settings.without_sinkage:
-            timing = load if static is None else self._odometry
-            timing.predicts.append(order)
-        return WheelState(wheel, streams, static, needed, timing)
 
     def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
@@ -118,15 +113,11 @@ class SensorBuffer:
             self._velocity_turns = self._velocity_turns or yaw_rate != 0.0
             values = (speed, yaw_rate if self._velocity_turns else math.nan, variance)
         fault = stream.add(stamp, tuple(values))
-        if fault is not None:
-            return fault
-        if (self.settings.velocity is VelocitySource.TOPIC) == (stream is self._velocity):
-            if stream is self._odometry:
-                self._travel.add(stamp, *values[:4])
-            elif stream is self._velocity:
-                speed, yaw_rate, _ = self._middle(values, self._motion(stamp))
-                self._travel.add(stamp, speed, yaw_rate)
-        return None
+        if fault is None and stream is self._travel_source:
+            if stream is self._velocity:
+                values = self._middle(values, self._motion(stamp))[:2]
+            self._travel.add(stamp, *values[:4])
+        return fault
 
     def instant(self, order: int, stamp: int, measured: Sequence[float]) -> Instant:
         """Put together what belongs to a wheel's instant; call it in the order of stamps.

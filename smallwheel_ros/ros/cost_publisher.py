@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.lifecycle import LifecyclePublisher
@@ -11,7 +11,6 @@ from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import CostMapError
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Result
-from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
 
 TERRAIN_CLASSES = "terrain_classes"
@@ -27,7 +26,6 @@ class CostPublisher:
     def __init__(
         self,
         settings: CostSettings,
-        wheels: Mapping[str, Wheel],
         publisher: LifecyclePublisher,
         report: Callable[[str, str, str], None],
     ) -> None:
@@ -37,20 +35,19 @@ class CostPublisher:
         self._last: Any = None
         self.received = 0
         self.published = 0
-        self._ground = GroundMapper(CostMap(settings), wheels)
+        self._ground = GroundMapper(CostMap(settings))
 
     @property
     def map(self) -> CostMap:
         """The cost map itself."""
         return self._ground.map
 
-    def apply(self, settings: CostSettings, wheels: Mapping[str, Wheel]) -> bool:
+    def apply(self, settings: CostSettings) -> bool:
         """Go on with other settings; return whether the map starts over because of them."""
-        self._ground.wheels = wheels
         if settings == self.map.settings:
             return False
         classes = self.map.class_grid
-        self._ground = GroundMapper(CostMap(settings), wheels)
+        self._ground = GroundMapper(CostMap(settings))
         if classes is not None:
             self.map.take_classes(classes)
         return True

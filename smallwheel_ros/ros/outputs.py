@@ -51,7 +51,7 @@ class Outputs:
             self._mobility, self._soil, self._markers, self._cost = (
                 self._publisher(topic) for topic in OUTPUTS
             )
-            self.cost = CostPublisher(settings.cost, self._wheels, self._cost, report)
+            self.cost = CostPublisher(settings.cost, self._cost, report)
         except Exception:
             self.destroy()
             raise
@@ -92,7 +92,7 @@ class Outputs:
     def apply(self, settings: NodeSettings) -> bool:
         """Go on with other settings; return whether the cost map starts over because of them."""
         self._wheels = _wheels(settings)
-        return self.cost.apply(settings.cost, self._wheels)
+        return self.cost.apply(settings.cost)
 
     def start_over(self) -> None:
         """Forget what was published: the soil is another one, or time has gone back."""
