@@ -120,50 +120,50 @@ class TestPath:
         made = self.path()
         for i in range(101):
             t = i / 50
-            made.add(T + nanoseconds(t), 0.5 * t)
+            made.move(T + nanoseconds(t), 0.5 * t)
         assert made.at(T + 2 * SECOND)[0] == pytest.approx(1.0, rel=0.01)
         assert made.at(T + SECOND)[0] == pytest.approx(0.25, rel=0.02)
 
     def test_reverse_is_travel_too(self) -> None:
         made = self.path()
         for i in range(11):
-            made.add(T + nanoseconds(i / 10), -0.5)
+            made.move(T + nanoseconds(i / 10), -0.5)
         assert made.at(T + SECOND)[0] == pytest.approx(0.5)
 
     def test_standing_still_adds_nothing(self) -> None:
         made = self.path()
         noise = random.Random(1)
         for i in range(1000):
-            made.add(T + nanoseconds(i / 30), noise.gauss(0, 0.003), 0.0, noise.gauss(0, 1), 0.0)
+            made.move(T + nanoseconds(i / 30), noise.gauss(0, 0.003), 0.0, noise.gauss(0, 1), 0.0)
         assert made.at(T + 60 * SECOND)[0] < 0.003
 
     def test_a_gap_counts_by_position(self) -> None:
         made = self.path()
-        made.add(T, 0.5, 0.0, 0.0, 0.0)
-        made.add(T + 10 * SECOND, 0.0, 0.0, 3.0, 4.0)
+        made.move(T, 0.5, 0.0, 0.0, 0.0)
+        made.move(T + 10 * SECOND, 0.0, 0.0, 3.0, 4.0)
         assert made.at(T + 10 * SECOND)[0] == pytest.approx(5.0)
         # a position that only wobbles is no travel
-        made.add(T + 20 * SECOND, 0.0, 0.0, 3.0, 4.05)
+        made.move(T + 20 * SECOND, 0.0, 0.0, 3.0, 4.05)
         assert made.at(T + 20 * SECOND)[0] == pytest.approx(5.0)
 
     def test_a_gap_without_positions_counts_by_the_slower_end(self) -> None:
         made = self.path()
-        made.add(T, 0.5)
-        made.add(T + 10 * SECOND, 0.1)
+        made.move(T, 0.5)
+        made.move(T + 10 * SECOND, 0.1)
         assert made.at(T + 10 * SECOND)[0] == pytest.approx(1.0)
 
     def test_a_gap_longer_than_the_memory_does_not_lose_the_path(self) -> None:
         made = self.path(horizon=1.0)
         for i in range(301):
-            made.add(T + i * nanoseconds(0.02), 1.0, 0.0, 0.02 * i, 0.0)
-        made.add(T + 20 * SECOND, 1.0, 0.0, 9.0, 4.0)
+            made.move(T + i * nanoseconds(0.02), 1.0, 0.0, 0.02 * i, 0.0)
+        made.move(T + 20 * SECOND, 1.0, 0.0, 9.0, 4.0)
         assert made.at(T + 20 * SECOND)[0] == pytest.approx(6.0 + 5.0)
 
     def test_it_is_held_outside(self) -> None:
         made = self.path()
-        assert made.at(T)[0] == 0.0
-        made.add(T, 1.0)
-        made.add(T + nanoseconds(0.1), 1.0)
+        assert made.at(T) is None
+        made.move(T, 1.0)
+        made.move(T + nanoseconds(0.1), 1.0)
         assert made.at(T - SECOND)[0] == 0.0
         assert made.at(T + SECOND)[0] == pytest.approx(0.1)
 
@@ -172,7 +172,7 @@ class TestPath:
         made, sorted_one = self.path(), self.path()
         for numbers, target in ((order, made), (range(12), sorted_one)):
             for i in numbers:
-                target.add(T + i * nanoseconds(0.05), math.cos(i))
+                target.move(T + i * nanoseconds(0.05), math.cos(i))
         # The path's zero is at whatever came first, so differences are compared.
         for i in range(1, 12):
             steps = [
@@ -184,16 +184,15 @@ class TestPath:
     def test_memory_is_bounded_and_the_path_goes_on(self) -> None:
         made = self.path(horizon=1.0)
         for i in range(5001):
-            made.add(T + i * nanoseconds(0.02), 1.0)
+            made.move(T + i * nanoseconds(0.02), 1.0)
         assert made.at(T + 100 * SECOND)[0] == pytest.approx(100.0)
-        assert len(made._series.stamps) <= 110
+        assert len(made.stamps) <= 110
 
     def test_each_point_has_its_own_path_in_a_turn(self) -> None:
         made = Travel(100 * SECOND, SECOND, 0.01, (0.0, 0.3, -0.3), (1.0, 2.0, 3.0))
-        assert made.at(T) == (1.0, 2.0, 3.0)
         for i in range(3):
-            made.add(T + i * SECOND, 0.1, 1.0)
-        assert made.at(T + 2 * SECOND) == pytest.approx((1.2, 2.4, 3.8))
+            made.move(T + i * SECOND, 0.1, 1.0)
+        assert (made.at(T + 2 * SECOND) or ())[:3] == pytest.approx((1.2, 2.4, 3.8))
 
 
 def test_yaw_is_read_across_the_jump_of_the_angle() -> None:

@@ -101,8 +101,8 @@ class SensorBuffer:
         by_topic = settings.velocity is VelocitySource.TOPIC
         self._travel_source = velocity if by_topic else odometry
         lateral = (0.0, *(wheel.lateral_position for wheel in settings.wheels))
-        start = (self.distance, *(state.path for state in self.wheels))
-        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, start)
+        self._start = (self.distance, *(state.path for state in self.wheels))
+        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
         self._pressed_path = 0.0
 
     def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
@@ -116,7 +116,7 @@ class SensorBuffer:
         if fault is None and stream is self._travel_source:
             if stream is self._velocity:
                 values = self._middle(values, self._motion(stamp))[:2]
-            self._travel.add(stamp, *values[:4])
+            self._travel.move(stamp, *values[:4])
         return fault
 
     def instant(self, order: int, stamp: int, measured: Sequence[float]) -> Instant:
@@ -207,7 +207,7 @@ class SensorBuffer:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
-        paths = self._travel.at(stamp)
+        paths = self._travel.at(stamp) or self._start
         self.distance = max(self.distance, paths[0] + self._pressed_path)
         state.path = max(state.path, paths[1 + order] + self._pressed_path)
         state.answered = stamp

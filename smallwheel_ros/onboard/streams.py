@@ -131,8 +131,10 @@ class Series:
         return values[after] if later else None
 
 
-class Travel:
+class Travel(Series):
     """Paths (m) of points of a vehicle: their speeds over stamps; standing still adds nothing.
+
+    Its values are the paths, then speed, yaw rate and position of the vehicle.
 
     Parameters
     ----------
@@ -157,13 +159,13 @@ class Travel:
         lateral_positions: Sequence[float] = (0.0,),
         start: Sequence[float] = (0.0,),
     ) -> None:
-        self._series = Series(horizon)  # speed, yaw rate, x, y, then the path of each point
+        super().__init__(horizon)
         self._gap = longest_gap
         self._standstill = standstill
         self._lateral = tuple(lateral_positions)
         self._start = tuple(start)
 
-    def add(
+    def move(
         self,
         stamp: int,
         speed: float,
@@ -172,45 +174,40 @@ class Travel:
         y: float = math.nan,
     ) -> None:
         """Take speed (m/s) and yaw rate (rad/s) of the vehicle, and its position where known (m)."""
-        stamps, values = self._series.stamps, self._series.values
-        motion, paths = (speed, yaw_rate, x, y), self._start
+        stamps, values, motion = self.stamps, self.values, (speed, yaw_rate, x, y)
         late = bool(stamps) and stamp <= stamps[-1]
+        paths = self._start
         if stamps and not late:
-            paths = self._onward(values[-1], motion, stamp - stamps[-1])
-        if self._series.add(stamp, (*motion, *paths)) is not None or not late:
+            paths = self._paths(values[-1], motion, stamp - stamps[-1])
+        if self.add(stamp, (*paths, *motion)) is not None or not late:
             return
         # A late message changes the paths at every later stamp.
         place = bisect_left(stamps, stamp)
         if place == 0:
-            begin = (*motion, *(0.0 for _ in paths))
-            steps = self._onward(begin, values[1], stamps[1] - stamp)
-            paths = tuple(p - s for p, s in zip(values[1][4:], steps, strict=True))
-            values[0] = (*motion, *paths)
+            nothing = tuple(0.0 for _ in paths)
+            steps = self._paths((*nothing, *motion), values[1][-4:], stamps[1] - stamp)
+            paths = tuple(path - step for path, step in zip(values[1], steps, strict=False))
+            values[0] = (*paths, *motion)
         for i in range(max(place, 1), len(stamps)):
-            paths = self._onward(values[i - 1], values[i], stamps[i] - stamps[i - 1])
-            values[i] = (*values[i][:4], *paths)
+            paths = self._paths(values[i - 1], values[i][-4:], stamps[i] - stamps[i - 1])
+            values[i] = (*paths, *values[i][-4:])
 
-    def _onward(
-        self, first: tuple[float, ...], last: tuple[float, ...], time: int
+    def _paths(
+        self, before: tuple[float, ...], motion: tuple[float, ...], time: int
     ) -> tuple[float, ...]:
-        """Paths after a time (ns) with these motions at both ends."""
-        duration, short = time / SECOND, time <= self._gap
-        v0, turn0, x0, y0, *paths = first
-        v1, turn1, x1, y1 = last[:4]
-        straight = math.nan if short else math.hypot(x1 - x0, y1 - y0)
+        """Paths a time (ns) after what was before, with this motion then."""
+        *paths, v0, turn0, x0, y0 = before
+        v1, turn1, x1, y1 = motion
+        duration, is_gap = time / SECOND, time > self._gap
+        straight = math.hypot(x1 - x0, y1 - y0) if is_gap else math.nan
         if not math.isnan(straight):
             step = straight if straight > self._standstill * duration else 0.0
             return tuple([path + step for path in paths])
         found = []
         for path, lateral in zip(paths, self._lateral, strict=True):
-            before, after = abs(v0 - turn0 * lateral), abs(v1 - turn1 * lateral)
-            before = before if before > self._standstill else 0.0
-            after = after if after > self._standstill else 0.0
-            mean = 0.5 * (before + after) if short else min(before, after)
+            first, last = abs(v0 - turn0 * lateral), abs(v1 - turn1 * lateral)
+            first = first if first > self._standstill else 0.0
+            last = last if last > self._standstill else 0.0
+            mean = min(first, last) if is_gap else 0.5 * (first + last)
             found.append(path + mean * duration)
         return tuple(found)
-
-    def at(self, stamp: int) -> tuple[float, ...]:
-        """Path (m) of each point at an instant; held before the first and after the last message."""
-        values = self._series.at(stamp)
-        return self._start if values is None else values[4:]
