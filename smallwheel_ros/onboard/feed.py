@@ -15,8 +15,7 @@ from typing import Any
 from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_table import LoadSource, SinkageSource
-from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY
-from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.synchroniser import Reading
 

@@ -76,8 +76,9 @@ class Motion(NamedTuple):
         variances: tuple[float, float],
     ) -> Motion:
         """Return the motion in an odometry; what of it may be unknown is so where it is no number."""
-        known = yaw is not None and math.isfinite(yaw)
-        turn = (math.cos(yaw), math.sin(yaw)) if yaw is not None and known else (math.nan, math.nan)
+        turn = (math.nan, math.nan)
+        if yaw is not None and math.isfinite(yaw):
+            turn = (math.cos(yaw), math.sin(yaw))
         of_speed, of_yaw = (value if 0.0 < value < math.inf else 0.0 for value in variances)
         nose = pitch if math.isfinite(pitch) else 0.0
         return cls(speed, yaw_rate, x, y, *turn, of_speed, of_yaw, nose)

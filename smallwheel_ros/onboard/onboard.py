@@ -21,8 +21,7 @@ from smallwheel_ros.estimator.identifiability import SoilEstimate, before_drivin
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.instant import Instant, Motion
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
-from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY
-from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.onboard.synchroniser import Reading, Synchroniser
 
 _OF_THE_ESTIMATOR = ("prior", "estimator", "effects")

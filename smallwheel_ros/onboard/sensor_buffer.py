@@ -6,13 +6,10 @@ import math
 from collections.abc import Sequence
 
 from smallwheel_ros.onboard.instant import Instant, Motion
-from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
+from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import Series, StampFault, Travel, nanoseconds
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
-
-ODOMETRY = "odom"
-VELOCITY = "velocity"
 
 
 class Stream(Series):

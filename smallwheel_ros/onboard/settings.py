@@ -22,6 +22,10 @@ from smallwheel_ros.onboard.parameter_table import PARAMETERS, LoadSource, Sinka
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
+# Streams of the vehicle; those of wheels are `<wheel>/load` and so on.
+ODOMETRY = "odom"
+VELOCITY = "velocity"
+
 
 class OnboardError(SmallwheelError):
     """Settings that nothing can be estimated with, or a wheel that is not of this vehicle."""
@@ -141,8 +145,8 @@ class OnboardSettings:
             *(f"{w.name}/sinkage" for w in wheels if w.name not in self.without_sinkage),
             *(f"{w.name}/drawbar_pull" for w in wheels if w.name in self.with_drawbar_pull),
             *(f"{w.name}/wheel_speed" for w in rolling),
-            *(("odom",) if rolling else ()),
-            *(("velocity",) if by_topic else ()),
+            *((ODOMETRY,) if rolling else ()),
+            *((VELOCITY,) if by_topic else ()),
         )
 
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.problems import ProblemLog
-from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY, SensorBuffer
-from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
+from smallwheel_ros.onboard.sensor_buffer import SensorBuffer
+from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardError, OnboardSettings
 from smallwheel_ros.onboard.streams import (
     SECOND,
     StampFault,

@@ -10,7 +10,7 @@ from smallwheel_ros.bags import BagTopic
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.onboard.sensor_buffer import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY
 from smallwheel_ros.replay.spec import ReplayError
 
 LOAD = "geometry_msgs/msg/WrenchStamped"
