@@ -15,7 +15,7 @@ from smallwheel_ros.onboard.streams import (
     StampFault,
     Travel,
     nanoseconds,
-    stamp_fault,
+    stamp_problem,
 )
 from smallwheel_ros.physics.wheel import Wheel
 
@@ -59,7 +59,8 @@ class TestStampFault:
     def test_judges(
         self, stamp: int, newest: int | None, now: int | None, fault: StampFault | None
     ) -> None:
-        assert stamp_fault(stamp, newest, now, RULES) is fault
+        problem = stamp_problem(stamp, newest, now, RULES)
+        assert (problem and problem[0]) is fault
 
 
 class TestSeries:

@@ -29,50 +29,42 @@ class StampFault(Enum):
     JUMP_BACK = "time_jump"
 
 
-# With the stamp, how far it is ahead of the clock and behind the newest message (s), and the timing.
-_WORDS = {
-    StampFault.ZERO: "header.stamp is zero: the publisher must stamp its messages",
-    StampFault.FUTURE: "header.stamp is {ahead:.3f} s ahead of the clock, at most"
-    " {timing.future_tolerance:g} s expected: are the clocks synchronised?",
-    StampFault.TOO_OLD: "header.stamp is {old:.3f} s behind the clock, at most"
-    " {timing.maximum_age:g} s expected: for a bag, set use_sim_time and play it with its clock",
-    StampFault.LATE: "header.stamp is {behind:.3f} s behind the newest message: too late to be used"
-    " (parameter reorder_time, now {timing.reorder_time:g} s)",
-    StampFault.DUPLICATE: "header.stamp {stamp:.9f} came twice: is there more than one publisher?",
-    StampFault.JUMP_BACK: "time went back by {behind:.3f} s (a bag that loops?): soil and buffers"
-    " are reset",
-}
-
-
-def stamp_fault(
+def stamp_problem(
     stamp: int, newest: int | None, now: int | None, timing: Timing
-) -> StampFault | None:
+) -> tuple[StampFault, str] | None:
     """Judge a stamp by the newest one so far and the clock (None or 0: no clock, no opinion).
 
-    JUMP_BACK is not a bad message: time itself went back (a bag that loops), and what was collected
-    before is void.
+    Returns what is wrong with it, also in words with what to do. JUMP_BACK is not a bad message:
+    time itself went back (a bag that loops), and what was collected before is void.
     """
     if stamp <= 0:
-        return StampFault.ZERO
-    if now:
-        if (stamp - now) / SECOND > timing.future_tolerance:
-            return StampFault.FUTURE
-        if (now - stamp) / SECOND > timing.maximum_age:
-            return StampFault.TOO_OLD
-    if newest is None or (newest - stamp) / SECOND <= timing.jump_tolerance:
+        return StampFault.ZERO, "header.stamp is zero: the publisher must stamp its messages"
+    ahead = (stamp - now) / SECOND if now else 0.0
+    if ahead > timing.future_tolerance:
+        return StampFault.FUTURE, (
+            f"header.stamp is {ahead:.3f} s ahead of the clock, at most {timing.future_tolerance:g}"
+            " s expected: are the clocks synchronised?"
+        )
+    if -ahead > timing.maximum_age:
+        return StampFault.TOO_OLD, (
+            f"header.stamp is {-ahead:.3f} s behind the clock, at most {timing.maximum_age:g} s"
+            " expected: for a bag, set use_sim_time and play it with its clock"
+        )
+    behind = (newest - stamp) / SECOND if newest else 0.0
+    if behind <= timing.jump_tolerance:
         return None
     # A clock that has not gone back itself makes this one message late, and time no jump.
-    clock_stands_by = now and (newest - now) / SECOND <= timing.future_tolerance
-    return StampFault.LATE if clock_stands_by else StampFault.JUMP_BACK
+    if now and behind + ahead <= timing.future_tolerance:
+        return StampFault.LATE, late_words(behind, timing)
+    text = f"time went back by {behind:.3f} s (a bag that loops?): soil and buffers are reset"
+    return StampFault.JUMP_BACK, text
 
 
-def stamp_words(
-    fault: StampFault, stamp: int, newest: int | None, now: int | None, timing: Timing
-) -> str:
-    """Say what is wrong with a header stamp (ns), with the numbers and what to do."""
-    ahead, behind = (stamp - (now or stamp)) / SECOND, ((newest or stamp) - stamp) / SECOND
-    return _WORDS[fault].format(
-        stamp=stamp / SECOND, ahead=ahead, old=-ahead, behind=behind, timing=timing
+def late_words(behind: float, timing: Timing) -> str:
+    """Say that a stamp is so much (s) behind the newest message, and what to do."""
+    return (
+        f"header.stamp is {behind:.3f} s behind the newest message: too late to be used (parameter"
+        f" reorder_time, now {timing.reorder_time:g} s)"
     )
 
 

@@ -19,9 +19,9 @@ from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardError, On
 from smallwheel_ros.onboard.streams import (
     SECOND,
     StampFault,
+    late_words,
     nanoseconds,
-    stamp_fault,
-    stamp_words,
+    stamp_problem,
 )
 
 Reading = tuple[str, Sequence[float]]  # the name of a stream, and its values
@@ -68,7 +68,7 @@ class Synchroniser:
     def apply(self, settings: OnboardSettings) -> None:
         """Go on with other settings of the same wheels; what was collected is forgotten."""
         self._drop("settings were changed")
-        # Way and time go on: the estimate takes no measurement from behind the newest one.
+        # Path and time go on: the estimate takes no measurement from behind the newest one.
         self._begin(SensorBuffer(settings, self._buffer))
 
     def start_over(self, why: str) -> None:
@@ -139,7 +139,10 @@ class Synchroniser:
         if measured and not fault and stamp <= self._buffer.wheels[stream.order].answered:
             fault = StampFault.LATE
         if fault is not None:
-            self._note(name, fault, stamp)
+            text = late_words((self._latest - stamp) / SECOND, self._settings.timing)
+            if fault is StampFault.DUPLICATE:
+                text = f"header.stamp {stamp / SECOND:.9f} came twice: is there more than one publisher?"
+            self.problems.add(name, fault.value, text)
             return
         self._oldest = self._oldest or stamp
         self._latest = max(self._latest, stamp)
@@ -153,32 +156,27 @@ class Synchroniser:
 
     def _is_timely(self, name: str, stamp: int, now: int | None) -> bool:
         """Whether a stamp can be used; so can the first one of a new time."""
-        latest, timing = self._latest, self._settings.timing
-        fault = stamp_fault(stamp, latest or None, now, timing)
-        back = fault is StampFault.JUMP_BACK
-        if not now and latest and (back or (fault is None and stamp > latest + self._jump)):
+        latest = self._latest
+        problem = stamp_problem(stamp, latest, now, self._settings.timing)
+        back = problem is not None and problem[0] is StampFault.JUMP_BACK
+        if not now and latest and (back or (problem is None and stamp > latest + self._jump)):
             # Without a clock one message far from all others may be corrupt: another has to agree.
             doubted, self._doubted = self._doubted, stamp
             if doubted is None or abs(stamp - doubted) > self._jump:
-                reason = StampFault.LATE if back else StampFault.FUTURE
                 apart, way = abs(stamp - latest) / SECOND, "behind" if back else "ahead of"
                 text = f"header.stamp is {apart:.3f} s {way} all others: another has to agree first"
-                self.problems.add(name, reason.value, text)
-                return False
-            self._doubted = None
-        if fault is None:
+                problem = StampFault.LATE if back else StampFault.FUTURE, text
+                back = False
+            else:
+                self._doubted = None
+        if problem is None:
             return True
-        self._note(name, fault, stamp, now)
-        if fault is not StampFault.JUMP_BACK:
-            return False
-        self.start_over("time went back before its turn came")
-        self._on_time_jump()
-        return True
-
-    def _note(self, name: str, fault: StampFault, stamp: int, now: int | None = None) -> None:
-        words = stamp_words(fault, stamp, self._latest or None, now, self._settings.timing)
-        unused = fault is not StampFault.JUMP_BACK
-        self.problems.add(name, fault.value, words, unused=unused)
+        fault, text = problem
+        self.problems.add(name, fault.value, text, unused=not back)
+        if back:
+            self.start_over("time went back before its turn came")
+            self._on_time_jump()
+        return back
 
     def _implausible(self, kind: str, values: Sequence[float]) -> tuple[str, str] | None:
         """Key and words of a value that nothing can be computed with; None: there is none."""
