@@ -120,7 +120,7 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
                 else:
                     filled.lacking.append(f"robot description: {problem}")
             if given.get(f"{wheel}.contact") != PRESSED:
-                steered = _steering(urdf, joint, base)
+                steered = steered or _steering(urdf, joint, base)
         for why, lacking in failed.items():
             filled.lacking.append(f"robot description: {', '.join(lacking)}: {why}")
         if steered:

@@ -7,6 +7,7 @@ are matrices, (4, 4), of what is in a frame to that frame; m.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -94,7 +95,7 @@ class Joint:
         )
         self._where = f"joint {quoted(self.name)}"
 
-    @property
+    @cached_property
     def pose(self) -> Array:
         """Pose of the child link in the parent link, with the joint at zero."""
         return _pose(self._element, self._where)
