@@ -28,20 +28,19 @@ def cost(margin: float, deviation: float, rules: CostRules = RULES) -> int:
 
 
 class TestCost:
-    @given(a=margins, b=margins, deviation=deviations, confidence=st.floats(0.5, 0.999))
+    @given(a=margins, b=margins, deviation=deviations, required=st.floats(-0.5, 0.5))
     def test_more_margin_never_costs_more(
-        self, a: float, b: float, deviation: float, confidence: float
+        self, a: float, b: float, deviation: float, required: float
     ) -> None:
-        rules = CostRules(confidence=confidence)
+        rules = CostRules(required_margin=required)
         low, high = min(a, b), max(a, b)
         assert cost(low, deviation, rules) >= cost(high, deviation, rules)
 
-    @given(margin=margins, a=deviations, b=deviations, confidence=st.floats(0.5, 0.999))
-    def test_less_certainty_never_costs_less(
-        self, margin: float, a: float, b: float, confidence: float
+    @given(margin=st.floats(1e-6, 2.0), a=deviations, b=deviations)
+    def test_less_certainty_never_costs_less_where_ground_is_passable(
+        self, margin: float, a: float, b: float
     ) -> None:
-        rules = CostRules(confidence=confidence)
-        assert cost(margin, max(a, b), rules) >= cost(margin, min(a, b), rules)
+        assert cost(margin, max(a, b)) >= cost(margin, min(a, b))
 
     @given(margin=st.floats(), deviation=st.floats(min_value=0.0))
     def test_range_and_unknown(self, margin: float, deviation: float) -> None:
@@ -54,33 +53,25 @@ class TestCost:
 
     @given(margin=st.floats(1e-6, 2.0), deviation=deviations)
     def test_uncertainty_alone_is_never_lethal(self, margin: float, deviation: float) -> None:
-        assert cost(margin, deviation) <= 99
+        assert cost(margin, deviation) <= 50
 
-    def test_a_wheel_that_cannot_move_is_lethal(self) -> None:
-        assert cost(0.0, 0.0) == cost(-0.3, 1.0) == 100
+    def test_cost_is_the_risk(self) -> None:
+        draws = np.random.default_rng(1).normal(0.08, 0.1, 200_000)
+        assert cost(0.08, 0.1) == round(100 * np.mean(draws < 0.0))
+        assert cost(0.08, 0.1, CostRules(required_margin=0.05)) == round(
+            100 * np.mean(draws < 0.05)
+        )
 
-    def test_formula(self) -> None:
-        # 0.08 less 1.645 times 0.02 is 0.0471; 99 (0.1 - 0.0471) / 0.2 = 26.2
-        assert cost(0.08, 0.02) == 27
-        assert cost(0.1, 0.0) == 0
-        assert cost(0.5, 0.0) == 0
-        assert cost(0.05, 0.0) == 25  # 24.75, rounded up
-        assert cost(0.01, 0.1) == 99  # pessimistic: -0.154
+    def test_firm_ground_is_cheap_and_what_cannot_be_crossed_is_lethal(self) -> None:
+        assert cost(0.25, 0.08) == 0
+        assert cost(-0.3, 0.05) == 100
 
     def test_arrays(self) -> None:
-        found = RULES.cost([[0.05, np.nan], [-1.0, 0.3]], [[0.0, 0.0], [0.0, 0.0]])
+        found = RULES.cost([[0.0, np.nan], [-1.0, 0.3]], [[0.1, 0.0], [0.0, 0.0]])
         assert found.dtype == np.int8
-        assert found.tolist() == [[25, -1], [100, 0]]
+        assert found.tolist() == [[50, -1], [100, 0]]
 
-    @pytest.mark.parametrize(
-        "changes",
-        [
-            {"easy_margin": 0.0},
-            {"hard_margin": 0.3},
-            {"confidence": 0.4},
-            {"class_scatter": math.nan},
-        ],
-    )
+    @pytest.mark.parametrize("changes", [{"required_margin": 3.0}, {"class_scatter": math.nan}])
     def test_refusals(self, changes: dict[str, float]) -> None:
         with pytest.raises(CostMapError, match=next(iter(changes))):
             CostRules(**changes)
@@ -235,7 +226,7 @@ class TestCostMap:
     def test_crossed_ground_has_its_cost_and_the_rest_is_unknown(self) -> None:
         cost_map = CostMap(CostSettings(size=10.0))
         assert cost_map.grid() is None
-        drive(cost_map, 2.0, Quantity(0.05, 0.0))
+        drive(cost_map, 2.0, Quantity(0.05, 0.0741))
         grid = cost_map.grid()
         assert grid is not None
         assert grid.frame == "odom"
@@ -249,10 +240,10 @@ class TestCostMap:
         assert not cost_map.changed
         cost_map.follow("odom", 0.0, 0.0)
         assert cost_map.changed  # a window of unknown cells is worth telling
-        drive(cost_map, 1.0, Quantity(0.05, 0.0))
+        drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.grid()
         assert not cost_map.changed
-        drive(cost_map, 1.0, Quantity(0.05, 0.0))
+        drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.follow("odom", 0.5, 0.0)
         assert not cost_map.changed
         cost_map.add("a", "odom", (0.5, 0.0), 0.1, Quantity(0.05, 0.03))
@@ -260,17 +251,17 @@ class TestCostMap:
 
     def test_where_nothing_is_known_nothing_is_marked(self) -> None:
         cost_map = CostMap(CostSettings(size=10.0))
-        drive(cost_map, 0.5, Quantity(0.05, 0.0))
+        drive(cost_map, 0.5, Quantity(0.05, 0.0741))
         cost_map.add("a", "odom", (0.6, 0.0), 0.1, None)
-        drive(cost_map, 2.0, Quantity(0.05, 0.0), start=1.5)
+        drive(cost_map, 2.0, Quantity(0.05, 0.0741), start=1.5)
         grid = cost_map.grid()
         assert grid is not None
         assert grid.cells[grid.cell(1.0, 0.01)] == -1
 
     def test_stuck_is_lethal_even_without_having_moved(self) -> None:
         cost_map = CostMap(CostSettings(size=10.0))
-        drive(cost_map, 1.0, Quantity(0.05, 0.0))
-        cost_map.add("a", "odom", (0.98, 0.0), 0.1, Quantity(0.05, 0.0), stuck=True)
+        drive(cost_map, 1.0, Quantity(0.05, 0.0741))
+        cost_map.add("a", "odom", (0.98, 0.0), 0.1, Quantity(0.05, 0.0741), stuck=True)
         grid = cost_map.grid()
         assert grid is not None
         assert grid.cells[grid.cell(0.98, 0.01)] == 100
@@ -302,7 +293,7 @@ class TestCostMap:
         cost_map.take_classes(
             Grid("odom", resolution, (-3.0, -3.0), np.full((side, side), -1, np.int8))
         )
-        drive(cost_map, 2.0, Quantity(0.05, 0.0))
+        drive(cost_map, 2.0, Quantity(0.05, 0.0741))
         grid = cost_map.grid()
         assert grid is not None
         for x in np.arange(0.05, 1.9, resolution / 3):
@@ -312,29 +303,29 @@ class TestCostMap:
         for first, second in ((0.08, 0.01), (0.01, 0.08)):
             cost_map = CostMap(CostSettings(size=10.0, resolution=0.1))
             cost_map.take_classes(Grid("odom", 1.0, (-3.0, -3.0), np.full((6, 6), -1, np.int8)))
-            drive(cost_map, 0.9, Quantity(first, 0.0), y=0.2)
-            drive(cost_map, 0.9, Quantity(second, 0.0), y=0.7)
+            drive(cost_map, 0.9, Quantity(first, 0.05), y=0.2)
+            drive(cost_map, 0.9, Quantity(second, 0.05), y=0.7)
             grid = cost_map.grid()
             assert grid is not None
-            assert grid.cells[grid.cell(0.5, 0.5)] == cost(0.01, 0.0) > cost(0.08, 0.0)
+            assert grid.cells[grid.cell(0.5, 0.5)] == cost(0.01, 0.05) > cost(0.08, 0.05)
 
     def test_classes_of_another_frame_are_said_and_stay_unknown(self) -> None:
         cost_map = CostMap(CostSettings())
         cost_map.take_classes(Grid("map", 0.5, (0.0, 0.0), np.zeros((4, 4), np.int8)))
-        drive(cost_map, 1.0, Quantity(0.05, 0.0))
+        drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         assert "in frame map, positions are in odom" in cost_map.problem
         grid = cost_map.grid()
         assert grid is not None
         assert (grid.cells == -1).all()
         told = CostMap(CostSettings(frame="map"))
         told.take_classes(Grid("map", 0.5, (0.0, 0.0), np.zeros((4, 4), np.int8)))
-        drive(told, 1.0, Quantity(0.05, 0.0))
+        drive(told, 1.0, Quantity(0.05, 0.0741))
         assert told.problem == ""
         assert (told.grid().cells >= 0).all()
 
     def test_clear_forgets_and_is_a_change(self) -> None:
         cost_map = CostMap(CostSettings(size=10.0))
-        drive(cost_map, 1.0, Quantity(0.05, 0.0))
+        drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.grid()
         cost_map.clear()
         assert cost_map.changed
@@ -342,7 +333,7 @@ class TestCostMap:
 
     def test_another_frame_is_another_ground(self) -> None:
         cost_map = CostMap(CostSettings(size=10.0))
-        drive(cost_map, 1.0, Quantity(0.05, 0.0))
+        drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.add("a", "odom2", (0.0, 0.0), 0.1, Quantity(0.2, 0.0))
         grid = cost_map.grid()
         assert grid is not None

@@ -9,12 +9,14 @@ import pytest
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.estimator.drawbar_observation import force_observation
 from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
-from smallwheel_ros.estimator.sinkage_observation import observation, resistance_observation
+from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
 from smallwheel_ros.model import Model, Prediction, predict
+from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 SAND = soil("dry_sand")
 INSTRUMENTS = {
@@ -190,26 +192,21 @@ class TestInTheEstimator:
 
         return float(np.log(SAND.k * 0.2**SAND.m * REFERENCE_SINKAGE**SAND.n))
 
-    def test_sinkage_and_resistance(self) -> None:
+    def test_sinkage(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
         seen = observation(self.FAULTS, 60.0, 0.2, 0.1, "rolling", 0.3, None)
         assert seen(self.log_pressure(), SAND.n).value == pytest.approx(
             expected.sinkage[0], rel=1e-9
         )
-        held = resistance_observation(self.FAULTS, 60.0, 0.2, 0.1, 0.3, None)
-        assert held(self.log_pressure(), SAND.n).value == pytest.approx(
-            expected.resistance[0], rel=1e-9
-        )
 
     def test_forces_are_the_true_ones(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
-        seen = force_observation(self.FAULTS, 60.0, 0.2, 0.1, 0.3, None)
-        forces = seen(self.log_pressure(), SAND.n, self.STRENGTH)
-        assert expected.drawbar_pull is not None
-        assert forces.thrust - forces.resistance == pytest.approx(
-            expected.drawbar_pull[0], rel=1e-9
+        law = SoilEstimator(SoilPrior.from_soil(SAND)).estimate()
+        on = wheel_on_soil(
+            Wheel("one", 0.2, 0.1), law, Quantity(60.0, 0.0), slip=0.3, effects=self.FAULTS
         )
-        assert forces.resistance == pytest.approx(expected.true_resistance[0], rel=1e-9)
+        assert on is not None
+        assert on.resistance == pytest.approx(expected.true_resistance[0], rel=1e-9)
 
     @pytest.mark.parametrize("added", [(), (effect("load_offset", offset=3.0),)])
     def test_nearby_sinkage(self, added: tuple[Effect, ...]) -> None:

@@ -10,21 +10,15 @@ import numpy as np
 import pytest
 from wheel_drives import READING, N, follow, rolled, varied
 
-from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.bulldozing import Rankine
-from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.identifiability import before_driving
 from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
-from smallwheel_ros.estimator.sinkage_observation import resistance_observation
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorSettings,
     Outcome,
     SoilEstimator,
     SoilPrior,
 )
-from smallwheel_ros.model import Model, predict
-from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil, soil
+from smallwheel_ros.physics.soil import soil
 
 GOOD = READING
 
@@ -164,25 +158,6 @@ def test_one_wheel_size_is_said_before_driving() -> None:
 
 
 # ---- Resistance, for the drawbar pull
-
-
-@pytest.mark.parametrize("effects", [(), (Exponential(a=0.7),), (Rankine(),)])
-def test_resistance_is_the_model(effects: tuple[Effect, ...]) -> None:
-    observe = resistance_observation(effects, 70.0, 0.25, 0.08, 0.2, 0.15)
-
-    def shown(s: float, n: float, load: float) -> float:
-        law = Soil("one", math.exp(s - n * math.log(0.01)), n)
-        conditions = Conditions.of(load, 0.25, 0.08, slip=0.2, speed=0.15)
-        return float(predict(Model(law, effects=effects), conditions).resistance[0])
-
-    got, step = observe(10.2, 0.8), 1e-4
-    assert got.value == pytest.approx(shown(10.2, 0.8, 70.0), rel=1e-8)
-    for slope, at in (
-        (got.by_pressure, lambda h: shown(10.2 + h, 0.8, 70.0)),
-        (got.by_exponent, lambda h: shown(10.2, 0.8 + h, 70.0)),
-        (got.by_load, lambda h: shown(10.2, 0.8, 70.0 * math.exp(h))),
-    ):
-        assert slope == pytest.approx((at(step) - at(-step)) / (2 * step), rel=1e-3)
 
 
 def test_the_example_of_the_documentation_runs(

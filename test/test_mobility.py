@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
+from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.law_covariance import LawCovariance
+from smallwheel_ros.estimator.traction import TractionEstimator
+from smallwheel_ros.estimator.traction_filter import SCATTER
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.onboard.force_gradients import force_gradients
 from smallwheel_ros.onboard.mobility import MobilityError, WheelForces, wheel_forces
+from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil, soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel, wheel_slip
 
 WHEEL = Wheel("front_left", 0.25, 0.10)
+LOAD, SLIP = Quantity(60.0, 1.5), Quantity(0.2, 0.01)
 STRENGTH = Strength(Quantity(500.0, 100.0), Quantity(0.52, 0.03), Quantity(0.015, 0.001))
 
 
@@ -48,57 +53,74 @@ def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: fl
 SAND = estimate(soil("dry_sand"), (0.05, 0.05, 0.1), -0.4)
 
 
-def sample(
-    mean: SoilEstimate,
-    load: Quantity,
-    slip: Quantity,
-    strength: Strength,
-    scatter: float = 0.0,
-    contact: str = "rolling",
-    count: int = 4000,
-) -> dict[str, np.ndarray]:
-    """The forces of many soils, loads and slips drawn from what is known of them, by the model."""
-    rng = np.random.default_rng(5)
-    covariance = mean.log_covariance + np.diag([scatter**2, 0.0, 0.0])
-    centre = [mean.log_reference_pressure, mean.n, mean.m]
-    laws = rng.multivariate_normal(centre, covariance, count)
-    single = [load, slip, strength.cohesion, strength.friction_angle, strength.shear_displacement]
-    w, i, c, phi, kappa = (rng.normal(q.value, q.standard_deviation, count) for q in single)
-    base = Soil("base", 1.0, 1.0)
-    soils = [
-        replace(
-            base.with_parameters(*law),
-            name=str(row),
-            cohesion=c[row],
-            friction_angle=phi[row],
-            shear_displacement=kappa[row],
+def forces(
+    load: Quantity = LOAD,
+    slip: Quantity | None = SLIP,
+    *,
+    wheel: Wheel = WHEEL,
+    soil_estimate: SoilEstimate = SAND,
+    traction: TractionEstimator | None = None,
+    scatter: float = 0.03,
+    effects: Sequence[Effect] = (),
+    reference_slip: float = 0.4,
+    torque: float | None = None,
+) -> WheelForces | None:
+    """What the pipeline does for one wheel."""
+
+    def put(at: float | None) -> WheelOnSoil | None:
+        return wheel_on_soil(
+            wheel, soil_estimate, load, scatter=scatter, slip=at, effects=effects, strength=STRENGTH
         )
-        for row, law in enumerate(laws)
-    ]
-    names = [s.name for s in soils]
-    conditions = Conditions.of(w, 0.25, 0.10, contact=contact, soil=names, slip=i)
-    predicted = predict(Model(soils), conditions)
-    return {
-        "sinkage": predicted.sinkage,
-        "compaction_resistance": predicted.compaction_resistance,
-        "rolling_resistance_coefficient": predicted.resistance / w,
-        "thrust": predicted.thrust,
-        "drawbar_pull": predicted.drawbar_pull,
-        "energy_per_metre": predicted.thrust * np.where(i >= 0, 1 / (1 - i), 1 + i),
-    }
+
+    on = put(None if slip is None else slip.value)
+    if on is None:
+        return None
+    return wheel_forces(
+        on,
+        traction or TractionEstimator(STRENGTH, [wheel]),
+        slip,
+        reference=put(reference_slip) if effects else on,
+        reference_slip=reference_slip,
+        torque=torque,
+    )
+
+
+def drawn(slip: Quantity, count: int = 3000) -> dict[str, np.ndarray]:
+    """The forces for draws of everything that is uncertain, each by the pipeline's own functions."""
+    rng = np.random.default_rng(5)
+    spread = SAND.log_covariance + np.diag([0.03**2, 0.0, 0.0])
+    centre = [SAND.log_reference_pressure, SAND.n, SAND.m]
+    traction = TractionEstimator(STRENGTH, [WHEEL])
+    mean, covariance = traction.now.kalman.x.copy(), traction.now.kalman.P
+    rows = []
+    for law in rng.multivariate_normal(centre, spread, count):
+        kind = soil("dry_sand").with_parameters(*law)
+        traction.now.kalman.x = rng.multivariate_normal(mean, covariance)
+        scatter = 1.0 + SCATTER * rng.standard_normal()
+        w, i = rng.normal(60.0, 1.5), rng.normal(slip.value, slip.standard_deviation)
+        one = forces(
+            Quantity(w, 0.0),
+            Quantity(min(i, 0.99), 0.0),
+            soil_estimate=estimate(kind, (1e-9, 1e-9, 1e-9)),
+            traction=traction,
+        )
+        push = one.thrust.value * scatter
+        rows.append(
+            (
+                one.sinkage.value,
+                one.compaction_resistance.value,
+                push,
+                push - one.compaction_resistance.value - one.other_resistance.value,
+                one.rolling_resistance_coefficient.value,
+            )
+        )
+    names = "sinkage compaction_resistance thrust drawbar_pull rolling_resistance_coefficient"
+    return dict(zip(names.split(), np.array(rows).T, strict=True))
 
 
 class TestForces:
-    load, slip = Quantity(60.0, 1.5), Quantity(0.2, 0.01)
-
-    def forces(self, **changes) -> WheelForces:
-        arguments = {"load": self.load, "slip": self.slip, "scatter": 0.03, **changes}
-        made = wheel_forces(WHEEL, SAND, STRENGTH, **arguments)
-        assert made is not None
-        return made
-
     def test_values_are_those_of_the_model(self) -> None:
-        made = self.forces()
+        made = forces()
         sand = replace(
             soil("dry_sand"), cohesion=500.0, friction_angle=0.52, shear_displacement=0.015
         )
@@ -106,92 +128,122 @@ class TestForces:
         assert made.sinkage.value == pytest.approx(expected.sinkage[0], rel=1e-10)
         compaction = made.compaction_resistance.value
         assert compaction == pytest.approx(expected.compaction_resistance[0], rel=1e-10)
-        assert made.other_resistance == Quantity(0.0, 0.0)
+        assert made.other_resistance.value == 0.0
         assert made.rolling_resistance_coefficient.value == pytest.approx(compaction / 60.0)
         assert made.thrust.value == pytest.approx(expected.thrust[0], rel=1e-10)
         assert made.drawbar_pull.value == pytest.approx(expected.drawbar_pull[0], rel=1e-10)
 
-    @pytest.mark.parametrize("slip", [Quantity(0.2, 0.01), Quantity(-0.15, 0.01)])
-    def test_deviations_are_those_of_samples(self, slip: Quantity) -> None:
-        made = self.forces(slip=slip)
-        drawn = sample(SAND, self.load, slip, STRENGTH, scatter=0.03)
-        for name, values in drawn.items():
-            quantity = getattr(made, name)
-            # 4000 samples know a standard deviation to 1.1 %; the first order adds a little.
-            assert quantity.standard_deviation == pytest.approx(np.std(values), rel=0.06), name
-        share = np.mean(drawn["drawbar_pull"] > 0)
-        assert made.probability_drawbar_pull_positive == pytest.approx(share, abs=0.02)
+    def test_deviations_are_those_of_samples(self) -> None:
+        slip = Quantity(0.2, 0.01)
+        made, sampled = forces(slip=slip), drawn(slip)
+        for name, values in sampled.items():
+            deviation = getattr(made, name).standard_deviation
+            # 3000 draws know a deviation to 1.3 %; a factor of grip is skewed by a few per cent.
+            assert deviation == pytest.approx(np.std(values), rel=0.1), name
+        share = np.mean(sampled["drawbar_pull"] > 0)
+        assert made.probability_drawbar_pull_positive == pytest.approx(share, abs=0.05)
 
-    def test_margin_is_the_pull_at_the_reference_slip_over_the_load(self) -> None:
-        drawn = sample(SAND, self.load, Quantity(0.3, 0.0), STRENGTH, scatter=0.03)
-        share = drawn["drawbar_pull"] / 60.0
-        for slip in (self.slip, Quantity(-0.4, 0.1), None):
-            made = self.forces(slip=slip, reference_slip=0.3)
-            assert made.margin.value == pytest.approx(np.median(share), abs=0.005)
-            assert made.margin.standard_deviation == pytest.approx(np.std(share), rel=0.06)
+    def test_margin_on_soft_ground_is_the_pull_at_the_reference_slip(self) -> None:
+        soft = estimate(replace(soil("dry_sand"), k=soil("dry_sand").k / 4.0), (0.05, 0.05, 0.1))
+        for slip in (Quantity(0.2, 0.01), Quantity(-0.4, 0.1), None):
+            made = forces(slip=slip, soil_estimate=soft, reference_slip=0.3)
+            there = forces(slip=Quantity(0.3, 0.0), soil_estimate=soft)
+            assert made.margin.value == pytest.approx(there.drawbar_pull.value / 60.0)
             slope = made.steepest_slope
             assert math.tan(slope.value) == pytest.approx(made.margin.value)
             up = math.atan(made.margin.value + made.margin.standard_deviation)
-            assert slope.standard_deviation == pytest.approx(up - slope.value, rel=0.03)
+            assert slope.standard_deviation == pytest.approx(up - slope.value, rel=0.1)
+
+    @settings(max_examples=examples(60))
+    @given(
+        n=st.floats(0.3, 1.6),
+        pressure=st.floats(2e3, 1e5),
+        stiffer=st.floats(1.01, 100.0),
+        angle=st.floats(0.25, 0.75),
+        cohesion=st.floats(0.0, 3000.0),
+        shear=st.floats(0.004, 0.04),
+        load=st.floats(10.0, 150.0),
+    )
+    def test_margin_never_falls_on_stiffer_or_stronger_ground(
+        self,
+        n: float,
+        pressure: float,
+        stiffer: float,
+        angle: float,
+        cohesion: float,
+        shear: float,
+        load: float,
+    ) -> None:
+        def margin(pressure: float, angle: float, cohesion: float) -> float:
+            kind = Soil("any", 1.0, 1.0).with_parameters(math.log(pressure), n, 0.4)
+            strength = Strength(*(Quantity(v, 0.0) for v in (cohesion, angle, shear)))
+            made = forces(
+                Quantity(load, 0.0),
+                None,
+                soil_estimate=estimate(kind, (0.1, 0.1, 0.1)),
+                traction=TractionEstimator(strength, [WHEEL]),
+            )
+            return -1.0 if made is None else made.margin.value
+
+        here = margin(pressure, angle, cohesion)
+        assert margin(stiffer * pressure, angle, cohesion) >= here - 1e-3
+        assert margin(pressure, angle + 0.05, cohesion) >= here - 1e-3
+        assert margin(pressure, angle, cohesion + 200.0) >= here - 1e-3
+
+    def test_hard_ground_holds_slopes(self) -> None:
+        hard = estimate(replace(soil("dry_sand"), k=1000.0 * soil("dry_sand").k), (0.05, 0.05, 0.1))
+        assert math.degrees(forces(soil_estimate=hard).steepest_slope.value) > 10.0
 
     def test_an_effect_of_slip_is_in_the_margin(self) -> None:
-        plain, deep = self.forces(), self.forces(effects=[Exponential(a=3.0)])
+        plain, deep = forces(), forces(effects=[Exponential(a=3.0)])
         assert deep.margin.value < plain.margin.value
-        at_reference = self.forces(slip=Quantity(0.4, 0.0), effects=[Exponential(a=3.0)])
-        assert deep.margin.value == pytest.approx(at_reference.drawbar_pull.value / 60.0)
 
     def test_energy_needs_travel(self) -> None:
-        assert self.forces(slip=Quantity(0.97, 0.01)).energy_per_metre is None
-        assert self.forces(slip=None).energy_per_metre is None
-        half = self.forces(slip=Quantity(0.5, 0.01))
+        assert forces(slip=Quantity(0.97, 0.01)).energy_per_metre is None
+        assert forces(slip=None).energy_per_metre is None
+        half = forces(slip=Quantity(0.5, 0.01))
         assert half.energy_per_metre.value == pytest.approx(2.0 * half.thrust.value)
 
-    def test_probability_where_it_is_open(self) -> None:
-        # about as much thrust as resistance
-        slip = Quantity(0.19, 0.01)
-        made = self.forces(slip=slip)
-        drawn = sample(SAND, self.load, slip, STRENGTH, scatter=0.03)["drawbar_pull"]
-        share = np.mean(drawn > 0)
-        assert 0.2 < share < 0.8
-        assert made.probability_drawbar_pull_positive == pytest.approx(share, abs=0.03)
+    def test_a_torque_of_this_moment_is_fused_with_the_thrust(self) -> None:
+        plain = forces()
+        on = wheel_on_soil(WHEEL, SAND, Quantity(60.0, 1.5), scatter=0.03)
+        pulled = plain.thrust.value + 5.0
+        fused = forces(torque=pulled * on.contact.arm)
+        assert plain.thrust.value < fused.thrust.value < pulled
+        assert fused.thrust.value > plain.thrust.value + 3.0
+        assert fused.drawbar_pull.standard_deviation < plain.drawbar_pull.standard_deviation
+        assert fused.margin == plain.margin
 
     def test_without_slip_no_traction(self) -> None:
-        made = self.forces(slip=None)
+        made = forces(slip=None)
         assert made.thrust is made.drawbar_pull is made.probability_drawbar_pull_positive is None
-        assert made.compaction_resistance == self.forces().compaction_resistance
+        assert made.compaction_resistance == forces().compaction_resistance
 
     def test_pressed_wheel_meets_the_soil_on_both_sides(self) -> None:
-        pressed = replace(WHEEL, contact="pressed")
-        made = wheel_forces(pressed, SAND, STRENGTH, Quantity(120.0, 0.0), self.slip)
-        half = wheel_forces(WHEEL, SAND, STRENGTH, Quantity(60.0, 0.0), self.slip)
+        made = forces(Quantity(120.0, 0.0), wheel=replace(WHEEL, contact="pressed"))
+        half = forces(Quantity(60.0, 0.0))
         assert made.sinkage == half.sinkage
         assert made.compaction_resistance == Quantity(0.0, 0.0)
         assert made.thrust is made.margin is made.steepest_slope is None
 
     def test_sunk_to_the_axle_is_none(self) -> None:
-        assert wheel_forces(WHEEL, SAND, STRENGTH, Quantity(1e6, 0.0), None) is None
-        effects = [Exponential(a=1.0)]
         heavy = Quantity(1e6, 0.0)
-        assert wheel_forces(WHEEL, SAND, STRENGTH, heavy, self.slip, effects=effects) is None
+        assert forces(heavy, None) is None
+        assert forces(heavy, effects=[Exponential(a=1.0)]) is None
 
-    def test_effect_adds_to_sinkage_and_deviation(self) -> None:
-        made = self.forces(effects=[Exponential(a=1.5)])
-        plain = self.forces()
+    def test_effect_adds_to_sinkage(self) -> None:
+        made, plain = forces(effects=[Exponential(a=1.5)]), forces()
         assert made.sinkage.value == pytest.approx(plain.sinkage.value * math.exp(0.3), rel=1e-9)
-        # d ln z / d slip = 1.5 and the slip's 0.01 come on top of the other uncertainties
-        relative = made.sinkage.standard_deviation / made.sinkage.value
-        before = plain.sinkage.standard_deviation / plain.sinkage.value
-        assert relative == pytest.approx(math.hypot(before, 0.015), rel=1e-4)
 
     def test_refusals_name_wheel_and_number(self) -> None:
         for load in (0.0, -3.0, math.nan, math.inf):
             with pytest.raises(MobilityError, match=r"front_left: load is"):
-                self.forces(load=Quantity(load, 1.0))
+                forces(Quantity(load, 1.0))
         for slip in (1.5, math.nan):
             with pytest.raises(MobilityError, match=r"front_left: slip is"):
-                self.forces(slip=Quantity(slip, 1.0))
+                forces(slip=Quantity(slip, 1.0))
         with pytest.raises(MobilityError, match="'plate', expected rolling or pressed"):
-            wheel_forces(replace(WHEEL, contact="plate"), SAND, STRENGTH, self.load, None)
+            forces(wheel=replace(WHEEL, contact="plate"))
 
     @settings(max_examples=examples(60))
     @given(
@@ -199,29 +251,31 @@ class TestForces:
         m=st.floats(-1.0, 1.0),
         pressure=st.floats(2e3, 2e5),
         load=st.floats(1.0, 300.0),
-        slip=st.floats(-0.95, 0.95).filter(lambda i: abs(i) > 1e-3),
         contact=st.sampled_from(["rolling", "pressed"]),
     )
-    def test_gradients_agree_with_differences_of_the_model(
-        self, n: float, m: float, pressure: float, load: float, slip: float, contact: str
+    def test_slopes_agree_with_differences_of_the_model(
+        self, n: float, m: float, pressure: float, load: float, contact: str
     ) -> None:
         kind = Soil("any", 1.0, 1.0).with_parameters(math.log(pressure), n, m)
-        mean = estimate(kind, (0.1, 0.1, 0.1))
-        wheel = replace(WHEEL, contact=contact)
-        analytical = force_gradients(wheel, mean, STRENGTH, load, slip)
+        given = (
+            replace(WHEEL, contact=contact),
+            estimate(kind, (0.1, 0.1, 0.1)),
+            Quantity(load, 1.0),
+        )
+        analytical = wheel_on_soil(*given)
         # An effect of size zero changes nothing, but sends the work through the model.
-        numerical = force_gradients(wheel, mean, STRENGTH, load, slip, effects=[Exponential(a=0.0)])
+        numerical = wheel_on_soil(*given, slip=0.2, effects=[Exponential(a=0.0)])
         if analytical is None or numerical is None:
             assert analytical is numerical
             return
-        np.testing.assert_allclose(analytical.value, numerical.value, rtol=1e-9)
-        scale = np.max(np.abs(numerical.gradient), axis=1, keepdims=True)
-        np.testing.assert_allclose(
-            analytical.gradient / np.where(scale == 0, 1.0, scale),
-            numerical.gradient / np.where(scale == 0, 1.0, scale),
-            rtol=1e-5,
-            atol=1e-7,
-        )
+        for name in ("sinkage", "compaction", "other", "thrust_factor"):
+            expected = getattr(numerical, name)
+            assert getattr(analytical, name) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+        for name in ("by_sinkage", "by_compaction"):
+            slopes = np.array(getattr(numerical, name))
+            scale = max(float(np.abs(slopes).max()), 1e-12)
+            got = np.array(getattr(analytical, name))
+            np.testing.assert_allclose(got / scale, slopes / scale, rtol=1e-4, atol=1e-6)
 
 
 class TestSlip:

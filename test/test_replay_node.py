@@ -83,7 +83,7 @@ def test_replay_and_node_agree_to_a_billionth(
         mobility = [fields(m.message) for m in reader.messages({"/mobility_estimator/mobility"})]
         soils = [fields(m.message) for m in reader.messages({"/mobility_estimator/soil"})]
     assert result.onboard.soil.soil_changes > 0
-    assert (result.onboard.soil.strength is not None) == pulls
+    assert (result.onboard.strength.sources == {"pull"}) == pulls
     assert {row["status"] for row in mobility} >= {0, 2, 3}  # OK, slip unknown, rejected
 
     log = tmp_path / "node.log"

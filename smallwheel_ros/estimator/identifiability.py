@@ -11,13 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_covariance import LawCovariance, modulus_row
+from smallwheel_ros.estimator.law_covariance import DETERMINED, LawCovariance, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
-from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 
 Array = NDArray[np.float64]
 
-DETERMINED = 0.5  # posterior over prior standard deviation
 _SAME_DIAMETER = 1.05  # largest over smallest
 _SAME_LOAD = 1.3
 
@@ -98,8 +96,6 @@ class SoilEstimate:
         Travel (m) of the newest measurement.
     missing_effect
         The alarm that the model misses an effect, None while there is none.
-    strength
-        What drawbar pull says of the soil's strength; None where none was measured on this soil.
     """
 
     k: float
@@ -117,7 +113,6 @@ class SoilEstimate:
     soil_changes: int
     distance: float
     missing_effect: MissingEffect | None = None
-    strength: StrengthEstimate | None = None
 
     @cached_property
     def log_covariance(self) -> Array:
@@ -170,13 +165,6 @@ class SoilEstimate:
             known = "determined" if getattr(self.identifiable, name) else "not determined"
             found[name] = f"{known}: {100.0 * left:.0f} % of the prior's standard deviation is left"
         return found
-
-    @property
-    def strength_status(self) -> tuple[str, ...]:
-        """In words, what is not determined of the soil's strength and why; empty: everything is."""
-        if self.strength is None:
-            return ("thrust is not determined: no drawbar pull was measured",)
-        return self.strength.status
 
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
         """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).

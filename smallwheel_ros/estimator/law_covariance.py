@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+DETERMINED = 0.5  # posterior over prior standard deviation
 Row = tuple[float, float, float]  # weights of ln pressure, n and m in a sum of them
 
 

@@ -22,11 +22,6 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Variety
 from smallwheel_ros.estimator.law_model import ZEROS
-from smallwheel_ros.estimator.saved_strength import (
-    StrengthRecord,
-    strength_content,
-    strength_record,
-)
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
 from smallwheel_ros.text_file import read_text_file
 
@@ -56,12 +51,12 @@ class SoilRecord:
 
 @dataclass(frozen=True)
 class SavedState:
-    """What a file holds; None: no soil, or no drawbar pull, had been measured."""
+    """What a file holds; None: no soil had been measured. strength: as the traction's filter has it."""
 
     soil: SoilRecord | None
     variety: Variety
     accepted: int
-    strength: StrengthRecord | None = None
+    strength: Any = None
 
 
 def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
@@ -99,7 +94,7 @@ def write_state(
             "mean": soil.mean.tolist(),
             "covariance": soil.covariance.tolist(),
         },
-        "strength": strength_content(state.strength),
+        "strength": state.strength,
     }
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     draft = path.with_name(f".{path.name}.draft")
@@ -181,7 +176,7 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
         variety = Variety(_pair(content["diameters"]), _pair(content["loadings"]))
         accepted = int(content["accepted"])
         soil = None if content["soil"] is None else _soil(content["soil"])
-        strength = strength_record(content.get("strength"))  # older files have none
+        strength = content.get("strength")
         if not 0 <= accepted <= _MOST_ACCEPTED:
             raise ValueError(f"accepted is {accepted}")
     except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:

@@ -47,9 +47,6 @@ class SoilPrior:
         Exponent of sinkage, in (0, 3); 1.
     m, m_std
         Exponent of the wheel's diameter, in -3 .. 3; 1.
-    strength
-        Cohesion, friction angle and shear displacement; None: `usual_strength` of the soil. Estimated
-        where drawbar pull is measured.
 
     Raises EstimatorError where a number is outside its domain.
     """
@@ -61,7 +58,6 @@ class SoilPrior:
     log_reference_pressure_std: float
     n_std: float
     m_std: float
-    strength: Strength | None = None
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -74,17 +70,6 @@ class SoilPrior:
         for name in ("log_reference_pressure_std", "n_std", "m_std"):
             value = getattr(self, name)
             _require(what, name, value, 0 < value <= 3, "a number over 0, 3 at most")
-        strength = self.strength_or_usual
-        for name in ("cohesion", "friction_angle", "shear_displacement"):
-            quantity: Quantity = getattr(strength, name)
-            std = quantity.standard_deviation
-            _require(what, name, quantity.value, quantity.value >= 0, "0 or more")
-            _require(what, f"standard deviation of {name}", std, std >= 0, "0 or more")
-
-    @property
-    def strength_or_usual(self) -> Strength:
-        """The strength with its uncertainty."""
-        return self.strength or usual_strength(self.soil)
 
     def log_modulus(self, diameter: float) -> float:
         """Ln of K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""

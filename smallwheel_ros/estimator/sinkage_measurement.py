@@ -49,11 +49,6 @@ class SinkageMeasurement:
         1, m/s; needed only by effects that read them.
     contact
         'rolling' or 'pressed'.
-    drawbar_pull, drawbar_pull_variance
-        N, N^2; what the wheel pulls the vehicle with, measured at the same time, where it is. Needs
-        slip. Not used for a pressed wheel.
-    slip_variance
-        1; 0 is exact. Used with drawbar pull.
     """
 
     time: float
@@ -68,9 +63,6 @@ class SinkageMeasurement:
     slip: float | None = None
     speed: float | None = None
     contact: str = ROLLING
-    drawbar_pull: float | None = None
-    drawbar_pull_variance: float = 0.0
-    slip_variance: float = 0.0
     path: float | None = None
     pitch: float = 0.0
 
@@ -112,11 +104,6 @@ class UpdateResult(NamedTuple):
         Innovation squared over its variance: chi-square of one degree of freedom where the model is
         right.
 
-    drawbar_pull
-        The same for the drawbar pull. Refused: 'drawbar_pull_not_finite',
-        'drawbar_pull_variance_not_positive', 'drawbar_pull_without_slip',
-        'drawbar_pull_slip_variance', 'drawbar_pull_numerical'.
-
     The numbers are None where the measurement was refused.
     """
 
@@ -128,7 +115,6 @@ class UpdateResult(NamedTuple):
     innovation: float | None = None
     innovation_variance: float | None = None
     normalised_innovation_squared: float | None = None
-    drawbar_pull: UpdateResult | None = None
 
 
 @dataclass(frozen=True)

@@ -69,27 +69,6 @@ class _Plain:
         return Observed(z, -z * slope_load, by_exponent, z * slope_load, sunk)
 
 
-class _Resistance(Observation):
-    """Compaction resistance of a rolling wheel without effects: R = b p(z) z / (n + 1), eq. 14."""
-
-    def __init__(self, load: float, diameter: float, width: float) -> None:
-        self.plain = _Plain(load, diameter, width, ROLLING)
-        self.diameter_log, self.wheel = self.plain.diameter_log, self.plain.wheel
-
-    def __call__(self, log_pressure: float, exponent: float) -> Observed:
-        z, by_pressure, by_exponent, by_load, sunk = self.plain(log_pressure, exponent)
-        log_depth = math.log(z) - LOG_REFERENCE_SINKAGE
-        power = exponent + 1.0
-        value = self.wheel[2] * math.exp(log_pressure + exponent * log_depth) * z / power
-        return Observed(
-            value,
-            value * (1.0 + power * by_pressure / z),
-            value * (log_depth + power * by_exponent / z - 1.0 / power),
-            value * power * by_load / z,
-            sunk,
-        )
-
-
 class _WithEffects:
     """A wheel with effects that leave pressure a power of depth; order of `model.predict`."""
 
@@ -149,13 +128,11 @@ class _WithEffects:
 class _Layered(Observation):
     """Any effects at all, by `model.predict` and central differences: a hundred times slower."""
 
-    def __init__(
-        self, effects: Sequence[Effect], conditions: Conditions, channel: str = "sinkage"
-    ) -> None:
+    def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
         diameter = conditions.diameter
         for effect in effects:
             diameter = effect.wheel_diameter(diameter, conditions)
-        self.effects, self.channel = tuple(effects), channel
+        self.effects = tuple(effects)
         plain = _Plain(
             float(Stages(effects, conditions).conditions.load[0]),
             float(diameter[0]),
@@ -185,7 +162,7 @@ class _Layered(Observation):
             for i, (ds, dn) in enumerate(steps)
         ]
         predicted = predict(Model(soils, effects=self.effects), self.conditions)
-        z = getattr(predicted, self.channel)
+        z = predicted.sinkage
         return Observed(
             float(z[0]),
             float(z[2] - z[1]) / (2.0 * _STEP),
@@ -211,21 +188,6 @@ def observation(
     if any(type(e).pressure_factor is not Effect.pressure_factor for e in effects):
         return _Layered(effects, conditions)
     return _WithEffects(effects, conditions)
-
-
-def resistance_observation(
-    effects: Sequence[Effect],
-    load: float,
-    diameter: float,
-    width: float,
-    slip: float | None,
-    speed: float | None,
-) -> Observation:
-    """Describe a rolling wheel's resistance under a load (all resistances of the model)."""
-    if not effects:
-        return _Resistance(load, diameter, width)
-    conditions = _conditions(load, diameter, width, ROLLING, slip, speed)
-    return _Layered(effects, conditions, "resistance")
 
 
 def _conditions(

@@ -8,16 +8,16 @@ The way of a reading:
 
     reading -> its wheel's stretch of path (`segment`) -> is it another soil? (`soil_change`)
             -> the law k, n, m with what may be wrong with the sensors (`law_filter`, `law_model`)
-            -> strength, from drawbar pull (`strength`); what the model misses (`missing_effect`)
+            -> what the model misses (`missing_effect`)
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -34,7 +34,6 @@ from smallwheel_ros.estimator.missing_effect import (
     MissingEffectWatch,
 )
 from smallwheel_ros.estimator.point_sinkage import point_pressure
-from smallwheel_ros.estimator.pull_strength import PullStrength
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.segment import Segment, SegmentCollector
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
@@ -48,7 +47,6 @@ from smallwheel_ros.estimator.sinkage_measurement import (
 )
 from smallwheel_ros.estimator.sinkage_observation import observation
 from smallwheel_ros.estimator.soils import Soils
-from smallwheel_ros.estimator.strength import StrengthState
 from smallwheel_ros.estimator.wheel_track import (
     Expected,
     WheelTrack,
@@ -110,7 +108,6 @@ class SoilEstimator:
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
-        self._pulls = PullStrength(prior, self.settings, self.effects, self._gate)
         self.reset()
 
     def reset(self) -> None:
@@ -119,7 +116,6 @@ class SoilEstimator:
         self._wheels: dict[str, WheelTrack] = {}
         self._sensors = SensorWatch()
         self._watch.reset()
-        self._pulls.outliers = 0
         self._distance = 0.0
         self.outliers = 0
         self.refused: dict[str, int] = {}
@@ -141,7 +137,7 @@ class SoilEstimator:
         if problem is not None:
             return self._refuse(*problem)
         try:
-            return self._use(given, wheel or self._arrive(given), measurement.slip)
+            return self._use(given, wheel or self._arrive(given))
         except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
             return self._refuse("numerical", _no_sinkage(given, error))
 
@@ -171,10 +167,7 @@ class SoilEstimator:
         self._wheels[given.wheel] = wheel
         return wheel
 
-    def _use(
-        self, given: SinkageMeasurement, wheel: WheelTrack, slip: float | None
-    ) -> UpdateResult:
-        """Use a reading. slip: as measured; that of its rut is not that of its drawbar pull."""
+    def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         changes = self._soils.changes
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             result = self._judged(given, wheel)
@@ -184,15 +177,7 @@ class SoilEstimator:
             self._take(closed, wheel)
         if self._soils.changes > changes:
             result = result._replace(outcome=Outcome.ACCEPTED, reason="soil_changed", message="")
-        if given.drawbar_pull is None or given.contact != ROLLING or self._soils.is_behind(wheel):
-            return result
-        pulled = given if slip is given.slip else replace(given, slip=slip)
-        pull = self._pulls.use(
-            pulled, wheel.collector.load(), self.estimate(given.wheel), self._soils
-        )
-        if pull.outcome is Outcome.REFUSED:
-            self._count(pull.reason)
-        return result._replace(drawbar_pull=pull)
+        return result
 
     def _take(self, segment: Segment, wheel: WheelTrack) -> None:
         """A segment has closed: look at its sensor, at what the model misses, at the soil."""
@@ -280,11 +265,8 @@ class SoilEstimator:
         return found[0] if wheel.place.index < found[0].wheels else self._soils.law
 
     def _refuse(self, reason: str, message: str) -> UpdateResult:
-        self._count(reason)
-        return UpdateResult(Outcome.REFUSED, reason, message)
-
-    def _count(self, reason: str) -> None:
         self.refused[reason] = self.refused.get(reason, 0) + 1
+        return UpdateResult(Outcome.REFUSED, reason, message)
 
     # -- out
 
@@ -309,9 +291,9 @@ class SoilEstimator:
         return self._watch.scores
 
     @property
-    def drawbar_pull_outliers(self) -> int:
-        """Measured drawbar pulls that did not fit."""
-        return self._pulls.outliers
+    def soil_number(self) -> int:
+        """Which soil a wheel came to last: counted as they were met; on return it is the old number."""
+        return self._soils.number
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -372,7 +354,6 @@ class SoilEstimator:
             self.soil_changes,
             self._distance,
             self._watch.alarm,
-            None if self._soils.strength is None else self._soils.strength.estimate(law.n),
         )
 
     def predict(
@@ -434,32 +415,37 @@ class SoilEstimator:
 
     # -- files
 
-    def save(self, path: str | Path) -> None:
-        """Save the newest soil, whole or not at all. Raises EstimatorError where it cannot be."""
+    def save(self, path: str | Path, strength: Any = None) -> None:
+        """Save the newest soil, whole or not at all. Raises EstimatorError where it cannot be.
+
+        strength: see `TractionEstimator.record`.
+        """
         now = self.estimate()
         summary = (
             f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
             f"{self.accepted} measurements"
         )
         soils = self._soils
-        strength = None if soils.strength is None else soils.strength.record()
         state = SavedState(soils.record(), soils.variety, self.accepted, strength)
         write_state(Path(path), state, self.prior, self.effects, summary)
 
-    def restore(self, path: str | Path) -> None:
+    def restore(self, path: str | Path, strength: Callable[[Any], None] = lambda _: None) -> None:
         """Begin anew from a saved soil instead of the prior.
 
+        strength: is given what was saved of it (`TractionEstimator.restore`).
         Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
         under another prior or other effects.
         """
         state = read_state(Path(path), self.prior, self.effects)
-        strength = None
-        if state.strength is not None:
-            strength = StrengthState.restored(path, state.strength, self.prior, self.settings)
+        try:
+            strength(state.strength)
+        except ValueError as error:
+            raise EstimatorError(
+                f"{path}: {error}; restore the old setting, or delete the file to begin with the prior"
+            ) from None
         self.reset()
         if state.soil is not None:
             self._soils.resume(state.soil, state.variety, state.accepted)
-            self._soils.strength = strength
 
 
 def _place_variance(law: LawFilter, shown: Shown, now: Segment) -> float:

@@ -19,7 +19,6 @@ from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_change import ChangeTest, Shift, Waiting
-from smallwheel_ros.estimator.strength import StrengthState
 from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 
@@ -31,11 +30,11 @@ _SETTLED = 10  # segments of a soil after which it is worth remembering, and seg
 
 @dataclass(frozen=True)
 class KnownSoil:
-    """A soil that was met: mean and covariance of (ln z_ref, n, m), and its strength."""
+    """A soil that was met: mean and covariance of (ln z_ref, n, m). number: in order of meeting."""
 
     state: tuple[Array, Array]
     variety: Variety
-    strength: StrengthState | None
+    number: int
 
 
 class Soils:
@@ -45,8 +44,8 @@ class Soils:
     ----------
     law
         The filter; None before the first wheel.
-    strength
-        Of the soil that a wheel came to last; None before the first drawbar pull.
+    number
+        Of the soil that a wheel came to last, counted as soils are met.
     variety, changes, accepted
         Of the segments used; soil changes found; readings used.
     """
@@ -60,7 +59,7 @@ class Soils:
         self._old: tuple[LawFilter, Variety] | None = None  # of the soil behind the border
         self._remembered: list[KnownSoil] = []
         self.law: LawFilter | None = None
-        self.strength: StrengthState | None = None
+        self.number = self._met = 0
         self.variety = Variety()
         self.changes = self.accepted = 0
 
@@ -139,13 +138,14 @@ class Soils:
         self._old = deepcopy(law), self.variety
         if law.used >= _SETTLED:
             state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
-            met = KnownSoil(state, self.variety, self.strength)
+            met = KnownSoil(state, self.variety, self.number)
             self._remembered = [*self._remembered, met][-_REMEMBERED:]
         known = self._like(new, law)
         newest = max(one.segment.distance for one in waiting)
         law.reopen(None if known is None else known.state, shift.size, newest)
         self.variety = Variety() if known is None else known.variety
-        self.strength = None if known is None else known.strength
+        self._met += known is None
+        self.number = self._met if known is None else known.number
         self._border = shift.place
         self.changes += 1
         for one in new:

@@ -1,44 +1,39 @@
-"""The estimated strength in the terms of the field, and what the pulls so far have determined."""
+"""The estimated strength in the terms of the field, and what has determined it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.law_covariance import DETERMINED
 from smallwheel_ros.physics.wheel import Quantity, Strength
 
 Array = NDArray[np.float64]
 
-_DETERMINED = 0.5  # as in `identifiability`: posterior over prior standard deviation
 _SAME_LOAD = 1.3
 _SAME_SLIP = 0.1  # apart
-# The forms of the shear curve (`traction.thrust`, and shear stress integrated along the arc) are not
-# one another: after each is fitted to the other's thrust at slips to 0.5, they differ by 3 % (rms)
-# in thrust, and by 30 % in what they call shear displacement.
-_FORM_LIMIT, _FORM_SHEAR = 0.03, 0.3
+# After one form of the shear curve is fitted to the other's thrust at slips to 0.5 (stress along the
+# arc, and over the contact as a whole), they differ by 30 % in what they call shear displacement.
+_FORM_SHEAR = 0.3
 _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
 
 
-@dataclass(frozen=True)
-class PullVariety:
-    """Load (N) and |slip| of the accepted pulls, smallest and largest; area (m^2) of the newest."""
+class Excitation(NamedTuple):
+    """Smallest and largest load (N) and |slip| of what was measured; the load is inf before it."""
 
-    loads: tuple[float, float] | None = None
-    slips: tuple[float, float] | None = None
-    area: float = 0.0
+    load: tuple[float, float] = (math.inf, 0.0)
+    slip: tuple[float, float] = (1.0, 0.0)
 
-    def with_pull(self, load: float, slip: float, area: float) -> PullVariety:
-        """Widen by one pull."""
-        if self.loads is None or self.slips is None:
-            return PullVariety((load, load), (slip, slip), area)
-        return PullVariety(
-            (min(self.loads[0], load), max(self.loads[1], load)),
-            (min(self.slips[0], slip), max(self.slips[1], slip)),
-            area,
+    def widened(self, load: float, slip: float) -> Excitation:
+        """Widen by one wheel."""
+        return Excitation(
+            (min(self.load[0], load), max(self.load[1], load)),
+            (min(self.slip[0], slip), max(self.slip[1], slip)),
         )
 
 
@@ -53,20 +48,16 @@ class StrengthEstimate:
         shear displacement has in it that other forms of the shear curve mean something else by it.
     other_resistance
         Resistance that the law does not give (bulldozing, bearings; less than 0 where the law gives
-        too much), as a share of the load; its deviation is that at the estimated n.
-    other_by_n
-        What that share changes by where the law's n is 1 more than estimated: pulls determine both
-        resistances together.
+        too much), as a share of the load.
     covariance
-        Of (cohesion, friction angle, shear displacement, other resistance), shape (4, 4), for
-        predictions by the library's own form of the thrust; not correlated with the law's.
-    scatter
-        Standard deviation of the thrust from spot to spot, as a share of it.
-    accepted
-        Drawbar pulls that it rests on.
+        Of (cohesion, friction angle, ln shear displacement, other resistance), shape (4, 4).
+    steps
+        Steps of the path that it rests on; 0: it is the configured one.
+    sources
+        Of balance, torque and pull, those that have told of it.
     remaining
         Posterior over prior standard deviation of each, and of `thrust`: the most that the soil holds
-        under the load of the newest pull.
+        under the load of a wheel.
     status
         In words, what is not determined and why; empty when everything is.
     """
@@ -74,117 +65,73 @@ class StrengthEstimate:
     strength: Strength
     other_resistance: Quantity
     covariance: Array
-    other_by_n: float
-    scatter: float
-    accepted: int
+    steps: int
+    sources: frozenset[str]
     remaining: Mapping[str, float]
     status: tuple[str, ...]
 
     @property
-    def spot_covariance(self) -> Array:
-        """Covariance with the scatter: of the thrust of one wheel at one spot; shape (4, 4)."""
-        cohesion, angle = self.strength.cohesion.value, self.strength.friction_angle.value
-        return self.covariance + _of_factor(cohesion, angle, self.scatter)
-
-    @property
     def verdicts(self) -> dict[str, str]:
-        """For each number in words whether the pulls have determined it, and how far."""
+        """For each number in words whether it is determined, and how far."""
         return {
-            name: ("determined" if left <= _DETERMINED else "not determined")
+            name: ("determined" if left <= DETERMINED else "not determined")
             + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
             for name, left in self.remaining.items()
         }
-
-
-def _of_factor(cohesion: float, friction_angle: float, deviation: float) -> Array:
-    """Covariance where the thrust is uncertain by a factor: cohesion and tangent by the same."""
-    by_factor = np.array([cohesion, 0.5 * math.sin(2.0 * friction_angle), 0.0, 0.0])
-    return np.asarray(deviation**2 * np.outer(by_factor, by_factor))
 
 
 def strength_estimate(
     mean: Array,
     covariance: Array,
     prior: Array,
-    other_by_n: float,
-    scatter: float,
-    variety: PullVariety,
-    accepted: int,
+    excitation: Excitation,
+    steps: int,
+    sources: frozenset[str],
 ) -> StrengthEstimate:
-    """Put (cohesion, friction angle, ln kappa, other share) into the terms of the field.
+    """Put (cohesion, friction angle, ln shear displacement, other share) into the field's terms.
 
     mean: shape (4,). covariance, prior: (4, 4).
     """
-    # What the pulls determine is often a sum in which a negative cohesion would do: the most likely
-    # strength without one (Simon 2010, Kalman filtering with state constraints, by projection).
-    for place in (0, 1):
-        if mean[place] < 0.0:
-            mean = mean - covariance[:, place] / covariance[place, place] * mean[place]
-            mean[place] = 0.0
-    mean[:2] = np.maximum(mean[:2], 0.0)
-    kappa = math.exp(mean[2])
-    scale = np.array([1.0, 1.0, kappa, 1.0])
-    now = 0.5 * (covariance + covariance.T) * np.outer(scale, scale)
-    now += _of_factor(float(mean[0]), float(mean[1]), _FORM_LIMIT)
-    stds = np.sqrt(np.diag(now)).tolist()
-    stds[2] = math.hypot(stds[2], _FORM_SHEAR * kappa)
-    values = [float(mean[0]), float(mean[1]), kappa, float(mean[3])]
-    cohesion, friction, shear, other = (
-        Quantity(value, std) for value, std in zip(values, stds, strict=True)
-    )
-    remaining = dict(
-        zip(_NAMES, np.sqrt(np.diag(covariance) / np.diag(prior)).tolist(), strict=True)
-    )
-    if variety.loads is None:
-        remaining["thrust"] = 1.0
-    else:
-        limit = np.array(
-            [variety.area, variety.loads[1] * (1.0 + math.tan(friction.value) ** 2), 0.0, 0.0]
-        )
-        remaining["thrust"] = math.sqrt(
-            max(float(limit @ covariance @ limit), 0.0) / float(limit @ prior @ limit)
-        )
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    shear = math.exp(mean[2])
+    remaining = dict(zip(_NAMES, (deviations / np.sqrt(np.diag(prior))).tolist(), strict=True))
+    # The most that is held under a load, c A + W tan(phi): nearly all of it is friction.
+    remaining["thrust"] = remaining["friction_angle"]
     return StrengthEstimate(
-        Strength(cohesion, friction, shear),
-        other,
-        now,
-        other_by_n,
-        scatter,
-        accepted,
+        Strength(
+            Quantity(max(float(mean[0]), 0.0), float(deviations[0])),
+            Quantity(float(mean[1]), float(deviations[1])),
+            Quantity(shear, shear * math.hypot(float(deviations[2]), _FORM_SHEAR)),
+        ),
+        Quantity(float(mean[3]), float(deviations[3])),
+        covariance,
+        steps,
+        sources,
         remaining,
-        _in_words(remaining, variety, accepted),
+        _in_words(remaining, excitation, steps),
     )
 
 
 def _in_words(
-    remaining: Mapping[str, float], variety: PullVariety, accepted: int
+    remaining: Mapping[str, float], excitation: Excitation, steps: int
 ) -> tuple[str, ...]:
-    if variety.loads is None or variety.slips is None:
-        return ("thrust is not determined: no drawbar pull has fitted yet",)
-    (w_low, w_high), (i_low, i_high) = variety.loads, variety.slips
-    so_far = f"{accepted} drawbar pulls so far do not suffice"
-    slip_varied = i_high - i_low > _SAME_SLIP
-    one_slip = f"slip hardly varied ({i_low:.2f} to {i_high:.2f})"
-    thrust, cohesion, friction, shear, other = (
-        remaining[name] <= _DETERMINED for name in ("thrust", *_NAMES)
-    )
+    if not steps:
+        return (
+            "thrust is not determined: no balance, torque or drawbar pull was measured; the strength "
+            "is the configured one",
+        )
+    (lightest, heaviest), (least, most) = excitation.load, excitation.slip
+    so_far = f"{steps} steps of the path so far do not suffice"
     words = []
-    if not thrust:
-        words.append(
-            f"thrust's limit is not determined{f' yet: {so_far}' if slip_varied else f': {one_slip}'}"
-        )
-    elif not (cohesion and friction):
-        why = f"load hardly varied ({w_low:.3g} to {w_high:.3g} N)"
-        if w_high > _SAME_LOAD * w_low:
-            why = so_far
-        words.append(f"cohesion and friction angle are not determined apart from each other: {why}")
-    if not shear:
-        words.append(
-            f"shear displacement is not determined{f' yet: {so_far}' if slip_varied else f': {one_slip}'}"
-        )
-    if not other:
-        words.append(
-            "resistance beside the law's is not determined apart from thrust: it needs pulls near "
-            "slip 0 as well as at high slip"
-        )
+    slip_varied = most - least > _SAME_SLIP
+    why = so_far if slip_varied else f"slip hardly varied ({least:.2f} to {most:.2f})"
+    if remaining["friction_angle"] > DETERMINED:
+        words.append(f"friction angle is not determined: {why}")
+    if remaining["cohesion"] > DETERMINED:
+        apart = so_far
+        if heaviest <= _SAME_LOAD * lightest:
+            apart = f"load hardly varied ({lightest:.3g} to {heaviest:.3g} N)"
+        words.append(f"cohesion is not determined apart from the friction angle: {apart}")
+    if remaining["shear_displacement"] > DETERMINED:
+        words.append(f"shear displacement is not determined: {why}")
     return tuple(words)

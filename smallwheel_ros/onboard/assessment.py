@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 from smallwheel_ros.errors import SmallwheelError
@@ -14,6 +13,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     UpdateResult,
 )
+from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
 from smallwheel_ros.onboard.digging_in import DiggingInAlarm
 from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
@@ -21,6 +21,8 @@ from smallwheel_ros.onboard.joint_watch import JointWatch
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
 from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.stuck_warning import StuckWarning
+from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -31,15 +33,13 @@ class Assessment(NamedTuple):
     """What came of an instant.
 
     soil: that a wheel came to last. elsewhere: wheels that are on another soil than this one.
-    problem: key and words of what could not be done, or None. pull_problem: the same of the measured
-    drawbar pull.
+    problem: key and words of what could not be done, or None.
     """
 
     mobility: MobilityEstimate
     soil: SoilEstimate
     elsewhere: tuple[str, ...]
     problem: tuple[str, str] | None
-    pull_problem: tuple[str, str] | None
 
 
 class Assessor:
@@ -47,24 +47,28 @@ class Assessor:
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        prior = replace(settings.prior, strength=settings.strength)
-        self.estimator = SoilEstimator(prior, settings.estimator, settings.effects, settings.wheels)
+        self.estimator = SoilEstimator(
+            settings.prior, settings.estimator, settings.effects, settings.wheels
+        )
+        self.traction = TractionEstimator(settings.strength, settings.wheels, settings.mass)
         self._joints = JointWatch()
+        self.stuck = StuckWarning()
         self.health = FilterHealth()
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
 
     def apply(self, settings: OnboardSettings) -> None:
         """Go on with other settings that leave the estimator as it is."""
         self.settings = settings
-        self.estimator.prior = replace(settings.prior, strength=settings.strength)
         for alarm in self._digging.values():
             alarm.rules = settings.digging_in
 
     def reset(self) -> None:
         """Forget the soil, and what ordinary driving is like."""
         self.estimator.reset()
+        self.traction.reset()
         self.health.reset()
         self._joints.reset()
+        self.stuck.reset()
         for alarm in self._digging.values():
             alarm.reset()
 
@@ -100,6 +104,8 @@ class Assessor:
                 predicted, forces = None, None
         sunk = instant.load is not None and not failure and (predicted is None or forces is None)
         digging = self._digging[name].update(instant)
+        margin = None if forces is None else forces.margin
+        self.stuck.add(instant, margin, self.settings.reference_slip)
         status, text = self._status(instant, soil, update, sunk, failure)
         if digging:
             words = "digs itself in: slip and sinkage are up, speed is down"
@@ -115,16 +121,13 @@ class Assessor:
             sinkage_predicted=None if sunk else predicted,
             forces=None if sunk else forces,
             digging_in=digging,
+            risk=self.stuck.risk,
         )
-        pull = None if update is None else update.drawbar_pull
-        if pull is not None and pull.outcome is Outcome.ACCEPTED:
-            pull = None
         return Assessment(
             mobility,
             soil,
             elsewhere,
             self._problem(instant, update, failure),
-            None if pull is None else (pull.reason, pull.message),
         )
 
     def _problem(
@@ -138,9 +141,6 @@ class Assessor:
         return ("numerical", failure) if failure else None
 
     def _update(self, instant: Instant, load: Quantity, sinkage: Quantity) -> UpdateResult:
-        # Without slip, which a wheel that stands has not, a pull says nothing.
-        pull, slip = instant.drawbar_pull, instant.slip
-        used = pull if slip is not None else None
         return self.estimator.update(
             SinkageMeasurement(
                 time=instant.stamp / SECOND,
@@ -154,12 +154,9 @@ class Assessor:
                 distance=instant.distance,
                 path=instant.path,
                 pitch=instant.pitch,
-                slip=None if slip is None else slip.value,
+                slip=None if instant.slip is None else instant.slip.value,
                 speed=instant.speed,
                 contact=instant.wheel.contact,
-                drawbar_pull=None if used is None else used.value,
-                drawbar_pull_variance=0.0 if used is None else used.standard_deviation**2,
-                slip_variance=0.0 if slip is None else slip.standard_deviation**2,
             )
         )
 
@@ -195,16 +192,47 @@ class Assessor:
         return Quantity(prediction.sinkage, prediction.standard_deviation)
 
     def _forces(self, instant: Instant, load: Quantity, soil: SoilEstimate) -> WheelForces | None:
+        """Forces of the wheel, None where it is sunk to its axle; first they tell of the strength."""
+        settings, slip, speed = self.settings, instant.slip, instant.speed
+        effects = settings.effects
+
+        def put(at_slip: float | None) -> WheelOnSoil | None:
+            return wheel_on_soil(
+                instant.wheel,
+                soil,
+                load,
+                scatter=settings.estimator.soil_scatter,
+                slip=at_slip,
+                speed=speed,
+                effects=effects,
+                strength=self.traction.estimate().strength if effects else None,
+            )
+
+        on = put(None if slip is None else slip.value)
+        if on is None:
+            return None
+        time = instant.stamp / SECOND
+        if slip is not None and instant.wheel.contact == ROLLING:
+            sample = TractionSample(
+                instant.wheel.name,
+                time,
+                instant.distance,
+                on.contact,
+                slip.value,
+                speed is None or speed >= 0.0,
+                instant.specific_force,
+                instant.torque,
+                instant.drawbar_pull,
+            )
+            self.traction.add(sample, self.estimator.soil_number)
         return wheel_forces(
-            instant.wheel,
-            soil,
-            self.settings.strength,
-            load,
-            instant.slip,
-            scatter=self.settings.estimator.soil_scatter,
-            reference_slip=self.settings.reference_slip,
-            effects=self.settings.effects,
-            speed=instant.speed,
+            on,
+            self.traction,
+            slip,
+            time=time,
+            torque=instant.torque,
+            reference=put(settings.reference_slip) if effects else on,
+            reference_slip=settings.reference_slip,
         )
 
     def _status(

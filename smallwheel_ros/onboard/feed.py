@@ -12,15 +12,17 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_table import LoadSource, SinkageSource
-from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, NodeSettings
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.synchroniser import Reading
 
 JOINT_STATES = "joint_states"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
+_UPRIGHT = 0.5  # no vehicle drives on 60 degrees
 _UNIT = 0.01  # a quaternion's length may differ from 1 by so much
 
 
@@ -68,14 +70,17 @@ class Feed:
         self.settings = settings
         self.odometry_frame = odometry_frame
         # By joint: the stream that its velocity or its effort is of, and the factor to that.
-        self._velocities: dict[str, tuple[str, float]] = {}
-        self._efforts: dict[str, tuple[str, float]] = {}
+        self._velocities: dict[str, list[tuple[str, float]]] = {}
+        self._efforts: dict[str, list[tuple[str, float]]] = {}
         self._joints: tuple[str, ...] = ()  # of the newest joint states
         self._places: tuple[list[tuple[int, str, float]], ...] = ([], [])  # of those among them
         topics = [topic for wheel in settings.inputs for topic in self._of_wheel(wheel)]
-        details = {stream: f", joint {joint}" for joint, (stream, _) in self._velocities.items()}
-        for joint, (stream, _) in self._efforts.items():
-            details[stream] = f", effort of joint {joint}"
+        details = {
+            stream: f", {what}joint {joint}"
+            for what, wanted in (("", self._velocities), ("effort of ", self._efforts))
+            for joint, parts in wanted.items()
+            for stream, _ in parts
+        }
         if details:
             kind = "sensor_msgs/msg/JointState"
             topics.append(Topic(JOINT_STATES, kind, onboard, details, self._joint_states))
@@ -85,6 +90,9 @@ class Feed:
         if VELOCITY in onboard.streams:
             name, kind = settings.velocity_topic, "geometry_msgs/msg/TwistStamped"
             topics.append(Topic(name, kind, onboard, {VELOCITY: ""}, self._velocity))
+        if IMU in onboard.streams:
+            kind = "sensor_msgs/msg/Imu"
+            topics.append(Topic(settings.imu_topic, kind, onboard, {IMU: ""}, self._slope))
         self.topics = tuple(topics)
 
     def _of_wheel(self, wheel: str) -> list[Topic]:
@@ -95,12 +103,16 @@ class Feed:
             wrenches[inputs.load_topic] = [(f"{wheel}/load", "z", inputs.load_sign)]
         elif settings.load_source is LoadSource.JOINT_STATES:
             newtons = inputs.load_sign * settings.load_per_effort
-            self._efforts[inputs.load_joint] = (f"{wheel}/load", newtons)
+            self._efforts.setdefault(inputs.load_joint, []).append((f"{wheel}/load", newtons))
+        if f"{wheel}/torque" in onboard.streams:
+            geared = inputs.joint_sign * inputs.gear_ratio * inputs.gear_efficiency
+            self._efforts.setdefault(inputs.joint, []).append((f"{wheel}/torque", geared))
         if f"{wheel}/drawbar_pull" in onboard.streams:
             pull = (f"{wheel}/drawbar_pull", "x", 1)
             wrenches.setdefault(inputs.drawbar_pull_topic, []).append(pull)
         if f"{wheel}/wheel_speed" in onboard.streams:
-            self._velocities[inputs.joint] = (f"{wheel}/wheel_speed", inputs.joint_sign)
+            velocity = (f"{wheel}/wheel_speed", inputs.joint_sign)
+            self._velocities.setdefault(inputs.joint, []).append(velocity)
         topics = []
         for name, parts in wrenches.items():
             words = {stream: "" if axis == "z" else f", force.{axis}" for stream, axis, _ in parts}
@@ -144,12 +156,38 @@ class Feed:
         speed = math.cos(turn) * over_ground.x - math.sin(turn) * over_ground.y
         return ((VELOCITY, (speed, message.twist.angular.z, 0.0)),)
 
+    def _slope(self, message: Any) -> Iterable[Reading]:
+        """Read what gravity pulls the vehicle back with, m/s^2; without orientation, all that is felt."""
+        ahead = math.cos(self.settings.imu_yaw), -math.sin(self.settings.imu_yaw)
+        felt, turn = message.linear_acceleration, message.orientation
+        squares = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
+        # -1 says "there is none" (sensor_msgs/Imu).
+        if abs(squares - 1.0) <= _UNIT and message.orientation_covariance[0] != -1.0:
+            up = (
+                2.0 * (turn.x * turn.z - turn.w * turn.y),
+                2.0 * (turn.y * turn.z + turn.w * turn.x),
+                1.0 - 2.0 * (turn.x**2 + turn.y**2),
+            )
+            force, whole = GRAVITY * (ahead[0] * up[0] + ahead[1] * up[1]), math.nan
+        else:
+            up = felt.x / GRAVITY, felt.y / GRAVITY, felt.z / GRAVITY
+            force, whole = math.nan, ahead[0] * felt.x + ahead[1] * felt.y
+        if not up[2] > _UPRIGHT:
+            self.onboard.refuse(
+                IMU,
+                "imu_not_upright",
+                f"of its z axis {up[2]:.2f} is up, expected more than {_UPRIGHT}: it is in another frame"
+                " than base_link (publish it in base_link), or has neither orientation nor gravity",
+            )
+            return ()
+        return ((IMU, (force, whole)),)
+
     def _joint_states(self, message: Any) -> Iterable[Reading]:
         joints = tuple(message.name)
         if joints != self._joints:  # they hardly ever change
             self._joints = joints
             self._places = tuple(
-                [(i, *wanted[joint]) for i, joint in enumerate(joints) if joint in wanted]
+                [(i, *part) for i, joint in enumerate(joints) for part in wanted.get(joint, ())]
                 for wanted in (self._velocities, self._efforts)
             )
         readings: list[Reading] = []

@@ -8,6 +8,7 @@ from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.onboard.streams import nanoseconds
+from smallwheel_ros.onboard.stuck_warning import mean_margin
 from smallwheel_ros.physics.wheel import Quantity
 
 _STALE = nanoseconds(2.0)  # estimates of other wheels from longer ago do not count
@@ -16,17 +17,16 @@ _STALE = nanoseconds(2.0)  # estimates of other wheels from longer ago do not co
 def vehicle_margin(estimates: Iterable[MobilityEstimate]) -> Quantity | None:
     """Margin of a whole vehicle: drawbar pull of all wheels over load of all wheels.
 
-    All wheels stand on one estimated soil, so their errors are taken to go together. None where no
-    wheel has a margin.
+    None where no wheel has a margin.
     """
-    total = pull = deviation = 0.0
-    for estimate in estimates:
-        margin = estimate.forces.margin if estimate.forces is not None else None
-        if margin is not None and estimate.load is not None:
-            total += estimate.load.value
-            pull += estimate.load.value * margin.value
-            deviation += estimate.load.value * margin.standard_deviation
-    return Quantity(pull / total, deviation / total) if total > 0 else None
+    wheels = [
+        (estimate.load.value, estimate.forces.margin)
+        for estimate in estimates
+        if estimate.forces is not None
+        and estimate.forces.margin is not None
+        and estimate.load is not None
+    ]
+    return mean_margin(wheels) if wheels else None
 
 
 class GroundMapper:

@@ -28,6 +28,10 @@ class Instant(NamedTuple):
         Nobody measures it.
     pitch
         rad, positive nose down.
+    specific_force
+        m/s^2, of the vehicle along its travel, g sin(slope) + dv/dt: what the wheels pull per mass.
+    torque
+        N m, at the wheel.
     """
 
     wheel: Wheel
@@ -44,6 +48,8 @@ class Instant(NamedTuple):
     drawbar_pull: Quantity | None = None
     pitch: float = 0.0
     rim_speed: float | None = None
+    specific_force: float | None = None
+    torque: float | None = None
 
 
 class Motion(NamedTuple):

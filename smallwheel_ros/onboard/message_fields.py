@@ -50,6 +50,8 @@ def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
         "margin_valid": quantities["mobility_margin"] is not None,
         "energy_valid": quantities["energy_per_metre"] is not None,
         "digging_in": estimate.digging_in,
+        "risk_valid": estimate.risk is not None,
+        "risk_of_getting_stuck": estimate.risk or 0.0,
     }
     if forces is not None and forces.probability_drawbar_pull_positive is not None:
         probability = forces.probability_drawbar_pull_positive

@@ -7,32 +7,27 @@ and strength, load and slip.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import NamedTuple, Protocol
 
-from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.law_covariance import LawCovariance
-from smallwheel_ros.onboard.force_gradients import (
+from scipy.optimize import brentq
+
+from smallwheel_ros.estimator.traction import TractionEstimator
+from smallwheel_ros.estimator.traction_filter import OTHER, SCATTER, TractionFilter, WheelStep
+from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
-    UNCERTAIN,
-    ForceGradients,
-    Gradient,
-    force_gradients,
+    MobilityError,
+    Slopes,
+    WheelOnSoil,
+    add,
 )
-from smallwheel_ros.onboard.measured_strength import MeasuredSpread, with_other_resistance
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
+from smallwheel_ros.physics.wheel import Quantity
 
-_LOAD, _SLIP = UNCERTAIN.index("load"), UNCERTAIN.index("slip")
 _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
-
-
-class MobilityError(SmallwheelError):
-    """A wheel, a load or a slip that mobility cannot be worked out for."""
+_LEAST_STD = 0.15  # N: resolution of any pull
+_FORM = 0.08  # of the thrust at the reference slip: other forms of the shear curve, fitted near 0.1
 
 
 class Status(IntEnum):
@@ -86,7 +81,8 @@ class MobilityEstimate:
     stamp: ns. status_text: all conditions that apply, in words. sinkage_predicted is from the soil
     as estimated before this sinkage was used, the forces are from after; both are None where load
     is missing or the wheel is sunk to its axle. digging_in: slip and sinkage grow while the wheel
-    travels slower and slower.
+    travels slower and slower. risk: probability that the vehicle gets stuck within the next metre (see
+    `stuck_warning`), None where no margin is known.
     """
 
     wheel: str
@@ -99,186 +95,182 @@ class MobilityEstimate:
     sinkage_predicted: Quantity | None
     forces: WheelForces | None
     digging_in: bool = False
+    risk: float | None = None
 
 
 def wheel_forces(
-    wheel: Wheel,
-    soil: SoilEstimate,
-    strength: Strength,
-    load: Quantity,
+    on: WheelOnSoil,
+    traction: TractionEstimator,
     slip: Quantity | None,
     *,
-    scatter: float = 0.0,
+    time: float = 0.0,
+    torque: float | None = None,
+    reference: WheelOnSoil | None,
     reference_slip: float = REFERENCE_SLIP,
-    effects: Sequence[Effect] = (),
-    speed: float | None = None,
-) -> WheelForces | None:
-    """Sinkage and forces of a wheel in the estimated soil; None where it is sunk to its axle.
-
-    Parameters
-    ----------
-    strength
-        As configured; used where no drawbar pull tells a better one (`SoilEstimate.strength`).
-    load, slip
-        N; -1 .. 1, None when unknown.
-    scatter
-        Standard deviation of ln k from spot to spot, on top of that of the estimate.
-    reference_slip
-        Slip at which the margin is worked out, 1.
-    effects, speed
-        Effects of the model, and the travel speed (m/s) for those that read it.
-
-    Raises
-    ------
-    MobilityError
-        If load or slip is outside its domain, the wheel's contact is not known here, or the
-        forces are not finite.
-    ModelError
-        If an effect lacks its covariate.
-    """
-    if not (math.isfinite(load.value) and load.value > 0):
-        raise MobilityError(f"wheel {wheel.name}: load is {load.value!r} N, expected more than 0")
-    if slip is not None and not abs(slip.value) <= 1:
-        raise MobilityError(f"wheel {wheel.name}: slip is {slip.value!r}, expected -1 to 1")
-    if wheel.contact not in (ROLLING, PRESSED):
-        raise MobilityError(
-            f"wheel {wheel.name}: contact is {wheel.contact!r}, expected {ROLLING} or {PRESSED}"
-        )
-    forces = force_gradients(
-        wheel,
-        soil,
-        strength if soil.strength is None else soil.strength.strength,
-        load.value,
-        None if slip is None else slip.value,
-        reference_slip=reference_slip,
-        effects=effects,
-        speed=speed,
-    )
-    if forces is None:
-        return None
-    spread: Spread
-    if soil.strength is None:
-        spread = _Spread.of(soil, strength, load, slip, scatter)
-    else:
-        forces = with_other_resistance(forces, soil.strength, wheel, load.value)
-        spread = MeasuredSpread.of(soil, soil.strength, load, slip, scatter)
-    # A sum is finite only where everything in it is.
-    if not math.isfinite(sum(forces.value) + sum(map(sum, forces.gradient))):
-        raise MobilityError(
-            f"wheel {wheel.name}: the model gives no finite forces for a load of {load.value:g} N"
-            f" with n = {soil.n:g} and ln of reference pressure {soil.log_reference_pressure:g}"
-        )
-    # A wheel that is pushed straight down does not shear the soil along a path.
-    rolling = wheel.contact == ROLLING
-    return _quantities(
-        forces,
-        load.value,
-        slip.value if slip is not None and rolling else None,
-        spread,
-        rolling,
-    )
-
-
-class Spread(Protocol):
-    """How uncertain everything is that forces are differentiated by."""
-
-    def quantity(self, value: float, gradient: Gradient) -> Quantity:
-        """Put a value together with its standard deviation, to first order."""
-
-
-class _Spread(NamedTuple):
-    """How uncertain everything in `UNCERTAIN` is.
-
-    law: of ln pressure, n and m. single: variances of the others, which depend on nothing.
-    """
-
-    law: LawCovariance
-    single: tuple[float, float, float, float, float]
-
-    @classmethod
-    def of(
-        cls,
-        soil: SoilEstimate,
-        strength: Strength,
-        load: Quantity,
-        slip: Quantity | None,
-        scatter: float,
-    ) -> _Spread:
-        law = soil.law_covariance
-        return cls(
-            LawCovariance(law.pp + scatter**2, *law[1:]),
-            (
-                load.standard_deviation**2,
-                0.0 if slip is None else slip.standard_deviation**2,
-                strength.cohesion.standard_deviation**2,
-                strength.friction_angle.standard_deviation**2,
-                strength.shear_displacement.standard_deviation**2,
-            ),
-        )
-
-    def quantity(self, value: float, gradient: Gradient) -> Quantity:
-        """Put a value together with its standard deviation, to first order."""
-        p, n, m, load, slip, cohesion, angle, kappa = gradient
-        by_load, by_slip, by_cohesion, by_angle, by_kappa = self.single
-        variance = (
-            self.law.variance((p, n, m))
-            + load * load * by_load
-            + slip * slip * by_slip
-            + cohesion * cohesion * by_cohesion
-            + angle * angle * by_angle
-            + kappa * kappa * by_kappa
-        )
-        # Rounding can leave a variance that is zero a little below it.
-        return Quantity(value, math.sqrt(max(variance, 0.0)))
-
-
-def _quantities(
-    forces: ForceGradients, load: float, slip: float | None, spread: Spread, rolling: bool
 ) -> WheelForces:
-    """Put values and deviations together; slip is None where there is no traction to tell of."""
-    sinkage, compaction, other, thrust, pull = forces.value
-    by_sinkage, by_compaction, by_other, by_thrust, by_pull = forces.gradient
-    resistance, by_resistance = compaction, by_compaction
-    rest = Quantity(0.0, 0.0)
-    if any(by_other):  # only with effects
-        resistance, by_resistance = compaction + other, _sum(by_compaction, by_other)
-        rest = spread.quantity(other, by_other)
-    by_coefficient = [slope / load for slope in by_resistance]
-    by_coefficient[_LOAD] -= resistance / load**2
-    push = net = energy = margin = None
-    if slip is not None:
-        push = spread.quantity(thrust, by_thrust)
-        net = spread.quantity(thrust - resistance, _sum(by_thrust, by_resistance, -1.0))
-        ratio, by_ratio = _rim_over_travel(slip)
-        if ratio > 0.0:
-            by_energy = [ratio * slope for slope in by_thrust]
-            by_energy[_SLIP] += by_ratio * thrust
-            energy = spread.quantity(ratio * thrust, by_energy)
-    if rolling:
-        by_margin = [slope / load for slope in by_pull]
-        by_margin[_LOAD] -= pull / load**2
-        margin = spread.quantity(pull / load, by_margin)
+    """Forces of a wheel on the estimated soil.
+
+    slip: None when unknown. time: s. torque: N m at the wheel, where it is measured. reference: the
+    wheel as it is at the reference slip, which is `on` where no effect reads the slip; None where it
+    is sunk to its axle there.
+
+    Raises MobilityError if the forces are not finite.
+    """
+    forces = _without_slip(on, traction.now)
+    if on.wheel.contact == ROLLING:  # a pressed wheel does not shear the soil along a path
+        if slip is not None:
+            forces = _pulls(on, forces, traction, slip, time, torque)
+        margin = Quantity(-1.0, 0.0)  # nothing can be held
+        if reference is not None:
+            margin = _margin(reference, traction.reserve, reference_slip)
+        forces = replace(forces, margin=margin)
+    _check_finite(forces, on)
+    return forces
+
+
+def _check_finite(forces: WheelForces, on: WheelOnSoil) -> None:
+    for value in vars(forces).values():
+        parts = (value.value, value.standard_deviation) if isinstance(value, Quantity) else ()
+        if not all(math.isfinite(part) for part in parts):
+            raise MobilityError(
+                f"wheel {on.wheel.name}: the model gives no finite forces for a load of"
+                f" {on.load.value:g} N with n = {on.soil.n:g} and ln of reference pressure"
+                f" {on.soil.log_reference_pressure:g}"
+            )
+
+
+def _without_slip(on: WheelOnSoil, strength: TractionFilter) -> WheelForces:
+    """Sinkage and resistances; nothing is known of the thrust."""
+    load = on.load.value
+    share, deviation = 0.0, 0.0
+    if on.wheel.contact == ROLLING:
+        share = float(strength.kalman.x[OTHER])
+        deviation = math.sqrt(strength.kalman.P[OTHER, OTHER])
+    by_other = add(on.by_other, (0.0, 0.0, 0.0, share * load))
+    by_all = add(on.by_compaction, by_other)
+    other, whole = on.other + share * load, on.resistance + share * load
+    more = (deviation * load) ** 2
+    # Over the load, whose own deviation counts in both.
+    by_ratio = add(by_all, (0.0, 0.0, 0.0, whole), -1.0)
     return WheelForces(
-        sinkage=spread.quantity(sinkage, by_sinkage),
-        compaction_resistance=spread.quantity(compaction, by_compaction),
-        other_resistance=rest,
-        rolling_resistance_coefficient=spread.quantity(resistance / load, by_coefficient),
-        thrust=push,
+        sinkage=on.quantity(on.sinkage, on.by_sinkage),
+        compaction_resistance=on.quantity(on.compaction, on.by_compaction),
+        other_resistance=Quantity(other, math.sqrt(on.variance(by_other) + more)),
+        rolling_resistance_coefficient=Quantity(
+            whole / load, math.sqrt(on.variance(by_ratio) + more) / load
+        ),
+        thrust=None,
+        drawbar_pull=None,
+        probability_drawbar_pull_positive=None,
+    )
+
+
+def _pulls(
+    on: WheelOnSoil,
+    plain: WheelForces,
+    traction: TractionEstimator,
+    slip: Quantity,
+    time: float,
+    torque: float | None,
+) -> WheelForces:
+    """Forces at the present slip; a torque of this moment is fused with the thrust."""
+    strength = traction.now
+    step, averaged = traction.wheel(on.wheel.name, on.contact, slip.value, time)
+    push = strength.thrust(step)
+    # The error of a mean over a step is in the filter's state.
+    own_slip = 0.0 if averaged else (push.by_slip * slip.standard_deviation) ** 2
+    noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
+    by_law = _by_law(on, push.by_length, push.by_log_load)
+    share, load = float(strength.kalman.x[OTHER]), on.load.value
+    P = strength.kalman.P
+    thrust, spread = push.value, float(push.row @ P @ push.row) + noise
+    net_row = push.row.copy()
+    net_row[OTHER] -= load
+    net_spread = float(net_row @ P @ net_row) + noise
+    if torque is not None:
+        measured, variance = strength.at_rim(step, torque)
+        weight = spread / (spread + variance)
+        thrust += weight * (measured - thrust)
+        net_spread -= weight * spread
+        spread -= weight * spread
+    held = on.resistance + share * load
+    by_net = add(by_law, add(on.by_resistance, (0.0, 0.0, 0.0, share * load)), -1.0)
+    net = Quantity(thrust - held, math.sqrt(max(net_spread, 0.0) + on.variance(by_net)))
+    energy = None
+    ratio = _rim_over_travel(slip.value)
+    deviation = math.sqrt(max(spread, 0.0) + on.variance(by_law))
+    if ratio is not None:
+        over = ratio[1] * slip.standard_deviation * thrust
+        energy = Quantity(ratio[0] * thrust, math.hypot(ratio[0] * deviation, over))
+    return replace(
+        plain,
+        thrust=Quantity(thrust, deviation),
         drawbar_pull=net,
-        probability_drawbar_pull_positive=None if net is None else probability_positive(net),
-        margin=margin,
+        probability_drawbar_pull_positive=probability_positive(net),
         energy_per_metre=energy,
     )
 
 
-def _sum(one: Gradient, other: Gradient, factor: float = 1.0) -> list[float]:
-    return [a + factor * b for a, b in zip(one, other, strict=True)]
+def _by_law(on: WheelOnSoil, by_length: float, by_log_load: float) -> Slopes:
+    """Slopes of the thrust: the law changes the sinkage, and so the length of the contact."""
+    _, slope = point_contact_length(on.sinkage, on.wheel.diameter)
+    return add((0.0, 0.0, 0.0, by_log_load), on.by_sinkage, by_length * slope)
 
 
-def _rim_over_travel(slip: float | None) -> tuple[float, float]:
-    """Rim speed over travel speed and its derivative by slip; zeros where it is not to be told."""
-    if slip is None or slip > _HARDLY_TRAVELS:
-        return 0.0, 0.0
+def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
+    """Net traction over load at the reference slip, which falls neither on harder ground.
+
+    In the model as it stands a harder soil has a shorter contact, which mobilises less thrust, so that
+    hard ground would hold nothing. Below the length at which the net traction is largest, thrust stays
+    what it is there, while resistance goes on falling.
+    """
+    load = on.load.value
+    step = WheelStep(strength.order[on.wheel.name], on.contact, slip)
+    length, _ = point_contact_length(on.sinkage, on.wheel.diameter)
+    best = _best_length(on, strength, slip)
+    push = strength.thrust(step, max(length, best), exact_slip=True)
+    row = push.row.copy()
+    row[OTHER] -= load
+    share = float(strength.kalman.x[OTHER])
+    value = (push.value - on.resistance) / load - share
+    by_thrust = _by_law(on, push.by_length if length > best else 0.0, push.by_log_load)
+    by_net = add(by_thrust, on.by_resistance, -1.0)
+    by_ratio = add(by_net, (0.0, 0.0, 0.0, push.value - on.resistance), -1.0)
+    spread = float(row @ strength.kalman.P @ row) + on.variance(by_ratio)
+    spread += (_FORM * max(push.value, 0.0)) ** 2
+    return Quantity(value, math.sqrt(max(spread, 0.0)) / load)
+
+
+def _best_length(on: WheelOnSoil, strength: TractionFilter, slip: float) -> float:
+    """Contact length (m) of the stiffness at which H - R is largest under this load.
+
+    Under one load compaction resistance is nearly in proportion to the length of the contact,
+    R/W = l / (D (n + 1) I) with the contact integral I, and rises a little faster where the wheel is
+    deep. H rises with l ever more slowly. So the margin never falls on stiffer ground.
+    """
+    load, wheel = on.load.value, on.wheel
+    length, _ = point_contact_length(on.sinkage, wheel.diameter)
+    slope = on.compaction / length
+    x = strength.kalman.x
+
+    def excess(at: float) -> float:
+        push = point_thrust(
+            load, slip, at, wheel.width, max(float(x[0]), 0.0), float(x[1]), math.exp(x[2])
+        )
+        return push.by_length - slope
+
+    low, high = 1e-4 * wheel.diameter, 0.5 * math.pi * wheel.diameter
+    if excess(high) > 0.0:
+        return high
+    if excess(low) < 0.0:
+        return low
+    return float(brentq(excess, low, high, xtol=3e-3 * wheel.diameter))
+
+
+def _rim_over_travel(slip: float) -> tuple[float, float] | None:
+    """Rim speed over travel speed and its slope by slip; None where it is not to be told."""
+    if slip > _HARDLY_TRAVELS:
+        return None
     return (1.0 / (1.0 - slip), 1.0 / (1.0 - slip) ** 2) if slip >= 0 else (1.0 + slip, 1.0)
 
 

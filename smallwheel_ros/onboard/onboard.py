@@ -18,6 +18,7 @@ from pathlib import Path
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate, before_driving
+from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.instant import Instant, Motion
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
@@ -178,19 +179,46 @@ class Onboard:
         self.problems.rejected = 0
         return True
 
+    def save(self, path: Path | str) -> None:
+        """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
+        self.assessor.estimator.save(path, self.assessor.traction.record())
+
     def restore(self, path: Path | str) -> None:
         """Begin anew from a saved soil.
 
         Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
         under another prior or other effects.
         """
-        self.assessor.estimator.restore(path)
+        self.assessor.estimator.restore(path, self.assessor.traction.restore)
         self.problems.rejected = 0
 
     @property
     def soil(self) -> SoilEstimate:
         """The soil as it is believed now."""
         return self.assessor.estimator.estimate()
+
+    @property
+    def strength(self) -> StrengthEstimate:
+        """The soil's strength as it is believed now."""
+        return self.assessor.traction.estimate()
+
+    @property
+    def lacking(self) -> dict[str, str]:
+        """By source of the strength that is not in use: what it needs, and what it would bring."""
+        settings, used = self.settings, self.strength.sources
+        found = {}
+        if "balance" not in used:
+            found["balance"] = (
+                "not yet: it needs load and slip of all wheels, and a slope (imu_topic, or odom with"
+                " pitch)"
+                if settings.mass
+                else "vehicle.mass is not given; it would tell friction and the reserve on slopes"
+            )
+        if "torque" not in used and not settings.with_torque:
+            found["torque"] = (
+                "<wheel>.torque_source is none; it would tell what each wheel pulls at this moment"
+            )
+        return found
 
     @property
     def undeterminable(self) -> tuple[str, ...]:
@@ -229,10 +257,8 @@ class Onboard:
         return results
 
     def _result(self, instant: Instant) -> Result:
-        mobility, soil, elsewhere, problem, pull = self.assessor.assess(instant)
+        mobility, soil, elsewhere, problem = self.assessor.assess(instant)
         wheel = instant.wheel.name
-        if pull is not None:
-            self.problems.add(f"{wheel}/drawbar_pull", *pull)
         if problem is not None:
             stream = f"{wheel}/load" if instant.sinkage is None else f"{wheel}/sinkage"
             # A prediction that fails leaves the measurement used all the same.

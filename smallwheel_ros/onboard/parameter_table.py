@@ -12,8 +12,8 @@ from enum import Enum
 
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.estimator.settings import EstimatorSettings
-from smallwheel_ros.onboard.force_gradients import REFERENCE_SLIP
 from smallwheel_ros.onboard.parameter import WHEEL, Changes, Form, Parameter
+from smallwheel_ros.onboard.wheel_on_soil import REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
 
@@ -26,6 +26,13 @@ class LoadSource(Enum):
     STATIC = "static"
 
 
+class TorqueSource(Enum):
+    """Where a wheel's torque comes from."""
+
+    NONE = "none"
+    EFFORT = "effort"
+
+
 class SinkageSource(Enum):
     """What a wheel's sinkage topic carries."""
 
@@ -35,6 +42,7 @@ class SinkageSource(Enum):
 
 _ESTIMATOR, _COST = EstimatorSettings(), CostSettings()
 _OF_SOIL = "Without it: that of soil.name."
+_COST_BEFORE = "Not used any more: cost is the risk of getting stuck, see cost.required_margin."
 
 
 def number(
@@ -89,6 +97,17 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     ),
     number("maximum_speed", 10.0, "m/s", 0.01, 1000.0): (
         "A vehicle is not faster: messages that say so are refused and counted."
+    ),
+    number("vehicle.mass", None, "kg", 0.01, 1e5): (
+        "Mass of the vehicle. With it the balance of its forces on a slope, and while it gains speed,"
+        " tells the soil's strength. Without it: not used."
+    ),
+    text("imu_topic", "", form="topic"): (
+        "Topic (sensor_msgs/Imu) whose orientation (or, without one, acceleration with gravity) gives"
+        " the slope for that balance. Empty: by the orientation of odom's pose."
+    ),
+    number("imu_yaw", 0.0, "rad", -3.15, 3.15): (
+        "Direction of the imu's x axis in base_link, positive to the left; its z axis is upright."
     ),
     Parameter("odometry_from_wheels", "bool", False): (
         "Whether odom is made from the wheels. It then cannot show slip: without velocity_topic"
@@ -242,15 +261,13 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         "Frame of ~/cost. Empty: that of odom. Nothing is transformed: set it only where odom's"
         " poses are in this frame."
     ),
-    number("cost.easy_margin", _COST.rules.easy_margin, "1", 0.001, 10.0): (
-        "Pessimistic mobility margin from which on ground costs nothing (docs/nav2.md)."
+    number("cost.required_margin", _COST.rules.required_margin, "1", -1.0, 2.0): (
+        "Mobility margin that the vehicle needs everywhere: tangent of the slopes that it has to climb."
+        " Cost is the risk, in per cent, that the ground does not give it (docs/nav2.md)."
     ),
-    number("cost.hard_margin", _COST.rules.hard_margin, "1", -10.0, 10.0): (
-        "Pessimistic mobility margin up to which ground costs 99, the most that can be crossed."
-    ),
-    number("cost.confidence", _COST.rules.confidence, "1", 0.5, 0.9999): (
-        "Costs are those of the margin that is exceeded with this probability: more is more wary."
-    ),
+    number("cost.easy_margin", 0.1, "1", 0.001, 10.0): _COST_BEFORE,
+    number("cost.hard_margin", -0.1, "1", -10.0, 10.0): _COST_BEFORE,
+    number("cost.confidence", 0.95, "1", 0.5, 0.9999): _COST_BEFORE,
     number("cost.class_scatter", _COST.rules.class_scatter, "1", 0.0, 10.0): (
         "Standard deviation of the margin between places of one terrain class, until enough of them"
         " have been crossed to tell."
@@ -303,6 +320,14 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         "-1: its joint turns backwards when the wheel drives forward (a mirrored axis)."
         " Without it: by the joint's axis in the URDF, if there is one."
     ),
+    choice("<wheel>.torque_source", TorqueSource.NONE): (
+        "effort: the effort of the wheel's joint is the torque of its motor (N m), which tells its"
+        " thrust. none: nobody measures it."
+    ),
+    number("<wheel>.gear_ratio", 1.0, "1", 1e-3, 1e4): (
+        "Torque at the wheel over that effort, without losses: 1.0 where the effort is the wheel's."
+    ),
+    number("<wheel>.gear_efficiency", 1.0, "1", 0.01, 1.0): "Share of it that the gear leaves.",
     Parameter("<wheel>.load_sign", "integer", 0, choices=(0, 1, -1)): (
         "As load_sign, for this wheel's sensor; 0: as load_sign says."
     ),

@@ -17,6 +17,7 @@ from smallwheel_ros.onboard.parameter_table import (
     GENERAL,
     LoadSource,
     SinkageSource,
+    TorqueSource,
     parameters_for,
 )
 from smallwheel_ros.onboard.settings import (
@@ -193,6 +194,11 @@ def _onboard(
         effects=models.effects,
         without_sinkage=frozenset(w for w in wheels if not v[f"{w}.sinkage_topic"]),
         with_drawbar_pull=frozenset(w for w in rolling if v[f"{w}.drawbar_pull_topic"]),
+        with_torque=frozenset(
+            w for w in rolling if v[f"{w}.torque_source"] == TorqueSource.EFFORT.value
+        ),
+        with_imu=bool(v["imu_topic"]),
+        mass=v["vehicle.mass"] or 0.0,
         static_loads=static,
         velocity=VelocitySource.TOPIC if v["velocity_topic"] else velocity,
     )

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant, Motion
-from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardSettings, VelocitySource
-from smallwheel_ros.onboard.streams import Series, StampFault, Travel, nanoseconds
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings, VelocitySource
+from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
+
+_GAINING = nanoseconds(0.4)  # over which the vehicle's acceleration is taken
 
 
 class Stream(Series):
@@ -34,14 +37,14 @@ class WheelState:
     """
 
     def __init__(
-        self, settings: OnboardSettings, order: int, odometry: Stream, velocity: Stream
+        self, settings: OnboardSettings, order: int, odometry: Stream, velocity: Stream, imu: Stream
     ) -> None:
         self.wheel = wheel = settings.wheels[order]
         self.streams = [
             Stream(f"{wheel.name}/{kind}", odometry.horizon, order)
-            for kind in ("load", "sinkage", "drawbar_pull", "wheel_speed")
+            for kind in ("load", "sinkage", "drawbar_pull", "wheel_speed", "torque")
         ]
-        self.load, self.sinkage, self.drawbar_pull, self.wheel_speed = self.streams
+        self.load, self.sinkage, self.drawbar_pull, self.wheel_speed, self.torque = self.streams
         self.static_load = settings.static_loads.get(wheel.name)
         self.needed = [] if self.static_load is not None else [self.load]
         if wheel.name in settings.with_drawbar_pull:
@@ -50,6 +53,10 @@ class WheelState:
             self.needed += [odometry, self.wheel_speed]
             if settings.velocity is VelocitySource.TOPIC:
                 self.needed.append(velocity)
+            if settings.with_imu:
+                self.needed.append(imu)
+            if wheel.name in settings.with_torque:
+                self.needed.append(self.torque)
         self.timing = self.sinkage
         if wheel.name in settings.without_sinkage:
             self.timing = self.load if self.static_load is None else odometry
@@ -82,18 +89,19 @@ class SensorBuffer:
         self._gap = nanoseconds(timing.maximum_gap)
         longest_wait = max(timing.reorder_time, timing.silent_after)
         horizon = nanoseconds(longest_wait + timing.maximum_gap + timing.jump_tolerance)
-        odometry, velocity = Stream(ODOMETRY, horizon), Stream(VELOCITY, horizon)
-        self._odometry, self._velocity = odometry, velocity
+        odometry, velocity, imu = (Stream(name, horizon) for name in (ODOMETRY, VELOCITY, IMU))
+        self._odometry, self._velocity, self._imu = odometry, velocity, imu
+        self._pitches: bool = before is not None and before._pitches
         self._velocity_turns: bool = before is not None and before._velocity_turns
         order = range(len(settings.wheels))
-        self.wheels = [WheelState(settings, i, odometry, velocity) for i in order]
+        self.wheels = [WheelState(settings, i, odometry, velocity, imu) for i in order]
         self.distance: float = 0.0
         if before is not None:
             self.distance = before.distance
             for state, old in zip(self.wheels, before.wheels, strict=True):
                 state.path, state.answered = old.path, old.answered
         streams = [stream for state in self.wheels for stream in state.streams]
-        self.streams = {stream.name: stream for stream in (odometry, velocity, *streams)}
+        self.streams = {stream.name: stream for stream in (odometry, velocity, imu, *streams)}
         # Paths come from the same source as slip: the vehicle's, then those of the wheels.
         by_topic = settings.velocity is VelocitySource.TOPIC
         self._travel_source = velocity if by_topic else odometry
@@ -110,6 +118,9 @@ class SensorBuffer:
             self._velocity_turns = self._velocity_turns or yaw_rate != 0.0
             values = (speed, yaw_rate if self._velocity_turns else math.nan, variance)
         fault = stream.add(stamp, tuple(values))
+        if stream is self._odometry:
+            # An odometry of the plane has a pitch of exactly 0 in every message: it measures none.
+            self._pitches = self._pitches or Motion(*values).pitch != 0.0
         if fault is None and stream is self._travel_source:
             if stream is self._velocity:
                 values = self._middle(values, self._motion(stamp))[:2]
@@ -152,7 +163,28 @@ class SensorBuffer:
             None if pull is None else Quantity(pull[0], noise.drawbar_pull),
             0.0 if motion is None else motion.pitch,
             rim,
+            self._specific_force(stamp, motion, speed),
+            _signed(state.torque.at(stamp, gap), speed),
         )
+
+    def _specific_force(
+        self, stamp: int, motion: Motion | None, speed: float | None
+    ) -> float | None:
+        """What the wheels pull per mass along the travel, m/s^2: of slope, and of gaining speed."""
+        measured = self._imu.at(stamp, self._gap)
+        if measured is not None and math.isnan(measured[0]):
+            return _signed(measured[1:], speed)  # an accelerometer feels both
+        by_topic = self.settings.velocity is VelocitySource.TOPIC
+        series = self._velocity if by_topic else self._odometry
+        now, before = series.at(stamp, self._gap), series.at(stamp - _GAINING, self._gap)
+        if now is None or before is None:
+            return None
+        slope: float | None = None if measured is None else measured[0]
+        if not self.settings.with_imu and motion is not None and self._pitches:
+            slope = -GRAVITY * math.sin(motion.pitch)
+        if slope is None:
+            return None
+        return _signed((slope + (now[0] - before[0]) / (_GAINING / SECOND),), speed)
 
     def _motion(self, stamp: int) -> Motion | None:
         values = self._odometry.at(stamp, self._gap)
@@ -208,3 +240,10 @@ class SensorBuffer:
         self.distance = max(self.distance, paths[0] + self._pressed_path)
         state.path = max(state.path, paths[1 + order] + self._pressed_path)
         state.answered = stamp
+
+
+def _signed(values: Sequence[float] | None, speed: float | None) -> float | None:
+    """What is positive forward, as positive along the travel."""
+    if values is None:
+        return None
+    return -values[0] if speed is not None and speed < 0.0 else values[0]

@@ -24,6 +24,7 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 # Streams of the vehicle; those of wheels are `<wheel>/load` and so on.
 ODOMETRY = "odom"
+IMU = "imu"
 VELOCITY = "velocity"
 
 
@@ -90,12 +91,18 @@ class OnboardSettings:
         Names of wheels whose sinkage nobody measures; they get predictions at the times of loads.
     with_drawbar_pull
         Names of rolling wheels whose drawbar pull is measured.
+    with_torque
+        Names of rolling wheels whose torque is measured.
+    with_imu
+        Whether the slope comes from an imu; else from odometry's pose.
     effects
         Effects of the model beside pressure and sinkage, in their order.
     static_loads
         Loads (N) of wheels whose load nobody measures, by name.
     velocity
         Where the speed over ground comes from.
+    mass
+        kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength.
 
     Raises OnboardError where something is outside its domain.
     """
@@ -110,12 +117,15 @@ class OnboardSettings:
     effects: tuple[Effect, ...] = ()
     without_sinkage: frozenset[str] = frozenset()
     with_drawbar_pull: frozenset[str] = frozenset()
+    with_torque: frozenset[str] = frozenset()
+    with_imu: bool = False
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = VelocitySource.ODOMETRY
     standstill_speed: float = _default("standstill_speed")
     reference_slip: float = _default("reference_slip")
     velocity_lateral_position: float = _default("velocity_lateral_position")
     maximum_speed: float = _default("maximum_speed")
+    mass: float = 0.0
 
     def __post_init__(self) -> None:
         """Check everything that no other class checks."""
@@ -147,6 +157,8 @@ class OnboardSettings:
             *(f"{w.name}/wheel_speed" for w in rolling),
             *((ODOMETRY,) if rolling else ()),
             *((VELOCITY,) if by_topic else ()),
+            *(f"{w.name}/torque" for w in rolling if w.name in self.with_torque),
+            *((IMU,) if rolling and self.with_imu else ()),
         )
 
 
@@ -177,6 +189,8 @@ class WheelInputs:
     range_height: float | None
     joint: str
     joint_sign: int
+    gear_ratio: float
+    gear_efficiency: float
     load_sign: int
 
 
@@ -192,5 +206,7 @@ class NodeSettings:
     load_per_effort: float
     velocity_topic: str
     velocity_yaw: float
+    imu_topic: str
+    imu_yaw: float
     soil_file: str
     robot_description_topic: str

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.sensor_buffer import SensorBuffer
-from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardError, OnboardSettings
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardError, OnboardSettings
 from smallwheel_ros.onboard.streams import (
     SECOND,
     StampFault,
@@ -32,9 +32,11 @@ _NUMBERS = {
     "load": (("load", "N"),),
     "drawbar_pull": (("drawbar pull", "N"),),
     "wheel_speed": (("wheel speed", "rad/s"),),
+    "torque": (("torque", "N m"),),
     "sinkage": (("sinkage", "m"),),
     ODOMETRY: (("speed", "m/s"), ("yaw rate", "rad/s"), ("position x", "m"), ("position y", "m")),
     VELOCITY: (("speed", "m/s"), ("yaw rate", "rad/s")),
+    IMU: (),  # what is not known of it is NaN
 }
 _LARGEST = 1e9
 # Predictions for a wheel without sinkage sensor come so far apart.
@@ -189,6 +191,11 @@ class Synchroniser:
         if kind in (ODOMETRY, VELOCITY) and abs(first) > fastest:
             expected = f"expected at most {fastest:g} (parameter maximum_speed)"
             return "not_plausible", f"speed is {first:g} m/s, {expected}"
+        if kind == "torque" and first == 0.0:
+            return "torque_zero", (
+                "torque is exactly 0 N m, expected a measured one: the driver leaves the effort of this"
+                " joint empty (parameter torque_source)"
+            )
         if kind == "load" and first <= 0:
             return "load_not_positive", (
                 f"load is {first:g} N, expected more than 0: the wheel is in the air, or the"

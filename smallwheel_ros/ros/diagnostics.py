@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Onboard
@@ -59,7 +59,7 @@ def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
         "n": f"{soil.n:.4f} +- {spread[1]:.2g}",
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
         **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
-        **strength_values(soil),
+        **strength_values(onboard.strength, onboard.lacking),
         "soil changes": str(soil.soil_changes),
         "travel [m]": f"{soil.distance:.2f}",
     }
@@ -68,18 +68,25 @@ def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     return status(name, OK, text, values)
 
 
-def strength_values(soil: SoilEstimate) -> dict[str, str]:
-    """The strength as drawbar pulls tell it, and in words what they do not."""
-    values = {"strength": "; ".join(soil.strength_status) or "determined"}
-    if soil.strength is not None:
-        strength = soil.strength.strength
+def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> dict[str, str]:
+    """The strength as it was measured, and in words what is not determined of it.
+
+    lacking: what sources that are not in use need, and what they would bring.
+    """
+    values = {
+        "strength": "; ".join(estimate.status) or "determined",
+        "strength measured by": ", ".join(sorted(estimate.sources)) or "nothing",
+        **{f"strength by {source}": words for source, words in lacking.items()},
+    }
+    if estimate.steps:
+        strength = estimate.strength
         for key, found in (
             ("cohesion [Pa]", strength.cohesion),
             ("friction angle [rad]", strength.friction_angle),
             ("shear displacement [m]", strength.shear_displacement),
         ):
             values[key] = f"{found.value:.4g} +- {found.standard_deviation:.2g}"
-        for key, said in soil.strength.verdicts.items():
+        for key, said in estimate.verdicts.items():
             values[f"verdict on {key.replace('_', ' ')}"] = said
     return values
 
@@ -115,7 +122,9 @@ def alarms(onboard: Onboard, estimates: Iterable[MobilityEstimate]) -> list[str]
     words = []
     if digging:
         words.append(f"{', '.join(digging)}: digging in (slip and sinkage up, speed down): stop")
-    missing = onboard.assessor.estimator.missing_effect
+    missing, stuck = onboard.assessor.estimator.missing_effect, onboard.assessor.stuck
+    if stuck.warning:
+        words.append(stuck.warning)
     if missing is not None:
         words.append(missing.message)
     return words
@@ -128,12 +137,17 @@ def alarm_status(
     estimates = list(estimates)
     digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
     missing = onboard.assessor.estimator.missing_effect
-    values = {"digging in": ", ".join(digging) or "no", "missing effect": "none shows"}
+    stuck = onboard.assessor.stuck
+    values = {
+        "digging in": ", ".join(digging) or "no",
+        "risk of getting stuck": "unknown" if stuck.risk is None else f"{stuck.risk:.2f}",
+        "missing effect": "none shows",
+    }
     if missing is not None:
         values["missing effect"] = ", ".join((missing.effect, *missing.rivals))
         values["follows"] = missing.follows
         values["evidence"] = f"{missing.statistic:.0f}"
-    level = ERROR if digging else WARN if missing is not None else OK
+    level = ERROR if digging else WARN if missing is not None or stuck.warning else OK
     return status(name, level, "; ".join(alarms(onboard, estimates)) or "none", values)
 
 

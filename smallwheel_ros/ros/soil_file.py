@@ -55,7 +55,7 @@ class SoilFile:
             return False, "nothing saved: the soil has not been measured yet"
         try:
             check_may_replace(self._path)
-            onboard.assessor.estimator.save(self._path)
+            onboard.save(self._path)
         except SmallwheelError as error:
             return False, f"nothing saved: {error}"
         return True, f"{self._path}: {onboard.soil.accepted} measurements"

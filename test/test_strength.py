@@ -1,0 +1,251 @@
+"""Strength and grip from balance, torque and drawbar pull, in worlds whose thrust is another law."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_examples import examples
+
+from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
+from smallwheel_ros.estimator.traction_filter import RollingContact
+from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
+from smallwheel_ros.physics.traction import contact_length, thrust
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from traction_rates import Run, rates, run
+from traction_worlds import WORLDS, make_drive
+
+WHEELS = tuple(
+    Wheel(f"{end}_{side}", 0.25, 0.1, longitudinal_position=x, lateral_position=y)
+    for end, x in (("front", 0.35), ("rear", -0.35))
+    for side, y in (("left", 0.25), ("right", -0.25))
+)
+PRIOR = Strength(Quantity(0.0, 400.0), Quantity(0.5, 0.1), Quantity(0.012, 0.005))
+MASS = 24.0
+
+
+def test_point_thrust_is_the_thrust_with_its_slopes() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        slip = float(rng.choice([rng.uniform(-1, 1), 1e-6, -1e-6]))
+        z, d = rng.uniform(1e-4, 0.12), 0.25
+        length, by_z = point_contact_length(z, d)
+        assert length == pytest.approx(float(contact_length(z, d)), rel=1e-12)
+        step = 1e-7
+        rise = contact_length(z + step, d) - contact_length(z - step, d)
+        assert by_z == pytest.approx(float(rise) / (2 * step), rel=1e-4)
+        x = np.array([rng.uniform(5, 90), slip, length, rng.uniform(0, 2e3), 0.5, 0.012])
+
+        def at(x: np.ndarray) -> float:
+            w, i, at_length, c, phi, kappa = x.tolist()
+            return point_thrust(w, i, at_length, 0.1, c, phi, kappa).value
+
+        got = point_thrust(x[0], x[1], x[2], 0.1, *x[3:])
+        whole = thrust(x[0], slip, z, d, 0.1, *x[3:])
+        assert got.value == pytest.approx(float(whole), rel=1e-10)
+        slopes = (
+            got.by_load,
+            got.by_slip,
+            got.by_length,
+            got.by_cohesion,
+            got.by_friction,
+            got.by_log_shear / x[5],
+        )
+        if abs(slip) < 1e-5:
+            continue  # the step would cross slip 0
+        for place, slope in enumerate(slopes):
+            h = np.zeros(6)
+            h[place] = 1e-6 * max(x[place], 1e-2)
+            numeric = (at(x + h) - at(x - h)) / (2.0 * h[place])
+            assert slope == pytest.approx(numeric, rel=2e-4, abs=1e-6 * abs(got.limit))
+
+
+# ---- Worlds: one seed of each here, more in benchmarks/traction_rates.py
+
+
+@pytest.mark.parametrize("kind", ["balance", "balance and torque"])
+def test_pulls_and_margin_of_a_slippery_drive(kind: str) -> None:
+    assessor, made = run(make_drive(WORLDS["patch"], 1), kind)
+    found = rates([made])
+    assert found["pull rms"] < 2.0
+    assert 0.85 < found["held"] <= 1.0
+    assert found["Brier"] < 0.09
+    assert found["margin held"] > 0.8
+    assert assessor.traction.estimate().sources == set(kind.split(" and "))
+
+
+def test_without_any_of_them_bands_are_wide_and_hold() -> None:
+    assessor, made = run(make_drive(WORLDS["cruise"], 1), "nothing")
+    found = rates([made])
+    assert found["held"] > 0.88
+    assert found["margin held"] > 0.9
+    told = assessor.traction.estimate()
+    assert told.steps == 0
+    assert told.status[0].startswith("thrust is not determined: no balance")
+
+
+@pytest.mark.slow
+def test_rates_over_worlds() -> None:
+    drives = [make_drive(world, seed) for world in WORLDS.values() for seed in range(4)]
+    found: dict[str, list[Run]] = {}
+    for kind in ("nothing", "balance", "balance and torque", "pull sensor"):
+        found[kind] = [run(drive, kind)[1] for drive in drives]
+        print(kind, rates(found[kind]))
+    for kind, brier in (("balance", 0.09), ("balance and torque", 0.05)):
+        told = rates(found[kind])
+        assert told["Brier"] <= brier
+        assert 0.88 <= told["held"] <= 0.99
+    assert rates(found["nothing"])["held"] >= 0.9
+
+
+# ---- The filter
+
+
+def sample(
+    wheel: str, distance: float, slip: float, force: float | None = None, **changes: object
+) -> TractionSample:
+    contact = RollingContact(59.0, 0.012, 0.25, 0.1, Quantity(6.0, 0.5))
+    values = {"specific_force": force, **changes}
+    return TractionSample(wheel, distance / 0.3, distance, contact, slip, **values)
+
+
+def drive(estimator: TractionEstimator, angle: float, begin: float = 0.0, soil: int = 0) -> None:
+    """Over 6 m of slopes, with the model's own thrust."""
+    length, _ = point_contact_length(0.012, 0.25)
+    for i in range(60):
+        distance, slip = begin + 0.1 * i, 0.2 + 0.18 * math.sin(0.4 * i)
+        push = point_thrust(59.0, slip, length, 0.1, 0.0, angle, 0.012).value
+        for wheel in WHEELS:
+            force = 4.0 * (push - 6.0) / MASS
+            estimator.add(sample(wheel.name, distance, slip, force), soil)
+
+
+def test_balance_finds_the_friction_angle() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    drive(estimator, 0.42)
+    told = estimator.estimate()
+    angle = told.strength.friction_angle
+    assert abs(angle.value - 0.42) < 3.0 * angle.standard_deviation
+    # Grip, cohesion and shear displacement take their part of what slopes show.
+    assert angle.standard_deviation < 0.8 * PRIOR.friction_angle.standard_deviation
+    assert told.sources == {"balance"}
+
+
+def test_each_soil_keeps_its_strength() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    drive(estimator, 0.40, soil=0)
+    first = estimator.estimate().strength.friction_angle
+    drive(estimator, 0.60, begin=6.0, soil=1)
+    other = estimator.estimate().strength.friction_angle
+    assert other.value > first.value + 0.08
+    estimator.add(sample("front_left", 12.0, 0.2), soil=0)
+    assert estimator.estimate().strength.friction_angle == first
+
+
+def test_a_slippery_place_is_grip_and_not_strength() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    drive(estimator, 0.5)
+    before = estimator.estimate().strength.friction_angle.value
+    length, _ = point_contact_length(0.012, 0.25)
+    push = 0.4 * point_thrust(59.0, 0.3, length, 0.1, 0.0, 0.5, 0.012).value
+    for i in range(8):
+        for wheel in WHEELS:
+            force = 4.0 * (push - 6.0) / MASS
+            estimator.add(sample(wheel.name, 6.0 + 0.1 * i, 0.3, force))
+    contact = sample("front_left", 6.8, 0.3).contact
+    step, _ = estimator.wheel("front_left", contact, 0.3, 6.8 / 0.3)
+    assert push < estimator.now.thrust(step).value < 1.5 * push
+    assert estimator.estimate().strength.friction_angle.value > before - 0.08
+
+
+def test_no_mass_means_no_balance() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS)
+    drive(estimator, 0.42)
+    assert estimator.estimate().steps == 0
+
+
+def test_one_wheel_without_slip_leaves_the_balance_out() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    for i in range(30):
+        for wheel in WHEELS[:3]:
+            estimator.add(sample(wheel.name, 0.1 * i, 0.2, 0.0))
+    assert estimator.estimate().steps == 0
+
+
+def test_words_say_what_is_not_determined() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    for i in range(30):
+        for wheel in WHEELS:
+            estimator.add(sample(wheel.name, 0.1 * i, 0.2, 0.3))
+    words = "; ".join(estimator.estimate().status)
+    assert "slip hardly varied (0.20 to 0.20)" in words
+    assert "load hardly varied (59 to 59 N)" in words
+
+
+@settings(max_examples=examples(40), deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-1.0, 1.0),
+            st.floats(-50.0, 50.0),
+            st.none() | st.floats(-500.0, 500.0),
+            st.none() | st.floats(-1e4, 1e4),
+            st.floats(0.0, 3.0),
+            st.booleans(),
+        ),
+        min_size=1,
+        max_size=25,
+    )
+)
+def test_no_sample_breaks_the_filter(rows: list[tuple[object, ...]]) -> None:
+    estimator, distance = TractionEstimator(PRIOR, WHEELS, MASS), 0.0
+    for slip, force, torque, pull, way, forward in rows:
+        distance += way
+        quantity = None if pull is None else Quantity(pull, 0.6)
+        for wheel in WHEELS:
+            estimator.add(
+                sample(
+                    wheel.name, distance, slip, force, torque=torque, pull=quantity, forward=forward
+                )
+            )
+    for one in (estimator.now, estimator.reserve):
+        assert np.isfinite(one.kalman.x).all()
+        assert np.linalg.eigvalsh(one.kalman.P).min() > -1e-9 * np.abs(one.kalman.P).max()
+    told = estimator.estimate()
+    assert told.strength.cohesion.value >= 0.0
+    assert told.strength.shear_displacement.value > 0.0
+
+
+# ---- Saved
+
+
+def test_a_record_goes_on_with_the_strength() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    assert estimator.record() is None
+    drive(estimator, 0.42)
+    record = json.loads(json.dumps(estimator.record()))
+    again = TractionEstimator(PRIOR, WHEELS, MASS)
+    again.restore(record)
+    assert again.estimate().strength == estimator.estimate().strength
+    other = TractionEstimator(replace(PRIOR, cohesion=Quantity(9.0, 1.0)), WHEELS, MASS)
+    with pytest.raises(ValueError, match="another prior of the soil's strength"):
+        other.restore(record)
+    for name, value in (
+        ("covariance", np.diag([1.0, 1.0, 1.0, -1.0]).tolist()),
+        ("mean", [0.0, math.inf, 0.0, 0.0]),
+        ("mean", [1.0]),
+        ("prior", "n"),
+        ("covariance", [[1.0] * 4] * 3),
+    ):
+        with pytest.raises(ValueError, match=r"strength"):
+            again.restore(record | {name: value})
