@@ -41,10 +41,15 @@ settings.load_profile("fast")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker run all tests over DDS: several at a time would compete for the processor."""
+    """Give each worker whole modules, so that what a module's tests share is made once.
+
+    All tests over DDS are one group: several at a time would compete for the processor. It takes
+    longest, mostly waiting, and so begins first.
+    """
     for item in items:
-        if item.get_closest_marker("dds"):
-            item.add_marker(pytest.mark.xdist_group("dds"))
+        over_dds = item.get_closest_marker("dds")
+        item.add_marker(pytest.mark.xdist_group("dds" if over_dds else item.path.stem))
+    items.sort(key=lambda item: item.get_closest_marker("dds") is None)
 
 
 @pytest.fixture(scope="session")
@@ -116,6 +121,16 @@ def _own_ros(request: pytest.FixtureRequest) -> None:
     if request.node.get_closest_marker("dds"):
         pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
         request.getfixturevalue("ros_domain")
+
+
+@pytest.fixture
+def undrawn_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the pictures out of pages: drawing takes most of the time that a command takes.
+
+    For tests of other things than pictures. Pages of fixtures of a module keep theirs.
+    """
+    nothing = "data:image/svg+xml;base64,"
+    monkeypatch.setattr("smallwheel_ros.report.page._data_uri", lambda figure: nothing)
 
 
 @pytest.fixture

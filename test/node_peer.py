@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ONE_WHEEL = """/**:
   ros__parameters:
     wheels: [front]
@@ -29,6 +31,17 @@ def documented_reasons(repository: Path) -> set[str]:
     table = text.split("| reason | means | what to do |")[1].split("\n## ")[0]
     names = (line.split("|")[1] for line in table.splitlines() if line.startswith("|"))
     return {name.strip() for cell in names for name in cell.split(",")}
+
+
+def refused_start(capfd: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Start the node in this process with ROS arguments; return what it says as it ends with 2."""
+    from smallwheel_ros.ros.mobility_estimator import EXIT_BAD_INPUT, main
+
+    capfd.readouterr()
+    assert main(["--ros-args", *arguments]) == EXIT_BAD_INPUT
+    said = capfd.readouterr().err
+    assert "Traceback" not in said
+    return said
 
 
 class Peer:

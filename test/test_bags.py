@@ -143,7 +143,7 @@ def collect(reader, into):
 
 
 def test_damage_inside_says_how_far_it_was_good(tmp_path):
-    bag = write_example(tmp_path / "drive", count=30_000)  # several chunks
+    bag = write_example(tmp_path / "drive", count=12_000)  # several chunks
     inside = next(bag.glob("*.mcap"))
     content = bytearray(inside.read_bytes())
     half = len(content) // 2
@@ -152,11 +152,11 @@ def test_damage_inside_says_how_far_it_was_good(tmp_path):
     good = []
     with BagReader(bag) as reader, pytest.raises(BagError, match="damaged") as caught:
         collect(reader, good)
-    assert 30_000 < len(good) < 60_000  # what is behind the damaged chunks, too
+    assert 12_000 < len(good) < 24_000  # what is behind the damaged chunks, too
     assert caught.value.messages_read == len(good)
     times = [message.log_time for message in good]
     assert times == sorted(times)
-    assert times[-1] == EPOCH + 29_999 * SECOND // 10 + 7
+    assert times[-1] == EPOCH + 11_999 * SECOND // 10 + 7
 
 
 class Refusing:
@@ -312,7 +312,8 @@ class Collected:
 
 @pytest.mark.parametrize("how", ["", "storage", "file", "message"])
 def test_truncated_mcap_gives_what_it_holds(tmp_path, how):
-    bag = write_example(tmp_path / "drive", count=8000)  # more than one chunk
+    count = 8000 if how == "storage" else 4000  # more than one chunk
+    bag = write_example(tmp_path / "drive", count=count)
     if how:
         bag = compressed_copy(bag, tmp_path / "packed", "mcap", how)
     whole = names_and_times(bag)

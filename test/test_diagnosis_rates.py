@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks._rates_table import document, marks, rate
-from benchmarks.diagnosis_rates import fresh_errors, read, stored, trial
+from benchmarks.diagnosis_rates import fresh_errors, main, read, stored, trial
 from benchmarks.worlds import WORLDS, matching
 from smallwheel_ros.model import Model
 from smallwheel_ros.physics.soil import Soil
@@ -124,33 +122,29 @@ def test_fresh_errors_of_the_true_model_are_the_noise(tmp_path: Path) -> None:
     assert fresh_errors(soft, read(made.table, tmp_path))["sinkage"] > 1e-3
 
 
-def test_the_script_keeps_its_trials_and_goes_on(repository: Path, tmp_path: Path) -> None:
-    def run(*more: str) -> subprocess.CompletedProcess[str]:
-        script = str(repository / "benchmarks" / "diagnosis_rates.py")
+def test_the_script_keeps_its_trials_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(*more: str) -> None:
         output = str(tmp_path / "rates.md")
-        return subprocess.run(
-            [sys.executable, script, "--worlds", "few/*", "--output", output, *more],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        arguments = ["diagnosis_rates.py", "--worlds", "few/*", "--output", output, *more]
+        monkeypatch.setattr("sys.argv", arguments)
+        main()
 
-    first = run("--seeds", "0:1")
-    assert first.returncode == 0, first.stderr
+    run("--seeds", "0:1")
     store = tmp_path / "rates.trials.jsonl"
     assert len(store.read_text().split()) > 0
-    again = run("--seeds", "0:2", "--jobs", "2")
-    assert again.returncode == 0, again.stderr
+    run("--seeds", "0:2", "--jobs", "2")
     kept = [json.loads(line) for line in store.read_text().splitlines() if line]
     assert [(one["world"], one["seed"]) for one in kept] == [
         ("few/5-runs-slip_sinkage", 0),
         ("few/5-runs-slip_sinkage", 1),
     ]
     assert "| few/5-runs-slip_sinkage | 2 | 2 [34-100] |" in (tmp_path / "rates.md").read_text()
-    wrong = run("--worlds", "soil/gravity")
-    assert wrong.returncode == 2
-    assert "no world is named 'soil/gravity'" in wrong.stderr
-    assert "Traceback" not in wrong.stderr
+    with pytest.raises(SystemExit) as stopped:
+        run("--worlds", "soil/gravity")
+    assert stopped.value.code == 2
+    assert "no world is named 'soil/gravity'" in capsys.readouterr().err
 
 
 def counted(world: str, seeds: range) -> dict[str, int]:

@@ -135,6 +135,7 @@ def test_a_path_that_rosidl_cannot_build_in(checkout: Path) -> None:
     assert not (folder / ".venv").exists()
 
 
+@pytest.mark.slow
 def test_a_failed_download_leaves_nothing_that_is_believed(checkout: Path) -> None:
     """Twice the same failure: the second run must not take the half-made environment for whole."""
     for _ in range(2):

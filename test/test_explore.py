@@ -34,6 +34,7 @@ from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.model_file import read_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
+UNDRAWN = pytest.mark.usefixtures("undrawn_pages")
 EVIL = '<img src=x onerror="document.title=1"> $x^{ "&\''
 
 
@@ -62,6 +63,7 @@ def session(rig: Path) -> Session:
 # The session
 
 
+@UNDRAWN
 def test_the_page_and_the_diagnosis_say_the_same(session: Session) -> None:
     document = session.document
     assert document["missing_effects"] == ["slip_sinkage"]
@@ -79,6 +81,7 @@ def test_the_page_and_the_diagnosis_say_the_same(session: Session) -> None:
         assert channel["noise_floor"] is not None
 
 
+@UNDRAWN
 def test_what_the_diagnosis_does_not_name_is_not_recommended(session: Session) -> None:
     other = view_html(session, session.view(["multipass"]), "slip")
     assert "multipass: probability" in other
@@ -88,6 +91,7 @@ def test_what_the_diagnosis_does_not_name_is_not_recommended(session: Session) -
     assert "An effect that is not testable" not in view_html(session, session.view([]), "slip")
 
 
+@UNDRAWN
 def test_a_channel_whose_error_rises_is_said(session: Session) -> None:
     view = session.view(["multipass", "slip_sinkage"])
     rises = Comparison({"sinkage": -0.3, "resistance": 0.5}, {"sinkage": -1.1, "resistance": 3.0})
@@ -96,6 +100,7 @@ def test_a_channel_whose_error_rises_is_said(session: Session) -> None:
     assert "error of resistance rises" not in html
 
 
+@UNDRAWN
 def test_an_error_of_the_instrument_is_told_from_an_effect_of_the_soil(session: Session) -> None:
     page = whole_page(session, [], "slip", "")
     soil, instrument = page.split("Errors of the instrument")
@@ -167,6 +172,7 @@ def test_one_run_is_refused(rows: int, message: str, tmp_path: Path) -> None:
         open_session(tmp_path / "few.csv")
 
 
+@UNDRAWN
 def test_of_a_few_runs_it_is_said_that_they_are_few(tmp_path: Path) -> None:
     write_table(simulate_rig(RigSettings(seed=3, runs=6)).table.iloc[:6], tmp_path / "few.csv")
     opened = open_session(tmp_path / "few.csv")
@@ -176,6 +182,7 @@ def test_of_a_few_runs_it_is_said_that_they_are_few(tmp_path: Path) -> None:
         assert "2 runs: under 6 runs nothing can be told" in view_html(opened, view, "load")
 
 
+@UNDRAWN
 def test_without_repeats_no_noise_floor_is_claimed(tmp_path: Path) -> None:
     table = simulate_rig(RigSettings(seed=3, runs=16, hidden=("slip_sinkage",))).table
     write_table(table.groupby("run").head(1), tmp_path / "once.csv")
@@ -290,6 +297,7 @@ def test_other_ways_to_ask_are_refused(server: ExploreServer) -> None:
     assert ask(server, "/explore.js")[0].status == 200  # still there
 
 
+@UNDRAWN
 @pytest.mark.parametrize("path", ["/view?effects=multipass", "/model.yaml", "/?effects=multipass"])
 @pytest.mark.parametrize(
     ("header", "value", "status"),
@@ -346,6 +354,7 @@ def test_a_model_file_is_offered_for_download(server: ExploreServer, tmp_path: P
     assert [e.id for e in read_model(tmp_path / "saved.yaml").model.effects] == ["slip_sinkage"]
 
 
+@UNDRAWN
 def test_a_fit_that_fails_is_said_in_the_page(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:

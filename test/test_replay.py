@@ -36,6 +36,8 @@ _kinds = importlib.util.spec_from_file_location(
 bag_kinds = importlib.util.module_from_spec(_kinds)
 _kinds.loader.exec_module(bag_kinds)
 
+pytestmark = pytest.mark.usefixtures("undrawn_pages")
+
 SECOND = 10**9
 MOBILITY = "/mobility_estimator/mobility"
 SOIL = "/mobility_estimator/soil"

@@ -17,6 +17,8 @@ from smallwheel_ros.model_file import CalibratedModel, write_model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
+pytestmark = pytest.mark.usefixtures("undrawn_pages")
+
 
 def smallwheel(*arguments: object) -> Result:
     return CliRunner().invoke(cli.main, [str(a) for a in arguments])

@@ -212,12 +212,25 @@ def make_venv() -> None:
     ]
     run(
         "Installing the packages",
-        # The lock file is complete, so nothing has to be resolved; .pyc files come with use.
+        # The lock file is complete, so nothing has to be resolved.
         [*pip, "--no-deps", "--no-compile", "-r", LOCK],
         "Is the package registry within reach, and room for 1 GB on the disk? Run make again.",
     )
+    compile_packages()
     patch_cmake_files()
     write_state(python=str(interpreter()), environment=environment_key())
+
+
+def compile_packages() -> None:
+    """Compile what was installed, but not its tests.
+
+    Where PYTHONDONTWRITEBYTECODE is set, as in many containers, each command would otherwise
+    compile what it imports, scipy and pandas among it, and take 7 s instead of 2 s to start.
+    """
+    paths = VENV / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
+    command = [VENV_PYTHON, "-m", "compileall", "-qq", "-j", "0", "-x", r"/tests?/", paths]
+    # A file of another Python's syntax does not compile, and is not needed either.
+    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
 
 
 def remove_dangling_links() -> None:
