@@ -22,6 +22,9 @@ from smallwheel_ros.pictures.innovations import innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 
+TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]
+
+
 def alarms(
     seed: int, hidden: tuple[str, ...], distance: float, terrain: str
 ) -> list[MissingEffect]:
@@ -38,7 +41,7 @@ def alarms(
     return list(found.values())
 
 
-@pytest.mark.parametrize("terrain", ["single", "mixed"])
+@pytest.mark.parametrize("terrain", TERRAINS)
 def test_hidden_slip_sinkage_is_named(terrain: str) -> None:
     found = alarms(3, ("slip_sinkage",), 20.0, terrain)
     assert [one.effect for one in found] == ["slip_sinkage"]
@@ -47,7 +50,7 @@ def test_hidden_slip_sinkage_is_named(terrain: str) -> None:
     assert "follows slip: slip_sinkage fits" in found[0].message
 
 
-@pytest.mark.parametrize("terrain", ["single", "mixed"])
+@pytest.mark.parametrize("terrain", TERRAINS)
 def test_without_a_hidden_effect_it_is_quiet(terrain: str) -> None:
     assert alarms(3, (), 25.0, terrain) == []
 

@@ -45,7 +45,7 @@ def open_session(path: Path, base: Base | None = None) -> Session:
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated table with hidden slip sinkage; a column and the soil have hostile names."""
-    table = simulate_rig(RigSettings(seed=3, runs=16, hidden=("slip_sinkage",))).table
+    table = simulate_rig(RigSettings(seed=3, runs=12, hidden=("slip_sinkage",))).table
     table["soil"] = "sand" + EVIL
     generator = np.random.default_rng(1)
     wet = generator.uniform(0.1, 0.9, table["run"].nunique())

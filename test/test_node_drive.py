@@ -30,7 +30,7 @@ pytestmark = pytest.mark.dds
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bags") / "drive"
-    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=3.0, wheels="two_sizes")), path)
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=2.0, wheels="two_sizes")), path)
     return path
 
 
@@ -132,7 +132,7 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
     parameters = [rover]
     log = tmp_path / "node.log"
     with NodeProcess(parameters, log, {"use_sim_time": "true"}) as node:
-        first = drive_through(bag, rate=4.0, alive=node.death)
+        first = drive_through(bag, rate=16.0, alive=node.death)
         assert node.death() is None
         assert first.sinkages == len(expected)
         assert first.unanswered == 0
@@ -166,7 +166,7 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
 
         # Whoever comes late gets the newest soil: drive_through waits for one before it plays, and
         # the same bag once more is a time that jumps back, after which all begins anew.
-        again = drive_through(bag, rate=4.0, alive=node.death)
+        again = drive_through(bag, rate=16.0, alive=node.death)
         for name in ("stamp", "k", "n", "m", "measurements_accepted", "status_text"):
             assert again.soil[0][name] == last[name]
         # A message or two may come before /clock has gone back, and are refused as too old.
@@ -307,7 +307,7 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     command = [sys.executable, "-m", "smallwheel_ros.cli", "demo", "-o", str(folder)]
     done = subprocess.run(
-        [*command, "--distance", "3", "--seed", "3", "--rate", "8"],
+        [*command, "--distance", "2", "--seed", "3", "--rate", "8"],
         capture_output=True,
         text=True,
         timeout=600,

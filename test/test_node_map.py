@@ -110,6 +110,12 @@ def test_crossed_ground_becomes_a_grid_that_nav2_takes(
         assert answer.success
         peer.spin_until(lambda: cells_of(grids[-1]).max() == -1, "an empty grid after the reset")
         assert_nav2_takes_it(grids[-1], "odom")
+        # Viewers keep markers for ever: those that were published are deleted, once.
+        deletion = [Marker.DELETEALL]
+        peer.spin_until(lambda: [m.action for m in arrays[-1].markers] == deletion, "their end")
+        count = len(arrays)
+        peer.wait_for_turn()
+        assert len(arrays) == count
         assert node.death() is None
     assert "Traceback" not in log.read_text()
 

@@ -88,7 +88,7 @@ def test_replay_and_node_agree_to_a_billionth(
 
     log = tmp_path / "node.log"
     with NodeProcess([rover], log, {"use_sim_time": "true"}) as node:
-        recording = drive_through(bag, rate=4.0, alive=node.death)
+        recording = drive_through(bag, rate=16.0, alive=node.death)
     assert len(recording.mobility) == len(mobility)
     for row, expected in zip(recording.mobility, mobility, strict=True):
         assert_same(row, expected)
@@ -107,7 +107,7 @@ def test_a_bag_of_ros1_is_played_into_the_node(bag: Path, repository: Path, tmp_
     replay(ReplaySpec(old, rover, tmp_path / "out", copy="none"))
     expected = [fields(m.message) for m in messages_of(tmp_path / "out" / "bag", MOBILITY)]
     with NodeProcess([rover], tmp_path / "node.log", {"use_sim_time": "true"}) as node:
-        recording = drive_through(old, rate=4.0, alive=node.death)
+        recording = drive_through(old, rate=16.0, alive=node.death)
     assert len(recording.mobility) == len(expected) > 100
     for row, other in zip(recording.mobility, expected, strict=True):
         assert_same(row, other)
