@@ -21,7 +21,6 @@ from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.pictures.innovations import innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
-
 TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]
 
 
