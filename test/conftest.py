@@ -8,6 +8,7 @@ same environment variables are in ``os.environ``, so processes that it starts in
 from __future__ import annotations
 
 import fcntl
+import importlib
 import os
 import random
 import shutil
@@ -129,8 +130,8 @@ def undrawn_pages(monkeypatch: pytest.MonkeyPatch) -> None:
 
     For tests of other things than pictures. Pages of fixtures of a module keep theirs.
     """
-    nothing = "data:image/svg+xml;base64,"
-    monkeypatch.setattr("smallwheel_ros.report.page._data_uri", lambda figure: nothing)
+    module = importlib.import_module("smallwheel_ros.report.page")
+    monkeypatch.setattr(module, "_data_uri", lambda figure: "data:image/svg+xml;base64,")
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import importlib.util
 import json
 import re
 import runpy
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -111,6 +112,24 @@ class TestPictures:
                 assert re.search(rf"^\w+ {rest}\b", definition, re.MULTILINE), path
                 found += 1
         assert found > 10
+
+    def test_plotjuggler_curves_are_fields_of_the_messages(self, repository: Path) -> None:
+        layout = ElementTree.parse(repository / "config" / "plotjuggler_layout.xml")
+        curves = [curve.attrib["name"] for curve in layout.iter("curve")]
+        assert len(curves) > 10
+        for curve in curves:
+            topic, _, field = curve.rpartition("/")
+            definition = message_definitions()[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
+            assert re.search(rf"^\w+ {field}\b", definition, re.MULTILINE), curve
+        # All wheels come by one topic: a line would join one wheel to the next.
+        for plot in layout.iter("plot"):
+            names = {curve.attrib["name"].split("/")[2] for curve in plot.iter("curve")}
+            assert plot.attrib["style"] == ("Dots" if names == {"mobility"} else "Lines")
+        # As many places as it says there are, and shares of one whole.
+        for splitter in layout.iter("DockSplitter"):
+            sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+            assert len(splitter) == int(splitter.attrib["count"]) == len(sizes)
+            assert sum(sizes) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("name", LAUNCH_FILES)

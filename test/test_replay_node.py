@@ -70,7 +70,10 @@ def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
             assert value == other, name
 
 
-@pytest.mark.parametrize("pulls", [False, True], ids=["sinkage", "sinkage and pull"])
+@pytest.mark.parametrize(
+    "pulls",
+    [pytest.param(False, id="sinkage", marks=pytest.mark.slow), pytest.param(True, id="and pull")],
+)
 def test_replay_and_node_agree_to_a_billionth(
     bag: Path, repository: Path, tmp_path: Path, pulls: bool
 ) -> None:

@@ -1,7 +1,8 @@
-"""The node's cost map: terrain classes in, grid out, at a bounded rate and only when it changed."""
+"""The node's cost map: terrain classes in, grid out, at a bounded rate."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,9 @@ from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
 
 TERRAIN_CLASSES = "terrain_classes"
+# s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
+# where they belong once it comes again, from a robot that stands too.
+AGAIN_AFTER = 5.0
 
 
 class CostPublisher:
@@ -33,6 +37,8 @@ class CostPublisher:
         self._report = report
         self._stamp = 0
         self._last: Any = None
+        self._sent: Any = None  # the newest grid, and when that was by time.monotonic()
+        self._sent_at = 0.0
         self.received = 0
         self.published = 0
         self._ground = GroundMapper(CostMap(settings))
@@ -78,10 +84,18 @@ class CostPublisher:
         self._stamp = 0
 
     def publish(self, now: int) -> None:
-        """Publish the grid if it has changed; now (ns) is its stamp before any measurement."""
-        if not self.map.changed:
-            return
-        grid = self.map.grid()
-        if grid is not None:
-            self._publisher.publish(grid_message(grid, self._stamp or now))
-            self.published += 1
+        """Publish the grid if it has changed, and the same one again after 5 s.
+
+        now (ns): its stamp before any measurement.
+        """
+        if self.map.changed:
+            grid = self.map.grid()
+            if grid is not None:
+                self._send(grid_message(grid, self._stamp or now))
+        elif self._sent is not None and time.monotonic() >= self._sent_at + AGAIN_AFTER:
+            self._send(self._sent)
+
+    def _send(self, message: Any) -> None:
+        self._publisher.publish(message)
+        self._sent, self._sent_at = message, time.monotonic()
+        self.published += 1
