@@ -144,10 +144,6 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _advance(bar: tqdm[Any]) -> None:
-    bar.update()
-
-
 def recorded(bag: Path, parameters: Path, folder: Path, *, rate: float) -> Recording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
@@ -177,7 +173,7 @@ def recorded(bag: Path, parameters: Path, folder: Path, *, rate: float) -> Recor
         NodeProcess([parameters], folder / _LOG, {"use_sim_time": "true"}) as node,
         tqdm(total=total, unit=" messages", disable=None, leave=False) as bar,
     ):
-        return drive_through(bag, rate=rate, alive=node.death, progress=lambda _: _advance(bar))
+        return drive_through(bag, rate=rate, alive=node.death, progress=bar.update)
 
 
 def _table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:

@@ -329,14 +329,15 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
     assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
 
 
-def test_play_refusals_need_no_node(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.play import PlayError, PlaySettings, play
+def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
+    from smallwheel_ros.ros.play import Player, PlayError, PlaySettings, own_node
 
-    with pytest.raises(SmallwheelError, match="does not exist"):
-        play(tmp_path / "nothing", PlaySettings(), lambda _: lambda: None)
     old = tmp_path / "old.bag"
     old.write_bytes(b"")
-    with pytest.raises(SmallwheelError, match="cannot be read"):
-        play(old, PlaySettings(), lambda _: lambda: None)
-    with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
-        play(bag, PlaySettings(start=1000.0, loop=True), lambda _: lambda: None)
+    with own_node("player") as node:
+        with pytest.raises(SmallwheelError, match="does not exist"):
+            Player(node, tmp_path / "nothing")
+        with pytest.raises(SmallwheelError, match="cannot be read"):
+            Player(node, old)
+        with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
+            Player(node, bag, PlaySettings(start=1000.0, loop=True))

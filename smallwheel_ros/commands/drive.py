@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from tqdm import tqdm
 
 from smallwheel_ros.node_process import check_ros
-
-if TYPE_CHECKING:
-    from smallwheel_ros.ros.play import Player
 
 _FILE = click.Path(path_type=Path)
 _JSON = click.option(
@@ -104,31 +100,29 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: fl
     listens to are named. It ends when all reliable listeners have everything.
     """
     check_ros()
-    from smallwheel_ros.ros.play import PlaySettings
-    from smallwheel_ros.ros.play import play as play_bag
-
-    bars: list[tqdm[Any]] = []
-
-    def progress(player: Player) -> Callable[[], None]:
-        for name, kind in player.skipped.items():
-            click.echo(f"{name} is left out: its type {kind} is not installed here", err=True)
-        total = None if loop else player.message_count
-        bars.append(tqdm(total=total, unit=" messages", disable=None, leave=False))
-
-        def step() -> None:
-            bars[0].update()
-
-        return step
+    from smallwheel_ros.ros.play import CONFIRM, Player, PlaySettings, own_node
 
     def say(line: str) -> None:
         click.echo(f"{bag}: {line}", err=True)
 
-    settings = PlaySettings(rate=rate, start=start, loop=loop, clock=clock, wait=wait)
-    try:
-        count = play_bag(bag, settings, progress, say)
-    finally:
-        for bar in bars:
-            bar.close()
+    settings = PlaySettings(rate=rate, start=start, loop=loop, clock=clock)
+    with own_node("smallwheel_play") as node, Player(node, bag, settings) as player:
+        for name, kind in player.skipped.items():
+            click.echo(f"{name} is left out: its type {kind} is not installed here", err=True)
+        total = None if loop else player.message_count
+        with player.stop.listening():
+            if wait > 0:
+                say(f"waiting for listeners, at most {wait:g} s (--wait)")
+                player.wait_for_listeners(wait)
+                if lonely := player.nobody_listens():
+                    say(lonely)
+            bar = tqdm(player.play(), total=total, unit=" messages", disable=None, leave=False)
+            count = sum(1 for _ in bar)
+            if lacking := player.wait_for_confirmation():
+                topics = ", ".join(lacking)
+                say(
+                    f"listeners have not confirmed the last messages within {CONFIRM:g} s: {topics}"
+                )
     click.echo(f"{bag}: {count} messages published")
 
 

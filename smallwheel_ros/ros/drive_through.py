@@ -17,15 +17,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 
-from smallwheel_ros.bags import RawMessage
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import nanoseconds_of
-from smallwheel_ros.ros.play import Player, PlaySettings
+from smallwheel_ros.ros.play import Player, PlaySettings, own_node
 
 _MOST_UNANSWERED = 20
 # s without an answer. Python and ROS start within seconds, but take half a minute where ten programs
@@ -52,10 +50,6 @@ class Recording:
         Message of the newest entry of each name.
     published, sinkages
         Messages that were played, and how many of them were sinkages.
-    duration
-        Of the playing, s.
-    held
-        s that the player waited for answers.
     latencies
         s from each sinkage's publication to its answer, waiting for other topics included.
     """
@@ -65,8 +59,6 @@ class Recording:
     diagnostics: dict[str, str] = field(default_factory=dict)
     published: int = 0
     sinkages: int = 0
-    duration: float = 0.0
-    held: float = 0.0
     latencies: list[float] = field(default_factory=list)
 
     @property
@@ -89,7 +81,7 @@ def drive_through(
     *,
     rate: float = 1.0,
     alive: Callable[[], str | None] = lambda: None,
-    progress: Callable[[int], None] = lambda _: None,
+    progress: Callable[[], object] = lambda: None,
 ) -> Recording:
     """Play a bag into the running node at most at this rate, and record its answers.
 
@@ -98,7 +90,7 @@ def drive_through(
     alive
         Says why the node is dead, None while it lives.
     progress
-        Called with the number of messages published so far.
+        Called for each message.
 
     Raises
     ------
@@ -109,26 +101,18 @@ def drive_through(
     """
     if rclpy.ok():
         raise DriveThroughError("rclpy is running in this process already: shut it down first")
-    # Ctrl-C is Python's, not ROS's: it then ends this like any other program.
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("smallwheel_drive_through")
-    try:
-        return _Session(node, Path(bag), rate, alive, progress).run()
-    finally:
-        node.destroy_node()  # left to the garbage collector, it stays on the network for as long
-        rclpy.try_shutdown()
+    with own_node("smallwheel_drive_through") as node:
+        recorder = _Recorder(node, alive)
+        with Player(node, bag, PlaySettings(rate=rate)) as player:
+            recorder.record(player, progress)
+        return recorder.recording
 
 
-class _Session:
-    def __init__(
-        self,
-        node: Node,
-        bag: Path,
-        rate: float,
-        alive: Callable[[], str | None],
-        progress: Callable[[int], None],
-    ) -> None:
-        self._alive, self._progress = alive, progress
+class _Recorder:
+    """Records what the node publishes, and waits for it."""
+
+    def __init__(self, node: Node, alive: Callable[[], str | None]) -> None:
+        self._alive = alive
         self.recording = Recording()
         self._sent: dict[int, float] = {}
         self._diagnosed = 0  # messages of diagnostics
@@ -138,29 +122,42 @@ class _Session:
         )
         node.create_subscription(SoilEstimate, f"{own}/soil", self._on_soil, qos.LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
-        self.player = Player(node, bag, PlaySettings(rate=rate))
 
-    def run(self) -> Recording:
-        with self.player:
-            self._wait(lambda: not self._unheard(), self._nobody)
-            # Topics that the node does not need may stay unheard.
-            self.player.wait_for_listeners(_PATIENCE)
-            # The node has found us as well when its first soil has come.
-            self._wait(lambda: bool(self.recording.soil), lambda: "it published no soil")
-            start = time.monotonic()
-            self.recording.published = self.player.play(self._before)
-            self._wait(lambda: self.recording.unanswered <= 0, None)
-            self.recording.duration = time.monotonic() - start
-            self._let_settle()
-        return self.recording
+    def record(self, player: Player, progress: Callable[[], object]) -> None:
+        """Play everything; wait for the node before it, for its answers meanwhile and after it."""
+        found = self.recording
 
-    def _unheard(self) -> list[str]:
-        return [name for name in self.player.unheard() if self.player.topics[name] == _SINKAGE]
+        def deaf() -> list[str]:
+            return [name for name in player.unheard() if player.topics[name] == _SINKAGE]
 
-    def _nobody(self) -> str:
-        return f"nobody listens to {', '.join(self._unheard())}"
+        def answered() -> bool:
+            return found.unanswered < _MOST_UNANSWERED
 
-    def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None) -> None:
+        self._wait(player, lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
+        # Topics that the node does not need may stay unheard.
+        player.wait_for_listeners(_PATIENCE)
+        # The node has found us as well when its first soil has come.
+        self._wait(player, lambda: bool(found.soil), lambda: "it published no soil")
+        for raw in player.play():
+            # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
+            self._wait(player, answered, lambda: f"{len(found.mobility)} answers until then")
+            if raw.type == _SINKAGE:
+                message = deserialize_message(bytes(raw.data), WheelSinkage)
+                self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
+                found.sinkages += 1
+            found.published += 1
+            progress()
+            if found.published % 10 == 0:
+                player.spin(0.0)
+        self._wait(player, lambda: found.unanswered <= 0, None)
+        # The last soil, and diagnostics that know of the last message, come by timers, the soil more
+        # often; the first diagnostics may be under way already.
+        until = self._diagnosed + 2
+        self._wait(player, lambda: self._diagnosed >= until, None)
+
+    def _wait(
+        self, player: Player, done: Callable[[], bool], failure: Callable[[], str] | None
+    ) -> None:
         """Spin until it is done; too long without an answer is an error where there are words for one."""
         limit = _PATIENCE if failure is not None else _LAST
         answers, newest = len(self.recording.mobility), time.monotonic()
@@ -176,33 +173,7 @@ class _Session:
                 raise DriveThroughError(
                     f"the node {NODE_NAME} does not answer within {limit:.0f} s: {failure()}"
                 )
-            self.player.spin(0.02)
-
-    def _before(self, raw: RawMessage) -> None:
-        if self.recording.unanswered >= _MOST_UNANSWERED:
-            start, answers = time.monotonic(), len(self.recording.mobility)
-            # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
-            self._wait(
-                lambda: self.recording.unanswered < _MOST_UNANSWERED,
-                lambda: f"{len(self.recording.mobility) - answers} answers in that time",
-            )
-            self.recording.held += time.monotonic() - start
-        if raw.type == _SINKAGE:
-            message = deserialize_message(bytes(raw.data), WheelSinkage)
-            self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
-            self.recording.sinkages += 1
-        self.recording.published += 1
-        self._progress(self.recording.published)
-        if self.recording.published % 10 == 0:
-            self.player.spin(0.0)
-
-    def _let_settle(self) -> None:
-        """Wait for the last soil, and for diagnostics that know of the last message.
-
-        Both come by timers, the soil more often; the first diagnostics may be under way already.
-        """
-        until = self._diagnosed + 2
-        self._wait(lambda: self._diagnosed >= until, None)
+            player.spin(0.02)
 
     def _on_mobility(self, message: Any) -> None:
         sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
@@ -30,7 +33,8 @@ _CLOCK_PERIOD = SECOND // 100
 _MUTUAL = 0.5  # s
 # The subscriptions of one node become known together, well within this; so do nodes that run already.
 _QUIET = 2.0  # s
-_CONFIRM = 5.0  # s: a listener on this machine confirms within milliseconds
+CONFIRM = 5.0  # s: a listener on this machine confirms within milliseconds
+_CLOCK = "/clock"
 _RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 _KEPT = QoSProfile(
     depth=100,
@@ -48,15 +52,25 @@ class PlaySettings:
     """How to play a bag.
 
     rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again.
-    clock: publish /clock from the times of recording, for nodes with use_sim_time. wait: for
-    listeners before the first message, at most so many s (`Player.wait_for_listeners`).
+    clock: publish /clock from the times of recording, for nodes with use_sim_time.
     """
 
     rate: float = 1.0
     start: float = 0.0
     loop: bool = False
     clock: bool = True
-    wait: float = 10.0
+
+
+@contextmanager
+def own_node(name: str) -> Iterator[Node]:
+    """ROS and a node for as long as it lasts. Ctrl-C ends it like any other program."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node(name)
+    try:
+        yield node
+    finally:
+        node.destroy_node()  # left to the garbage collector, it stays on the network for as long
+        rclpy.try_shutdown()
 
 
 def _keeps_last(reader: BagReader, topic: BagTopic) -> bool:
@@ -115,25 +129,20 @@ class Player:
             raise PlayError(f"bag {self.bag} has no message of a type that is installed here")
         self._newest_match = 0.0  # time.monotonic()
         self._listeners = dict.fromkeys(self.topics, 0)
-        self.publishers = {
-            name: node.create_publisher(
-                classes[name],
-                name,
-                _KEPT if kept[name] else _RELIABLE,
-                event_callbacks=PublisherEventCallbacks(matched=partial(self._on_match, name)),
-            )
+        self._publishers = {
+            name: self._publisher(name, classes[name], _KEPT if kept[name] else _RELIABLE)
             for name in self.topics
         }
         self._clock = None
-        if self.settings.clock and "/clock" not in self.topics:
-            self._clock = node.create_publisher(
-                Clock,
-                "/clock",
-                _RELIABLE,
-                event_callbacks=PublisherEventCallbacks(matched=self._on_clock_match),
-            )
+        if self.settings.clock and _CLOCK not in self.topics:
+            self._clock = self._publisher(_CLOCK, Clock, _RELIABLE)
+            self._publishers[_CLOCK] = self._clock
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
+
+    def _publisher(self, topic: str, kind: Any, profile: QoSProfile) -> Publisher:
+        events = PublisherEventCallbacks(matched=partial(self._on_match, topic))
+        return self.node.create_publisher(kind, topic, profile, event_callbacks=events)
 
     def __enter__(self) -> Player:
         return self
@@ -156,11 +165,9 @@ class Player:
         return [name for name, count in self._listeners.items() if count == 0]
 
     def _on_match(self, topic: str, event: QoSPublisherMatchedInfo) -> None:
-        self._listeners[topic] = event.current_count
-        self._newest_match = time.monotonic()
-
-    def _on_clock_match(self, _: QoSPublisherMatchedInfo) -> None:
-        # Who listens to the clock need not listen to the bag, but is to have the clock's beginning.
+        # Who listens to our clock need not listen to the bag, but is to have the clock's beginning.
+        if topic in self._listeners:
+            self._listeners[topic] = event.current_count
         self._newest_match = time.monotonic()
 
     def _begin_at(self) -> float:
@@ -201,11 +208,10 @@ class Player:
 
         Those of best effort confirm nothing, and are not waited for.
         """
-        deadline = time.monotonic() + _CONFIRM
-        clock = {} if self._clock is None else {"/clock": self._clock}
+        deadline = time.monotonic() + CONFIRM
         return [
             name
-            for name, publisher in (self.publishers | clock).items()
+            for name, publisher in self._publishers.items()
             if not publisher.wait_for_all_acked(
                 Duration(seconds=max(deadline - time.monotonic(), 0.0))
             )
@@ -228,12 +234,12 @@ class Player:
             if not self.settings.loop:
                 return
 
-    def play(self, before: Callable[[RawMessage], None] | None = None) -> int:
-        """Publish everything at its time; return how many messages that were.
+    def play(self) -> Iterator[RawMessage]:
+        """Publish everything at its time; give each message before it is published.
 
-        before: called before each message; it may take its time, the rest is then later.
+        Who takes them may take their time, and the rest is then later.
         """
-        count, clock = 0, 0
+        clock = 0
         origin: tuple[float, int] | None = None  # wall time and log time that belong together
         for raw in self.messages():
             now = time.monotonic()
@@ -242,8 +248,7 @@ class Player:
             due = origin[0] + (raw.log_time - origin[1]) / SECOND / self.settings.rate
             while (now := time.monotonic()) < due:
                 self.spin(min(due - now, 0.05))
-            if before is not None:
-                before(raw)
+            yield raw
             # Whoever held it up is not made to catch up.
             late = time.monotonic() - due
             if late > 0.05:
@@ -251,41 +256,5 @@ class Player:
             if self._clock is not None and raw.log_time >= clock + _CLOCK_PERIOD:
                 clock = raw.log_time
                 self._clock.publish(Clock(clock=time_message(clock)))
-            self.publishers[raw.topic].publish(bytes(raw.data))
+            self._publishers[raw.topic].publish(bytes(raw.data))
             self._stop_if_asked()
-            count += 1
-        return count
-
-
-def play(
-    bag: Path | str,
-    settings: PlaySettings,
-    progress: Callable[[Player], Callable[[], None]],
-    say: Callable[[str], None] = lambda _: None,
-) -> int:
-    """Publish a bag from a node of its own; return the number of messages.
-
-    progress: gets the player before the first message, and gives back what to call at each. say:
-    gets lines of text on the listeners.
-    """
-    # Ctrl-C is ours, not ROS's: it then ends this like any other program.
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("smallwheel_play")
-    try:
-        with Player(node, bag, settings) as player, player.stop.listening():
-            if settings.wait > 0:
-                say(f"waiting for listeners, at most {settings.wait:g} s (--wait)")
-                player.wait_for_listeners(settings.wait)
-                if lonely := player.nobody_listens():
-                    say(lonely)
-            step = progress(player)
-            count = player.play(lambda _: step())
-            if lacking := player.wait_for_confirmation():
-                say(
-                    f"listeners have not confirmed the last messages within {_CONFIRM:g} s:"
-                    f" {', '.join(lacking)}"
-                )
-            return count
-    finally:
-        node.destroy_node()  # left to the garbage collector, it stays on the network for as long
-        rclpy.try_shutdown()
