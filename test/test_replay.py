@@ -27,6 +27,7 @@ from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
+from smallwheel_ros.report.replay_report import write_replay_report
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -706,27 +707,32 @@ def test_a_bag_that_was_not_closed_is_read_from_its_folder(bag, rover, usual, tm
 # --- On from a drive
 
 
-def test_changes_of_soil_are_told_where_they_are(rover, tmp_path):
-    path = tmp_path / "drive"
+@pytest.fixture(scope="module")
+def three_soils(rover, tmp_path_factory):
+    """A drive over three soils, the folder of its replay, and what that found."""
+    folder = tmp_path_factory.mktemp("three_soils")
     drive = simulate_drive(DriveSettings(seed=2, distance=25.0, wheels="two_sizes"))
-    write_drive_bag(drive, path)
-    smallwheel("replay", path, "--config", rover, "-o", tmp_path / "out", "--copy", "none")
-    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    write_drive_bag(drive, folder / "drive")
+    out = folder / "out"
+    return drive, out, replay(ReplaySpec(folder / "drive", rover, out, copy="none"))
+
+
+def test_changes_of_soil_are_told_where_they_are(three_soils, tmp_path):
+    drive, folder, found = three_soils
+    summary = json.loads((folder / "replay.json").read_text())
     places = [e["travel"] for e in summary["events"] if e["kind"] == "soil_change"]
     true = [stretch.start for stretch in drive.stretches[1:]]
     assert len(true) == 2
     assert summary["soil"]["changes"] == len(places) == 2
     # Within the rover's length and some turns of its wheels.
     np.testing.assert_allclose(places, true, atol=2.5)
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "The soil changed twice" in page
+    write_replay_report(found, tmp_path / "report.html")
+    assert "The soil changed twice" in (tmp_path / "report.html").read_text()
 
 
-def test_the_measurements_are_a_table_for_the_bench(rover, tmp_path):
-    path = tmp_path / "drive"
-    write_drive_bag(simulate_drive(DriveSettings(seed=2, distance=25.0, wheels="two_sizes")), path)
-    folder = tmp_path / "out"
-    estimates = replayed(path, rover, folder)
+def test_the_measurements_are_a_table_for_the_bench(three_soils):
+    _, folder, _ = three_soils
+    estimates = table_of(folder)
     data = read_measurements(folder / "measurements.csv")
     assert 20 < len(data.line) < 100
     assert data.warnings == ()

@@ -98,20 +98,20 @@ def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, job
     bad = tmp_path / "bad.mcap"
     bad.write_bytes(b"no bag at all")
     out = tmp_path / "out"
-    arguments = ("replay", bags[0], bad, *bags[1:], "--config", rover, "-o", out, "--jobs", jobs)
+    arguments = ("replay", bags[0], bad, bags[1], "--config", rover, "-o", out, "--jobs", jobs)
     result = smallwheel(*arguments, code=1)
     assert "bad.mcap: cannot be read" in result.stderr
-    assert "3 of 4 bags are done" in result.stderr
-    expected = {bag.name: "complete" for bag in bags} | {"bad.mcap": "failed"}
+    assert "2 of 3 bags are done" in result.stderr
+    expected = {bag.name: "complete" for bag in bags[:2]} | {"bad.mcap": "failed"}
     assert states(out) == expected
-    assert_merged(out, ["drive_1", "drive_2", "drive_3"])
+    assert_merged(out, ["drive_1", "drive_2"])
 
     # What is done is not done again, and a bag that is mended meanwhile is.
     before = (out / "drive_1" / "estimates.csv").stat().st_mtime_ns
     bad.write_bytes(bags[0].read_bytes())
     result = smallwheel(*arguments)
     assert (out / "drive_1" / "estimates.csv").stat().st_mtime_ns == before
-    assert result.stdout.count("(before)") == 3
+    assert result.stdout.count("(before)") == 2
     assert set(states(out).values()) == {"complete"}
 
 
@@ -270,14 +270,12 @@ def test_a_cluster_of_two_processes(bags, rover, tmp_path):
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
-        arguments = ("replay", bad, *bags, "--config", rover, "-o", out,
+        arguments = ("replay", bad, *bags[:2], "--config", rover, "-o", out,
                      "--scheduler", cluster.scheduler_address)  # fmt: skip
         result = smallwheel(*arguments, code=1)
         assert "bad.mcap: cannot be read" in result.stderr
-        assert states(out) == {bag.name: "complete" for bag in bags} | {"bad.mcap": "failed"}
-        assert_merged(out, ["drive_1", "drive_2", "drive_3"])
-        bad.write_bytes(bags[0].read_bytes())
-        assert smallwheel(*arguments).stdout.count("(before)") == 3
+        assert states(out) == {bag.name: "complete" for bag in bags[:2]} | {"bad.mcap": "failed"}
+        assert_merged(out, ["drive_1", "drive_2"])
     # The same as on this machine alone.
     smallwheel("replay", bags[0], "--config", rover, "-o", tmp_path / "alone")
     one = (tmp_path / "alone" / "estimates.csv").read_text()
