@@ -24,6 +24,7 @@ from tqdm import tqdm
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess, check_ros, config_file, own_ros
+from smallwheel_ros.onboard.message_fields import VALID
 from smallwheel_ros.pictures.drive import draw_drive
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -181,26 +182,11 @@ def _table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     table = pd.DataFrame(rows)
     table.insert(0, "time", (table.pop("stamp") - epoch) / 1e9)
     table.insert(1, "wheel", table.pop("frame_id"))
-    groups = {
-        "load_valid": ["load"],
-        "slip_valid": ["slip"],
-        "sinkage_measured_valid": ["sinkage_measured"],
-        "prediction_valid": [
-            "sinkage_predicted",
-            "compaction_resistance",
-            "other_resistance",
-            "rolling_resistance_coefficient",
-        ],
-        "traction_valid": ["thrust", "drawbar_pull"],
-    }
-    for flag, names in groups.items():
+    for flag, names in VALID.items():
         known = table.pop(flag)
         for name in names:
-            for column in (name, f"{name}_standard_deviation"):
-                table[column] = table[column].where(known)
-        if flag == "traction_valid":
-            column = "probability_drawbar_pull_positive"
-            table[column] = table[column].where(known)
+            columns = [c for c in (name, f"{name}_standard_deviation") if c in table]
+            table[columns] = table[columns].where(known)
     return table.sort_values(["time", "wheel"], ignore_index=True)
 
 

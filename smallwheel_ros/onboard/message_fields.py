@@ -9,6 +9,22 @@ from smallwheel_ros.onboard.mobility import MobilityEstimate
 from smallwheel_ros.physics.wheel import Quantity
 
 STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
+# Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
+VALID = {
+    "load_valid": ("load",),
+    "slip_valid": ("slip",),
+    "sinkage_measured_valid": ("sinkage_measured",),
+    "prediction_valid": (
+        "sinkage_predicted",
+        "compaction_resistance",
+        "other_resistance",
+        "rolling_resistance_coefficient",
+    ),
+    "traction_valid": ("thrust", "drawbar_pull", "probability_drawbar_pull_positive"),
+    "margin_valid": ("mobility_margin", "steepest_slope"),
+    "energy_valid": ("energy_per_metre",),
+    "risk_valid": ("risk_of_getting_stuck",),
+}
 _UNKNOWN = Quantity(0.0, 0.0)
 # Quantities of the message, and what they are called in `WheelForces`.
 _OF_FORCES = {

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from smallwheel_ros.bags import message_type
 from smallwheel_ros.bags.library import Nodetype, typestore
-from smallwheel_ros.onboard.message_fields import mobility_fields, soil_fields
+from smallwheel_ros.onboard.message_fields import VALID, mobility_fields, soil_fields
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.onboard.streams import SECOND
 
@@ -16,22 +16,6 @@ MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 SOIL = "smallwheel_ros/msg/SoilEstimate"
 Kind = Literal["integer", "number", "text", "truth"]
 _KINDS: dict[str, Kind] = {"bool": "truth", "string": "text", "float64": "number"}
-# Flags of the message, and the quantities that they are about. In the table an unknown quantity is
-# blank instead.
-_VALID = {
-    "load_valid": ("load",),
-    "slip_valid": ("slip",),
-    "sinkage_measured_valid": ("sinkage_measured",),
-    "prediction_valid": (
-        "sinkage_predicted",
-        "compaction_resistance",
-        "other_resistance",
-        "rolling_resistance_coefficient",
-    ),
-    "traction_valid": ("thrust", "drawbar_pull", "probability_drawbar_pull_positive"),
-    "margin_valid": ("mobility_margin", "steepest_slope"),
-    "energy_valid": ("energy_per_metre",),
-}
 _FIRST: dict[str, Kind] = {
     "stamp": "integer",
     "time": "number",
@@ -61,7 +45,7 @@ def columns() -> dict[str, Kind]:
     own = {
         name: kind
         for name, kind in _fields(MOBILITY).items()
-        if name not in _VALID and name not in _FIRST
+        if name not in VALID and name not in _FIRST
     }
     soil = {f"soil_{name}": kind for name, kind in _fields(SOIL).items()}
     spreads: dict[str, Kind] = {f"soil_{name}_standard_deviation": "number" for name in "knm"}
@@ -102,7 +86,7 @@ class Estimate:
             **{f"soil_{n}_standard_deviation": s for n, s in zip("knm", spreads, strict=True)},
             "soil_changes": soil.soil_changes,
         }
-        for flag, names in _VALID.items():
+        for flag, names in VALID.items():  # blank where it is not known
             if not self.mobility[flag]:
                 for name in names:
                     cells[name] = cells[f"{name}_standard_deviation"] = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+import numpy as np
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -72,11 +73,8 @@ def _colour(margin: float | None) -> ColorRGBA:
     if margin is None:
         red, green, blue = _UNKNOWN
     else:
-        places = [place for place, _ in _COLOURS]
-        at = min(max(margin, places[0]), places[-1])
-        i = max(j for j, place in enumerate(places[:-1]) if place <= at)
-        share = (at - places[i]) / (places[i + 1] - places[i])
+        margins, colours = zip(*_COLOURS, strict=True)
         red, green, blue = (
-            a + share * (b - a) for a, b in zip(_COLOURS[i][1], _COLOURS[i + 1][1], strict=True)
+            float(np.interp(margin, margins, part)) for part in zip(*colours, strict=True)
         )
     return ColorRGBA(r=red, g=green, b=blue, a=0.9)
