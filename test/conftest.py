@@ -41,6 +41,7 @@ settings.register_profile("free", max_examples=1000, deadline=None, print_blob=T
 settings.load_profile("fast")
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give each worker whole modules, so that what a module's tests share is made once.
 
