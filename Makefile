@@ -33,9 +33,9 @@ env:
 	@command -v $(PYTHON) >/dev/null || { echo 'smallwheel_ros: no $(PYTHON) found: install Python 3.10 to 3.13, or name one with make PYTHON=...' >&2; exit 1; }
 	@$(PYTHON) tools/environment.py $(if $(filter file,$(origin PYTHON)),--keep-python)
 
-# Two workers. Tests over DDS form one group (see test/conftest.py), so no two of them compete.
+# Two workers, each with whole modules; those of the node on one of them (see test/conftest.py).
 test: env
-	@$(RUN) -m pytest -m "not slow" -n 2 --dist loadgroup
+	@$(RUN) -m pytest -m "not slow" -n 2 --dist loadfile
 
 # All of them, one after the other: some measure speed and memory. The last line says how long it took.
 test-slow: env
