@@ -208,27 +208,26 @@ class TractionEstimator:
 
 def _mean(order: int, rows: Sequence[TractionSample]) -> WheelStep:
     """Means of a wheel over a step."""
-    first = rows[0].contact
-
-    def of(values: Sequence[float]) -> float:
-        return float(np.mean(values))
-
-    contact = RollingContact(
-        of([row.contact.load for row in rows]),
-        of([row.contact.sinkage for row in rows]),
-        first.diameter,
-        first.width,
-        Quantity(
-            of([row.contact.resistance.value for row in rows]),
-            of([row.contact.resistance.standard_deviation for row in rows]),
-        ),
-        of([row.contact.thrust_factor for row in rows]),
-    )
+    contacts, count = [row.contact for row in rows], len(rows)
     torques = [row.torque for row in rows if row.torque is not None]
     pulls = [row.pull for row in rows if row.pull is not None]
-    pull = None
-    if pulls:
-        noise = of([pull.standard_deviation**2 for pull in pulls]) / len(pulls)
-        pull = Quantity(of([pull.value for pull in pulls]), math.sqrt(noise))
-    torque = of(torques) if torques else None
-    return WheelStep(order, contact, of([row.slip for row in rows]), torque, pull)
+    contact = contacts[0]._replace(
+        load=sum(one.load for one in contacts) / count,
+        sinkage=sum(one.sinkage for one in contacts) / count,
+        resistance=_mean_of([one.resistance for one in contacts], 1.0),
+        thrust_factor=sum(one.thrust_factor for one in contacts) / count,
+    )
+    return WheelStep(
+        order,
+        contact,
+        sum(row.slip for row in rows) / count,
+        sum(torques) / len(torques) if torques else None,
+        _mean_of(pulls, 1.0 / math.sqrt(len(pulls))) if pulls else None,
+    )
+
+
+def _mean_of(quantities: Sequence[Quantity], share: float) -> Quantity:
+    """Mean; its deviation is this share of one's: 1 where all have one error in common."""
+    count = len(quantities)
+    square = sum(one.standard_deviation**2 for one in quantities) / count
+    return Quantity(sum(one.value for one in quantities) / count, share * math.sqrt(square))

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from scipy.optimize import brentq
+import numpy as np
 
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_filter import OTHER, SCATTER, TractionFilter, WheelStep
@@ -22,10 +22,11 @@ from smallwheel_ros.onboard.wheel_on_soil import (
     add,
 )
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
+from smallwheel_ros.physics.point_thrust import point_contact_length
 from smallwheel_ros.physics.wheel import Quantity
 
 _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
+_LENGTHS = np.geomspace(1e-3, 0.5 * math.pi, 128)  # of the diameter; to the axle
 _LEAST_STD = 0.15  # N: resolution of any pull
 _FORM = 0.08  # of the thrust at the reference slip: other forms of the shear curve, fitted near 0.1
 
@@ -250,21 +251,12 @@ def _best_length(on: WheelOnSoil, strength: TractionFilter, slip: float) -> floa
     """
     load, wheel = on.load.value, on.wheel
     length, _ = point_contact_length(on.sinkage, wheel.diameter)
-    slope = on.compaction / length
-    x = strength.kalman.x
-
-    def excess(at: float) -> float:
-        push = point_thrust(
-            load, slip, at, wheel.width, max(float(x[0]), 0.0), float(x[1]), math.exp(x[2])
-        )
-        return push.by_length - slope
-
-    low, high = 1e-4 * wheel.diameter, 0.5 * math.pi * wheel.diameter
-    if excess(high) > 0.0:
-        return high
-    if excess(low) < 0.0:
-        return low
-    return float(brentq(excess, low, high, xtol=3e-3 * wheel.diameter))
+    lengths = _LENGTHS * wheel.diameter
+    cohesion, friction, log_shear = strength.kalman.x[:OTHER]
+    limit = wheel.width * lengths * max(cohesion, 0.0) + load * math.tan(friction)
+    x = slip * lengths / math.exp(log_shear)
+    pull = limit * (1.0 + np.expm1(-x) / x) - on.compaction / length * lengths
+    return float(lengths[np.argmax(pull)])
 
 
 def _rim_over_travel(slip: float) -> tuple[float, float] | None:

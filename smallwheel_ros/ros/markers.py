@@ -15,7 +15,8 @@ from smallwheel_ros.ros.conversions import time_message
 
 # A colour for each margin, from stuck to easy: dark red, orange, yellow-green. They differ in
 # lightness too, for those who cannot tell red from green.
-_COLOURS = ((0.0, (0.55, 0.0, 0.1)), (0.1, (0.95, 0.55, 0.1)), (0.2, (0.75, 0.9, 0.45)))
+_MARGINS = (0.0, 0.1, 0.2)  # and the red, green and blue of each
+_COLOURS = ((0.55, 0.95, 0.75), (0.0, 0.55, 0.9), (0.1, 0.1, 0.45))
 _UNKNOWN = (0.6, 0.6, 0.6)
 _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
@@ -73,8 +74,5 @@ def _colour(margin: float | None) -> ColorRGBA:
     if margin is None:
         red, green, blue = _UNKNOWN
     else:
-        margins, colours = zip(*_COLOURS, strict=True)
-        red, green, blue = (
-            float(np.interp(margin, margins, part)) for part in zip(*colours, strict=True)
-        )
+        red, green, blue = (float(np.interp(margin, _MARGINS, part)) for part in _COLOURS)
     return ColorRGBA(r=red, g=green, b=blue, a=0.9)
