@@ -207,27 +207,29 @@ class TractionEstimator:
 
 
 def _mean(order: int, rows: Sequence[TractionSample]) -> WheelStep:
-    """Means of a wheel over a step."""
-    contacts, count = [row.contact for row in rows], len(rows)
+    """Means of a wheel over a step; what resistances are off by, they have in common."""
     torques = [row.torque for row in rows if row.torque is not None]
     pulls = [row.pull for row in rows if row.pull is not None]
-    contact = contacts[0]._replace(
-        load=sum(one.load for one in contacts) / count,
-        sinkage=sum(one.sinkage for one in contacts) / count,
-        resistance=_mean_of([one.resistance for one in contacts], 1.0),
-        thrust_factor=sum(one.thrust_factor for one in contacts) / count,
+    load, sinkage, held, deviation, factor, slip = np.mean(
+        [
+            (
+                row.contact.load,
+                row.contact.sinkage,
+                row.contact.resistance.value,
+                row.contact.resistance.standard_deviation,
+                row.contact.thrust_factor,
+                row.slip,
+            )
+            for row in rows
+        ],
+        axis=0,
+    ).tolist()
+    pull = None
+    if pulls:
+        value, noise = np.mean([(p.value, p.standard_deviation**2) for p in pulls], axis=0)
+        pull = Quantity(float(value), math.sqrt(noise / len(pulls)))
+    contact = rows[0].contact._replace(
+        load=load, sinkage=sinkage, resistance=Quantity(held, deviation), thrust_factor=factor
     )
-    return WheelStep(
-        order,
-        contact,
-        sum(row.slip for row in rows) / count,
-        sum(torques) / len(torques) if torques else None,
-        _mean_of(pulls, 1.0 / math.sqrt(len(pulls))) if pulls else None,
-    )
-
-
-def _mean_of(quantities: Sequence[Quantity], share: float) -> Quantity:
-    """Mean; its deviation is this share of one's: 1 where all have one error in common."""
-    count = len(quantities)
-    square = sum(one.standard_deviation**2 for one in quantities) / count
-    return Quantity(sum(one.value for one in quantities) / count, share * math.sqrt(square))
+    torque = float(np.mean(torques)) if torques else None
+    return WheelStep(order, contact, slip, torque, pull)

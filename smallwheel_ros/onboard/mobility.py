@@ -16,16 +16,16 @@ from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_filter import OTHER, SCATTER, TractionFilter, WheelStep
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
+    Array,
     MobilityError,
-    Slopes,
     WheelOnSoil,
-    add,
 )
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.point_thrust import point_contact_length
 from smallwheel_ros.physics.wheel import Quantity
 
 _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
+_BY_LOAD = np.array([0.0, 0.0, 0.0, 1.0])  # slopes of ln load by the law and ln load
 _LENGTHS = np.geomspace(1e-3, 0.5 * math.pi, 128)  # of the diameter; to the axle
 _LEAST_STD = 0.15  # N: resolution of any pull
 _FORM = 0.08  # of the thrust at the reference slip: other forms of the shear curve, fitted near 0.1
@@ -131,8 +131,9 @@ def wheel_forces(
 
 def _check_finite(forces: WheelForces, on: WheelOnSoil) -> None:
     for value in vars(forces).values():
-        parts = (value.value, value.standard_deviation) if isinstance(value, Quantity) else ()
-        if not all(math.isfinite(part) for part in parts):
+        if isinstance(value, Quantity) and not math.isfinite(
+            value.value + value.standard_deviation
+        ):
             raise MobilityError(
                 f"wheel {on.wheel.name}: the model gives no finite forces for a load of"
                 f" {on.load.value:g} N with n = {on.soil.n:g} and ln of reference pressure"
@@ -147,12 +148,11 @@ def _without_slip(on: WheelOnSoil, strength: TractionFilter) -> WheelForces:
     if on.wheel.contact == ROLLING:
         share = float(strength.kalman.x[OTHER])
         deviation = math.sqrt(strength.kalman.P[OTHER, OTHER])
-    by_other = add(on.by_other, (0.0, 0.0, 0.0, share * load))
-    by_all = add(on.by_compaction, by_other)
-    other, whole = on.other + share * load, on.resistance + share * load
+    by_other = on.by_other + share * load * _BY_LOAD
+    other, whole = on.other + share * load, on.resistance.value + share * load
     more = (deviation * load) ** 2
     # Over the load, whose own deviation counts in both.
-    by_ratio = add(by_all, (0.0, 0.0, 0.0, whole), -1.0)
+    by_ratio = on.by_compaction + by_other - whole * _BY_LOAD
     return WheelForces(
         sinkage=on.quantity(on.sinkage, on.by_sinkage),
         compaction_resistance=on.quantity(on.compaction, on.by_compaction),
@@ -194,8 +194,8 @@ def _pulls(
         thrust += weight * (measured - thrust)
         net_spread -= weight * spread
         spread -= weight * spread
-    held = on.resistance + share * load
-    by_net = add(by_law, add(on.by_resistance, (0.0, 0.0, 0.0, share * load)), -1.0)
+    held = on.resistance.value + share * load
+    by_net = by_law - on.by_compaction - on.by_other - share * load * _BY_LOAD
     net = Quantity(thrust - held, math.sqrt(max(net_spread, 0.0) + on.variance(by_net)))
     energy = None
     ratio = _rim_over_travel(slip.value)
@@ -212,10 +212,10 @@ def _pulls(
     )
 
 
-def _by_law(on: WheelOnSoil, by_length: float, by_log_load: float) -> Slopes:
+def _by_law(on: WheelOnSoil, by_length: float, by_log_load: float) -> Array:
     """Slopes of the thrust: the law changes the sinkage, and so the length of the contact."""
     _, slope = point_contact_length(on.sinkage, on.wheel.diameter)
-    return add((0.0, 0.0, 0.0, by_log_load), on.by_sinkage, by_length * slope)
+    return np.asarray(by_log_load * _BY_LOAD + by_length * slope * on.by_sinkage)
 
 
 def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
@@ -233,13 +233,12 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     row = push.row.copy()
     row[OTHER] -= load
     share = float(strength.kalman.x[OTHER])
-    value = (push.value - on.resistance) / load - share
+    net = push.value - on.resistance.value
     by_thrust = _by_law(on, push.by_length if length > best else 0.0, push.by_log_load)
-    by_net = add(by_thrust, on.by_resistance, -1.0)
-    by_ratio = add(by_net, (0.0, 0.0, 0.0, push.value - on.resistance), -1.0)
+    by_ratio = by_thrust - on.by_compaction - on.by_other - net * _BY_LOAD
     spread = float(row @ strength.kalman.P @ row) + on.variance(by_ratio)
     spread += (_FORM * max(push.value, 0.0)) ** 2
-    return Quantity(value, math.sqrt(max(spread, 0.0)) / load)
+    return Quantity(net / load - share, math.sqrt(max(spread, 0.0)) / load)
 
 
 def _best_length(on: WheelOnSoil, strength: TractionFilter, slip: float) -> float:

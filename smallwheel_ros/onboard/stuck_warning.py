@@ -134,10 +134,10 @@ def mean_margin(wheels: list[tuple[float, Quantity]]) -> Quantity:
 
     All wheels stand on one estimated soil, so their errors are taken to go together.
     """
-    whole = sum(load for load, _ in wheels)
-    value = sum(load * margin.value for load, margin in wheels) / whole
-    deviation = sum(load * margin.standard_deviation for load, margin in wheels) / whole
-    return Quantity(value, deviation)
+    loads, values, deviations = np.array(
+        [(load, margin.value, margin.standard_deviation) for load, margin in wheels]
+    ).T
+    return Quantity(float(loads @ values / loads.sum()), float(loads @ deviations / loads.sum()))
 
 
 def _line(distance: list[float], value: list[float]) -> tuple[float, float]:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
@@ -26,9 +28,9 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
 # the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
 REFERENCE_SLIP = 0.4
-Slopes = tuple[float, float, float, float]  # by ln reference pressure, n, m and ln load
+Array = NDArray[np.float64]
 _STEP = 1e-5  # of central differences: about the cube root of the rounding error
-_NONE: Slopes = (0.0, 0.0, 0.0, 0.0)
+_NONE: Array = np.zeros(4)
 
 
 class MobilityError(SmallwheelError):
@@ -39,44 +41,36 @@ class MobilityError(SmallwheelError):
 class WheelOnSoil:
     """Sinkage (m), compaction and other resistance (N) under a load (N), each with its slopes.
 
-    scatter: standard deviation of ln k from place to place. thrust_factor: of the effects on thrust,
-    1 without.
+    Slopes are by ln reference pressure, n, m and ln load, shape (4,); covariance is that of these
+    four. thrust_factor: of the effects on thrust, 1 without.
     """
 
     wheel: Wheel
     soil: SoilEstimate
     load: Quantity
-    scatter: float
+    covariance: Array
     sinkage: float
     compaction: float
     other: float
-    by_sinkage: Slopes
-    by_compaction: Slopes
-    by_other: Slopes
+    by_sinkage: Array
+    by_compaction: Array
+    by_other: Array
     thrust_factor: float = 1.0
 
-    @property
-    def resistance(self) -> float:
-        """All motion resistance that the model gives, N."""
-        return self.compaction + self.other
-
-    @property
-    def by_resistance(self) -> Slopes:
-        """Slopes of that."""
-        return add(self.by_compaction, self.by_other)
-
-    def variance(self, slopes: Slopes) -> float:
+    def variance(self, slopes: Array) -> float:
         """Of a quantity with these slopes, by law, the place's deviation of ln k, and load."""
-        by_pressure, by_n, by_m, by_load = slopes
-        law = self.soil.law_covariance.variance((by_pressure, by_n, by_m))
-        relative = self.load.standard_deviation / self.load.value
-        return max(law, 0.0) + (by_pressure * self.scatter) ** 2 + (by_load * relative) ** 2
+        return max(float(slopes @ self.covariance @ slopes), 0.0)
 
-    def quantity(self, value: float, slopes: Slopes) -> Quantity:
+    def quantity(self, value: float, slopes: Array) -> Quantity:
         """A value with its standard deviation."""
         return Quantity(value, math.sqrt(self.variance(slopes)))
 
-    @property
+    @cached_property
+    def resistance(self) -> Quantity:
+        """All motion resistance that the model gives, N."""
+        return self.quantity(self.compaction + self.other, self.by_compaction + self.by_other)
+
+    @cached_property
     def contact(self) -> RollingContact:
         """What the traction filter needs of it."""
         return RollingContact(
@@ -84,15 +78,9 @@ class WheelOnSoil:
             self.sinkage,
             self.wheel.diameter,
             self.wheel.width,
-            self.quantity(self.resistance, self.by_resistance),
+            self.resistance,
             self.thrust_factor,
         )
-
-
-def add(one: Slopes, other: Slopes, factor: float = 1.0) -> Slopes:
-    """Slopes of a sum, the second one times a factor."""
-    a, b, c, d = (x + factor * y for x, y in zip(one, other, strict=True))
-    return a, b, c, d
 
 
 def wheel_on_soil(
@@ -126,7 +114,11 @@ def wheel_on_soil(
         raise MobilityError(
             f"wheel {wheel.name}: contact is {wheel.contact!r}, expected {ROLLING} or {PRESSED}"
         )
-    given = wheel, soil, load, scatter
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = soil.log_covariance
+    covariance[0, 0] += scatter**2
+    covariance[3, 3] = (load.standard_deviation / load.value) ** 2
+    given = wheel, soil, load, covariance
     if effects:
         return _by_differences(*given, slip, speed, effects, strength)
     n, log_depth = soil.n, math.log(soil.reference_sinkage)
@@ -138,20 +130,16 @@ def wheel_on_soil(
     if point.sunk_to_axle:
         return None
     sinkage, by_load = math.exp(point.log_sinkage), point.slope_load
-    by_log: Slopes = (
-        -by_load,
-        point.slope_exponent + by_load * log_depth,
-        -by_load * log_size,
-        by_load,
-    )
-    by_sinkage = add(_NONE, by_log, sinkage)
+    by_exponent = point.slope_exponent + by_load * log_depth
+    by_log = np.array([-by_load, by_exponent, -by_load * log_size, by_load])
+    by_sinkage = sinkage * by_log
     if wheel.contact != ROLLING:
         return WheelOnSoil(*given, sinkage, 0.0, 0.0, by_sinkage, _NONE, _NONE)
     # R = b p(z) z/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
     power = n + 1.0
     compaction = wheel.width * math.exp(log_modulus + power * point.log_sinkage) / power
-    direct: Slopes = (1.0, point.log_sinkage - log_depth - 1.0 / power, log_size, 0.0)
-    by_compaction = add(_NONE, add(direct, by_log, power), compaction)
+    direct = np.array([1.0, point.log_sinkage - log_depth - 1.0 / power, log_size, 0.0])
+    by_compaction = compaction * (direct + power * by_log)
     return WheelOnSoil(*given, sinkage, compaction, 0.0, by_sinkage, by_compaction, _NONE)
 
 
@@ -159,7 +147,7 @@ def _by_differences(
     wheel: Wheel,
     soil: SoilEstimate,
     load: Quantity,
-    scatter: float,
+    covariance: Array,
     slip: float | None,
     speed: float | None,
     effects: Sequence[Effect],
@@ -213,7 +201,16 @@ def _by_differences(
         if plain:
             factor = float(found.thrust[0]) / plain
     sinkage, compaction, other = table[:, 0].tolist()
-    by = [tuple(row) for row in slopes.tolist()]
     return WheelOnSoil(
-        wheel, soil, load, scatter, sinkage, compaction, other, by[0], by[1], by[2], factor
+        wheel,
+        soil,
+        load,
+        covariance,
+        sinkage,
+        compaction,
+        other,
+        slopes[0],
+        slopes[1],
+        slopes[2],
+        factor,
     )
