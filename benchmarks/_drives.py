@@ -9,11 +9,10 @@ from smallwheel_ros.simulate.drive import Drive
 from smallwheel_ros.simulate.sensors import EPOCH
 
 
-def measurements(drive: Drive, pulls: bool = False) -> list[SinkageMeasurement]:
+def measurements(drive: Drive) -> list[SinkageMeasurement]:
     """Everything as measured, noise included, put together by time and in its order.
 
-    Slip comes from wheel speed and odometry, as on a robot; below 0.05 m/s it is not known. pulls:
-    drawbar pull too, which the load cells measure along with the load.
+    Slip comes from wheel speed and odometry, as on a robot; below 0.05 m/s it is not known.
     """
     odometry, joints = drive.odometry, drive.joints
     t_odometry, t_joints = ((s.stamp - EPOCH) / 1e9 for s in (odometry, joints))
@@ -26,7 +25,7 @@ def measurements(drive: Drive, pulls: bool = False) -> list[SinkageMeasurement]:
     for j, wheel in enumerate(drive.rover.wheels):
         sinkage, load = drive.sinkage[wheel.name], drive.load[wheel.name]
         time, t_load = ((s.stamp - EPOCH) / 1e9 for s in (sinkage, load))
-        carried, pull = (np.interp(time, t_load, force) for force in (load.normal, load.pull))
+        carried = np.interp(time, t_load, load.normal)
         speed = np.interp(time, t_odometry, smooth_speed)
         yaw = np.interp(time, t_odometry, np.convolve(odometry.yaw_rate, window, mode="same"))
         own = speed - wheel.y * yaw
@@ -34,9 +33,7 @@ def measurements(drive: Drive, pulls: bool = False) -> list[SinkageMeasurement]:
         faster = np.maximum(np.abs(own), np.abs(rim))
         slip = np.where(faster > 0.05, (rim - own) / np.maximum(faster, 0.05), np.nan)
         at = np.maximum.accumulate(np.interp(time, t_odometry, way))
-        rows = zip(
-            time, sinkage.sinkage, sinkage.variance, carried, at, slip, own, pull, strict=True
-        )
+        rows = zip(time, sinkage.sinkage, sinkage.variance, carried, at, slip, own, strict=True)
         found += [
             SinkageMeasurement(
                 t,
@@ -50,11 +47,7 @@ def measurements(drive: Drive, pulls: bool = False) -> list[SinkageMeasurement]:
                 d,
                 None if np.isnan(s) else float(np.clip(s, -1.0, 1.0)),
                 abs(u),
-                drawbar_pull=p if pulls and not np.isnan(s) else None,
-                drawbar_pull_variance=0.6**2,
-                # Odometry after smoothing, and the wheel's rim.
-                slip_variance=(0.0035 / max(abs(u), 0.05)) ** 2 + 0.004**2,
             )
-            for t, z, v, w, d, s, u, p in ((float(x) for x in row) for row in rows)
+            for t, z, v, w, d, s, u in ((float(x) for x in row) for row in rows)
         ]
     return sorted(found, key=lambda one: (one.time, one.wheel))

@@ -6,14 +6,13 @@ import re
 from pathlib import Path
 
 import pytest
-from drawbar_drives import pull_drive
 from node_peer import ONE_WHEEL, Peer
+from test_strength import MASS, PRIOR, WHEELS, drive
 
-from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.node_process import NodeProcess
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.physics.soil import soil
 
 ONE_DIAMETER = "all wheels have one diameter (0.25 m)"
 
@@ -44,7 +43,7 @@ def test_what_is_determined_is_said_before_driving_and_after(peer: Peer, tmp_pat
         }
         assert {text.split(":")[0] for text in verdicts().values()} == {"not determined"}
         strength = {v.key: v.value for v in peer.entry("soil").values}["strength"]
-        assert strength == "thrust is not determined: no drawbar pull was measured"
+        assert strength.startswith("thrust is not determined: no balance, torque or drawbar pull")
 
         peer.drive(0.0, 3.0)
         peer.spin_until(lambda: f"m not determined: {ONE_DIAMETER}" in message(), "m's verdict")
@@ -78,15 +77,15 @@ def test_two_sizes_determine_m_where_both_are_measured(
     assert [ONE_DIAMETER in text for text in onboard.undeterminable] == [True] * said
 
 
-def test_strength_is_said_once_pulls_are_measured() -> None:
+def test_strength_is_said_once_it_is_measured() -> None:
     from smallwheel_ros.ros.diagnostics import strength_values
 
-    estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
-    assert set(strength_values(estimator.estimate())) == {"strength"}
-    for measurement in pull_drive(1)[1]:
-        estimator.update(measurement)
-    said = strength_values(estimator.estimate())
-    assert said["verdict on thrust"].startswith("determined: ")
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    said = strength_values(estimator.estimate(), {"balance": "vehicle.mass is not given"})
+    assert set(said) == {"strength", "strength measured by", "strength by balance"}
+    drive(estimator, 0.42)
+    said = strength_values(estimator.estimate(), {})
+    assert said["strength measured by"] == "balance"
+    assert said["verdict on friction angle"].endswith("of the prior's standard deviation is left")
     value, deviation = map(float, said["friction angle [rad]"].split(" +- "))
-    assert 0.1 < value < 1.0
-    assert 0.0 < deviation < 0.2
+    assert abs(value - 0.42) < 3.0 * deviation
