@@ -1,0 +1,205 @@
+"""What tells of strength, from messages: mass, imu, slope of the odometry, effort of the joints."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from test_feed import START, header, joints, make, odometry, sinkage, topic, vector, wrench
+
+from smallwheel_ros.bags import message_type
+from smallwheel_ros.estimator.traction import GRAVITY
+from smallwheel_ros.onboard.feed import Feed
+from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.onboard.parameters import ParametersError
+from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.stuck_warning import StuckWarning
+from smallwheel_ros.physics.wheel import Quantity
+
+MASS = {"vehicle.mass": 6.0}
+IMU = {**MASS, "imu_topic": "imu"}
+
+
+def nose_up(angle: float) -> tuple[float, float, float, float]:
+    """Quaternion of a vehicle that climbs by an angle (rad): a turn about y is nose down."""
+    return 0.0, math.sin(-angle / 2), 0.0, math.cos(angle / 2)
+
+
+def imu(stamp: int, climb: float | None, felt: tuple[float, float, float]) -> Any:
+    names = dict(zip("xyzw", nose_up(climb or 0.0), strict=True))
+    covariance = np.zeros(9)
+    if climb is None:
+        covariance[0] = -1.0
+    return message_type("sensor_msgs/msg/Imu")(
+        header=header(stamp, "base_link"),
+        orientation=message_type("geometry_msgs/msg/Quaternion")(**names),
+        orientation_covariance=covariance,
+        angular_velocity=vector(),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=vector(*felt),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def drive(
+    feed: Feed,
+    *,
+    climb: float = 0.0,
+    pose: float = 0.0,
+    imu_climb: float | None = 0.1,
+    felt: tuple[float, float, float] = (0.0, 0.0, GRAVITY),
+    effort: float = 2.0,
+    speed: float = 0.3,
+    steps: int = 60,
+) -> list[Result]:
+    """Six metres per second of nothing: straight on at one speed, slip 0.2."""
+    results: list[Result] = []
+    for i in range(steps):
+        stamp = START + i * SECOND // 10
+        messages = {
+            "odom": odometry(stamp, 0.1 * speed * i, speed, nose_up(pose)),
+            "joint_states": joints(stamp, [speed / 0.8 / 0.125], [effort], ["front_joint"]),
+            "front/load": wrench(stamp, 59.0),
+            "front/sinkage": sinkage(stamp, 0.011),
+        }
+        if any(item.name == "imu" for item in feed.topics):
+            messages["imu"] = imu(stamp, imu_climb, felt)
+        for name, message in messages.items():
+            results += topic(feed, name).handle(message, None)
+    return results + feed.onboard.flush()
+
+
+def force(results: list[Result]) -> float | None:
+    return results[-1].instant.specific_force
+
+
+def test_the_slope_comes_from_the_imu_or_from_odometry() -> None:
+    assert force(drive(make(**MASS), pose=0.1)) == pytest.approx(GRAVITY * math.sin(0.1), rel=1e-3)
+    # A flat odometry says nothing of slopes.
+    assert force(drive(make(**MASS), pose=0.0)) is None
+    climbing = force(drive(make(**IMU), imu_climb=0.1))
+    assert climbing == pytest.approx(GRAVITY * math.sin(0.1), rel=1e-3)
+    # Without orientation the accelerometer feels the same: gravity along x.
+    felt = (GRAVITY * math.sin(0.1), 0.0, GRAVITY * math.cos(0.1))
+    assert force(drive(make(**IMU), imu_climb=None, felt=felt)) == pytest.approx(climbing, rel=1e-3)
+    # Mounted with its x axis to the left.
+    sideways = (0.0, -felt[0], felt[2])
+    turned = make(**IMU, imu_yaw=math.pi / 2)
+    assert force(drive(turned, imu_climb=None, felt=sideways)) == pytest.approx(climbing, rel=1e-3)
+    # Backwards up the slope is down it along the travel.
+    assert force(drive(make(**IMU), imu_climb=0.1, speed=-0.3)) == pytest.approx(
+        -climbing, rel=1e-3
+    )
+
+
+def test_the_balance_is_used_where_mass_and_slope_are_known() -> None:
+    feed = make(**IMU)
+    drive(feed)
+    assert feed.onboard.strength.sources == {"balance"}
+    assert "balance" not in feed.onboard.lacking
+    for changes, words in (
+        ({"imu_topic": "imu"}, "vehicle.mass is not given"),
+        (MASS, "it needs load and slip of all wheels, and a slope"),
+    ):
+        feed = make(**changes)
+        drive(feed)
+        assert feed.onboard.strength.sources == set()
+        assert words in feed.onboard.lacking["balance"]
+
+
+@pytest.mark.parametrize(
+    ("climb", "felt"),
+    [
+        (None, (0.0, 0.0, 0.0)),  # neither orientation nor gravity
+        (None, (0.0, 0.0, -GRAVITY)),  # upside down
+        (None, (0.0, GRAVITY, 0.5)),  # on its side
+        (None, (math.nan, math.nan, math.nan)),
+        (2.5, (0.0, 0.0, GRAVITY)),
+    ],
+)
+def test_an_imu_in_another_frame_is_refused_and_the_rest_goes_on(
+    climb: float | None, felt: tuple[float, float, float]
+) -> None:
+    feed = make(**IMU)
+    results = drive(feed, imu_climb=climb, felt=felt)
+    assert feed.onboard.counts["imu", "imu_not_upright"] == 60
+    (problem,) = [p for p in feed.onboard.take_problems() if p.stream == "imu"][:1]
+    assert "base_link" in problem.text
+    assert len(results) == 60
+    assert results[-1].mobility.forces is not None
+    assert force(results) is None
+
+
+def test_torque_is_the_effort_times_gear_and_sign() -> None:
+    feed = make(
+        **{
+            "front.torque_source": "effort",
+            "front.gear_ratio": 20.0,
+            "front.gear_efficiency": 0.8,
+        }
+    )
+    results = drive(feed, effort=0.1)
+    assert results[-1].instant.torque == pytest.approx(1.6)
+    assert feed.onboard.strength.sources == {"torque"}
+    mirrored = make(**{"front.torque_source": "effort", "front.joint_sign": -1})
+    assert drive(mirrored, effort=0.1)[-1].instant.torque == pytest.approx(-0.1)
+    assert "front/torque" not in make().onboard.streams
+
+
+def test_effort_of_zeros_is_said_and_the_rest_goes_on() -> None:
+    feed = make(**{"front.torque_source": "effort"})
+    results = drive(feed, effort=0.0)
+    assert feed.onboard.counts["front/torque", "torque_zero"] == 60
+    assert results[-1].mobility.forces is not None
+    assert feed.onboard.strength.sources == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("front.gear_ratio", 0.0),
+        ("front.gear_efficiency", 0.0),
+        ("vehicle.mass", 0.0),
+        ("front.torque_source", "motor"),
+        ("imu_yaw", math.nan),
+    ],
+)
+def test_parameters_that_cannot_be(name: str, value: object) -> None:
+    with pytest.raises(ParametersError, match=name):
+        make(**{name: value})
+
+
+def test_a_slipping_vehicle_is_warned_of_with_its_risk() -> None:
+    feed = make(**MASS)
+    results = drive(feed, pose=0.05)
+    watch = StuckWarning()
+    assert watch.risk is None
+    warnings, margin = [], Quantity(0.2, 0.05)
+    for i in range(60):
+        distance, slip = 0.03 * i, 0.1 + 0.01 * i
+        instant = results[-1].instant._replace(
+            stamp=START + i * SECOND // 10,
+            distance=distance,
+            slip=Quantity(min(slip, 1.0), 0.02),
+            specific_force=0.1 * GRAVITY,
+        )
+        watch.add(instant, margin, 0.4)
+        warnings.append(watch.warning)
+    first = next(i for i, words in enumerate(warnings) if words)
+    # On the way to 0.4 before it is over 0.3, and long before it is there.
+    assert 10 <= first < 20
+    assert "may get stuck in" in warnings[first]
+    assert "m, " in warnings[first]
+    assert "the wheels slip by 0.6" in warnings[-1]
+    assert watch.risk == pytest.approx(1.0 - 0.977, abs=0.01)  # 0.1 is two deviations
+    watch.reset()
+    assert (watch.risk, watch.warning) == (None, "")
+
+
+def test_no_warning_in_ordinary_driving() -> None:
+    feed = make(**MASS)
+    drive(feed, pose=0.05)
+    assert feed.onboard.assessor.stuck.warning == ""
+    assert feed.onboard.assessor.stuck.risk is not None
