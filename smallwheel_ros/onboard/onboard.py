@@ -12,11 +12,10 @@ Results may come with any message: a measured sinkage waits for what belongs to 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
-from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate, before_driving
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 from smallwheel_ros.onboard.assessment import Assessor
@@ -68,17 +67,13 @@ class Onboard:
     """
 
     def __init__(
-        self,
-        settings: OnboardSettings,
-        effects: Sequence[Effect] = (),
-        on_result: Callable[[Result], None] | None = None,
+        self, settings: OnboardSettings, on_result: Callable[[Result], None] | None = None
     ) -> None:
-        self._on_result = on_result
-        self.settings = replace(settings, effects=tuple(effects)) if effects else settings
-        self._synchroniser = Synchroniser(self.settings, self._on_time_jump)
+        self.settings, self._on_result = settings, on_result
+        self._synchroniser = Synchroniser(settings, self._on_time_jump)
         self.problems, self.received = self._synchroniser.problems, self._synchroniser.received
         self.counts, self.take_problems = self.problems.counts, self.problems.take
-        self.assessor = Assessor(self.settings)
+        self.assessor = Assessor(settings)
         self.time_jumps = 0
 
     def add(self, stamp: int, readings: Iterable[Reading], now: int | None = None) -> list[Result]:
