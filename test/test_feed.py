@@ -479,3 +479,39 @@ def test_drawbar_pull_tells_the_strength(name: str) -> None:
     wild = pulled(START + 20 * SECOND, 60.0, math.nan)
     topic(feed, name).handle(wild, None)
     assert feed.onboard.counts["front/drawbar_pull", "not_finite"] == 1
+
+
+# ---- Acceleration
+
+
+@pytest.mark.parametrize(
+    ("felt", "reason"), [(math.inf, "not_finite"), (math.nan, "not_finite"), (1e9, "not_plausible")]
+)
+def test_an_acceleration_that_no_vehicle_has_is_counted_and_changes_nothing(
+    felt: float, reason: str
+) -> None:
+    feed = make(imu_topic="imu", **{"vehicle.mass": 6.0})
+
+    def give(i: int, ahead: float) -> None:
+        message = message_type("sensor_msgs/msg/Imu")(
+            header=header(step(i)),
+            orientation=message_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=0.0),
+            orientation_covariance=np.full(9, -1.0),
+            angular_velocity=vector(),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=vector(x=ahead, z=9.81),
+            linear_acceleration_covariance=np.zeros(9),
+        )
+        topic(feed, "imu").handle(message, None)
+
+    results: list[Result] = []
+    for i in range(20):
+        topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+        state = joints(step(i), [0.5 / 0.9 / 0.125], [], ["front_joint"])
+        topic(feed, "joint_states").handle(state, None)
+        topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+        give(i, felt if i == 10 else 0.5)
+        results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
+    results += feed.onboard.flush()
+    assert {result.instant.specific_force for result in results} == {0.5}
+    assert feed.onboard.counts == {("imu", reason): 1}

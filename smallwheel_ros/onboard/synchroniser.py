@@ -39,6 +39,7 @@ _NUMBERS = {
     IMU: (),  # what is not known of it is NaN
 }
 _LARGEST = 1e9
+_STRONGEST = 100.0  # m/s^2, ten times gravity: beyond any vehicle that drives
 # Predictions for a wheel without sinkage sensor come so far apart.
 _PREDICTION_PERIOD = SECOND // 10
 
@@ -191,6 +192,10 @@ class Synchroniser:
         if kind in (ODOMETRY, VELOCITY) and abs(first) > fastest:
             expected = f"expected at most {fastest:g} (parameter maximum_speed)"
             return "not_plausible", f"speed is {first:g} m/s, {expected}"
+        if kind == IMU and not any(abs(value) <= _STRONGEST for value in values):
+            known = [value for value in values if not math.isnan(value)] or [math.nan]
+            reason = "not_plausible" if math.isfinite(known[0]) else "not_finite"
+            return reason, f"acceleration is {known[0]:g} m/s^2, expected at most {_STRONGEST:g}"
         if kind == "torque" and first == 0.0:
             return "torque_zero", (
                 "torque is exactly 0 N m, expected a measured one: the driver leaves the effort of this"
