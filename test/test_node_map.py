@@ -130,7 +130,7 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     clock, sent = [100.0], []
     monkeypatch.setattr(cost_publisher.time, "monotonic", lambda: clock[0])
     publisher = SimpleNamespace(publish=sent.append)
-    cost = cost_publisher.CostPublisher(CostSettings(), {}, publisher, lambda *_: None)
+    cost = cost_publisher.CostPublisher(CostSettings(), publisher, lambda *_: None)
 
     def passes(seconds: float) -> int:
         """How many grids are sent at the end of so many seconds."""
