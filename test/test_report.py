@@ -28,7 +28,9 @@ from smallwheel_ros.pictures.comparison import (
     resistance_ratio,
 )
 from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase, unknown_curves
-from smallwheel_ros.report import (
+from smallwheel_ros.report.compare_report import compare_report
+from smallwheel_ros.report.diagnosis_report import diagnosis_report
+from smallwheel_ros.report.page import (
     Callout,
     Details,
     Picture,
@@ -36,13 +38,11 @@ from smallwheel_ros.report import (
     Section,
     Table,
     Text,
-    compare_report,
-    diagnosis_report,
     page,
-    whole_report,
     write_page,
 )
 from smallwheel_ros.report.residual_picture import failing_settings
+from smallwheel_ros.report.whole_report import whole_report
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 pytestmark = pytest.mark.usefixtures("undrawn_pages")

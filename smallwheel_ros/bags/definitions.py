@@ -6,21 +6,32 @@ keep it busy for ever, so definitions are measured before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
+from rosbags.convert.converter import migrate_bytes
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
+from rosbags.typesys.store import Typestore
+
 from smallwheel_ros.bag_files import reason
-from smallwheel_ros.bags.library import Fields, Nodetype, Typestore, parsed, store_with, typestore
+from smallwheel_ros.bags.storage import StoredTopic
+from smallwheel_ros.bags.types import Fields, store_with, typestore
 from smallwheel_ros.errors import SmallwheelError
 
-_MOST_CHARACTERS = (
-    128 << 10
-)  # of a definition with all that it refers to; MoveIt's largest has 60 kB
+# Characters of a definition with all that it refers to; MoveIt's largest has 60 kB.
+_MOST_CHARACTERS = 128 << 10
 _MOST_IN_BAG = 2 << 20  # of all definitions: some seconds' work
 _MOST_FIELDS = 100_000  # of a message, those of the messages in it counted each time
 _DEEPEST = 50  # messages in messages
+# Encodings of definitions that can be read; without one the types known here are meant.
+_ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
+_IDL_SEPARATOR = "=" * 80 + "\n"
 # Fields that older definitions of a type lack, and that whoever reads it can do without.
 _NEWER = {("sensor_msgs/msg/Range", "variance")}
+# Jazzy has the same messages under another name.
+_RENAMED = {"rosgraph_msgs/msg/Log": "rcl_interfaces/msg/Log"}
 
 
 class DefinitionError(SmallwheelError):
@@ -28,20 +39,78 @@ class DefinitionError(SmallwheelError):
 
 
 class Definitions:
-    """Turns the definitions of one bag into what makes messages of bytes."""
+    """Knows the types of one bag. ros2: False for a bag of ROS 1."""
 
-    def __init__(self) -> None:
+    def __init__(self, ros2: bool) -> None:
+        self.ros2 = ros2
         self._left = _MOST_IN_BAG
+        self._stores: dict[str, Typestore | DefinitionError] = {}
 
-    def store(self, kind: str, encoding: str, text: str) -> Typestore:
-        """Return a store that knows a type; what its definition does not bring is as known here.
+    def is_known(self, kind: str, topic: StoredTopic) -> bool:
+        """Whether a topic's type is defined in the bag, or known here."""
+        known = bool(topic.definition) or kind in typestore().fielddefs
+        return known and topic.encoding in _ENCODINGS
+
+    def decoder(
+        self, kind: str, topic: StoredTopic, *, as_here: bool = False
+    ) -> Callable[[bytes], Any]:
+        """Return what makes a message of a topic's bytes.
+
+        as_here: the type must have the fields that it has here; it may have others besides.
 
         Raises
         ------
         DefinitionError
-            If it cannot be understood, refers to what nobody knows, or is beyond all measure.
+            If nobody knows the type, its definition is beyond all measure, or another than here.
         """
+        store = self._store(kind, topic)
+        problem = next(_differences(kind, store, ""), "") if as_here else ""
+        if problem:
+            raise DefinitionError(f"the bag defines it otherwise than here: {problem}")
+        decode = store.deserialize_cdr if self.ros2 else store.deserialize_ros1
+        return partial(decode, typename=kind)
+
+    def in_ros2(
+        self, kind: str, topic: StoredTopic
+    ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
+        """Return a topic's type in ROS 2, what knows it, and what its bytes become there.
+
+        Raises DefinitionError.
+        """
+        store = self._store(kind, topic)
+        if self.ros2:
+            return kind, store, bytes
+        name, known = _RENAMED.get(kind, kind), typestore().fielddefs
+        target = typestore()
+        if name not in known:  # types that only the bag knows are taken over
+            text, _ = store.generate_msgdef(kind, ros_version=2)
+            target = store_with({**get_types_from_msg(text, name), **known})
+        cache: dict[str, Any] = {}
+
+        def convert(data: bytes) -> memoryview:
+            return migrate_bytes(
+                store, target, kind, name, cache, data, src_is2=False, dst_is2=True
+            )
+
+        return name, target, convert
+
+    def _store(self, kind: str, topic: StoredTopic) -> Typestore:
+        """Return what knows a type. Raises DefinitionError."""
+        if kind not in self._stores:
+            try:
+                self._stores[kind] = self._read(kind, topic.encoding, topic.definition)
+            except DefinitionError as error:
+                self._stores[kind] = error
+        found = self._stores[kind]
+        if isinstance(found, DefinitionError):
+            raise found
+        return found
+
+    def _read(self, kind: str, encoding: str, text: str) -> Typestore:
+        """Read a definition; what it does not bring is as known here."""
         known: Fields = dict(typestore().fielddefs)
+        if encoding not in _ENCODINGS:
+            raise DefinitionError(f"it is encoded as {encoding}, not as in ROS 2")
         if not text:
             if kind not in known:
                 raise DefinitionError("its definition is neither in the bag nor known here")
@@ -53,7 +122,7 @@ class Definitions:
             )
         self._left -= len(text)
         try:
-            found = parsed(kind, encoding, text)
+            found = _parsed(kind, encoding, text)
         except Exception as error:  # whatever the parser makes of a wrong text
             first = reason(error).partition("\n")[0][:100]
             raise DefinitionError(f"its definition cannot be understood ({first})") from error
@@ -63,6 +132,17 @@ class Definitions:
             return store_with({name: found.get(name) or known[name] for name in sizes})
         except Exception as error:
             raise DefinitionError(f"its definition cannot be used ({reason(error)})") from error
+
+
+def _parsed(kind: str, encoding: str, text: str) -> Fields:
+    """Return the types in a definition; raises whatever rosbags raises for one that is wrong."""
+    if encoding in ("ros2msg", ""):
+        return dict(get_types_from_msg(text, kind))
+    found: Fields = {}
+    parts = [part.partition("\n")[2] for part in text.split(_IDL_SEPARATOR)[1:]]
+    for part in parts or [text]:
+        found.update(get_types_from_idl(part))
+    return found
 
 
 def _measure(kind: str, types: Fields, above: tuple[str, ...], sizes: dict[str, int]) -> int:
@@ -100,16 +180,8 @@ def _element(described: Any) -> tuple[Any, Any, int]:
     return node, of, 1
 
 
-def check_same(kind: str, store: Typestore) -> None:
-    """Raise DefinitionError unless a type has all fields that it has here, of the same types.
-
-    It may have others besides.
-    """
-    for problem in _differences(kind, store, ""):
-        raise DefinitionError(f"the bag defines it otherwise than here: {problem}")
-
-
 def _differences(kind: str, store: Typestore, path: str) -> Iterator[str]:
+    """Say which fields of a type, as it is here, a store lacks or has otherwise."""
     theirs = dict(store.fielddefs[kind][1])
     for name, described in typestore().fielddefs[kind][1]:
         if name not in theirs:

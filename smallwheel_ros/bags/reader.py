@@ -22,22 +22,18 @@ from smallwheel_ros.bag_files import (
     reason,
     storage_kind,
 )
-from smallwheel_ros.bags.codec import Channel, Codec, Convert
-from smallwheel_ros.bags.definitions import DefinitionError
-from smallwheel_ros.bags.library import Ros1Reader
-from smallwheel_ros.bags.mcap_file import open_mcap
-from smallwheel_ros.bags.rosbags_file import RosbagsFile
+from smallwheel_ros.bags.definitions import DefinitionError, Definitions
+from smallwheel_ros.bags.mcap_file import McapFile
+from smallwheel_ros.bags.ros1_file import Ros1File
 from smallwheel_ros.bags.sqlite_file import SqliteFile
-from smallwheel_ros.bags.storage import Channel as StoredChannel
-from smallwheel_ros.bags.storage import Key, Storage
+from smallwheel_ros.bags.storage import Key, StorageFile, StoredTopic
 from smallwheel_ros.bags.unpack import unpack_file
+from smallwheel_ros.bags.writer import Channel
 
-_FORMATS: dict[str, Callable[[Path], Storage]] = {
-    ".mcap": open_mcap,
-    ".db3": SqliteFile,
-    ".bag": lambda path: RosbagsFile(path, Ros1Reader(path)),
-}
-_LARGEST_METADATA = 4 << 20  # bytes; a name and a quality of service for each topic
+_FORMATS: dict[str, type[StorageFile]] = {".mcap": McapFile, ".db3": SqliteFile, ".bag": Ros1File}
+_LARGEST_METADATA = 4 << 20  # characters; a name and a quality of service for each topic
+_LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+_LAST = (1 << 63) - 1  # ns, of the times that there are
 
 
 class BagReader:
@@ -63,16 +59,17 @@ class BagReader:
         self._salvage = salvage
         check_is_bag(self.path, needs_metadata=not salvage)
         self._stack = ExitStack()
-        self._storages: list[tuple[str, Storage]] = []
+        self._files: dict[str, StorageFile] = {}  # by name
         self._problems: list[str] = []
-        self._channels: dict[Key, StoredChannel] = {}
+        self._topics: dict[Key, StoredTopic] = {}
 
     def __enter__(self) -> BagReader:
         try:
             files, self._problems = storage_files(self.path)
+            self._definitions = Definitions(all(storage_kind(file) != ".bag" for file in files))
             for file in files:
                 self._open(file)
-            if not self._storages or (self.damage and not (self._salvage and self.message_count)):
+            if not self._files or (self.damage and not (self._salvage and self.message_count)):
                 text = self.damage or "it has no storage file"
                 raise BagError(self.path, f"cannot be read ({text}); {REPAIR}")
         except BaseException:
@@ -81,28 +78,24 @@ class BagReader:
         return self
 
     def _open(self, file: Path) -> None:
-        kind, plain = storage_kind(file) or "", file
+        plain = file
         try:
             if file.name.endswith(".zstd"):
-                folder = self._stack.enter_context(
-                    tempfile.TemporaryDirectory(prefix="smallwheel-")
-                )
-                plain = Path(folder) / file.name.removesuffix(".zstd")
+                folder = tempfile.TemporaryDirectory(prefix="smallwheel-")
+                plain = Path(self._stack.enter_context(folder)) / file.stem
                 if damage := unpack_file(file, plain):
                     self._problems.append(f"{file.name} cannot be decompressed ({damage})")
-            storage = _FORMATS[kind](plain)
+            opened = _FORMATS[storage_kind(file) or ""](plain)
         except Exception as error:  # a damaged file makes the libraries raise almost anything
             self._problems.append(f"{file.name} cannot be read: {reason(error)}")
             return
-        self._stack.callback(storage.close)
-        self._storages.append((file.name, storage))
-        for key, channel in storage.contents.channels.items():
-            known = self._channels.setdefault(key, StoredChannel())
-            known.messages += channel.messages
+        self._stack.callback(opened.close)
+        self._files[file.name] = opened
+        for key, topic in opened.topics.items():
+            known = self._topics.setdefault(key, StoredTopic(qos=topic.qos))
+            known.messages += topic.messages
             if not known.definition:
-                known.encoding, known.definition = channel.encoding, channel.definition
-            known.qos = known.qos or channel.qos
-        self._codec = Codec(self._channels, ros2=kind != ".bag")
+                known.encoding, known.definition = topic.encoding, topic.definition
 
     def __exit__(
         self,
@@ -116,37 +109,35 @@ class BagReader:
     def topics(self) -> tuple[BagTopic, ...]:
         """What is in the bag, by name; a topic with two types is there twice."""
         return tuple(
-            BagTopic(*key, channel.messages, self._codec.is_known(key))
-            for key, channel in sorted(self._channels.items())
+            BagTopic(*key, topic.messages, self._definitions.is_known(key[1], topic))
+            for key, topic in sorted(self._topics.items(), key=lambda item: item[0])
         )
 
     @property
     def damage(self) -> str:
         """What is wrong with the bag as far as it has been read, empty where nothing is."""
-        found = [f"{name}: {text}" for name, s in self._storages for text in s.contents.problems]
+        found = [f"{name}: {text}" for name, f in self._files.items() for text in f.problems]
         return "; ".join([*self._problems, *found])
 
     @property
     def is_ros2(self) -> bool:
         """False for a bag of ROS 1."""
-        return self._codec.ros2
+        return self._definitions.ros2
 
     @property
     def message_count(self) -> int:
         """Number of messages in the bag."""
-        return sum(channel.messages for channel in self._channels.values())
+        return sum(topic.messages for topic in self._topics.values())
 
     @property
     def start_time(self) -> int | None:
         """Log time of the first message (ns), None when the bag is empty."""
-        return min((s.contents.start for _, s in self._storages if s.contents.start is not None),
-                   default=None)  # fmt: skip
+        return min((time for file in self._files.values() for time in file.times), default=None)
 
     @property
     def end_time(self) -> int | None:
         """Log time of the last message (ns), None when the bag is empty."""
-        return max((s.contents.end for _, s in self._storages if s.contents.end is not None),
-                   default=None)  # fmt: skip
+        return max((time for file in self._files.values() for time in file.times), default=None)
 
     def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
         """Return what makes a message of bytes, with the fields that its type has here.
@@ -155,22 +146,26 @@ class BagReader:
         is then part of the bag's `damage`.
         """
         try:
-            return self._codec.decoder((topic, kind), as_here=True)
+            return self._definitions.decoder(kind, self._topics[topic, kind], as_here=True)
         except DefinitionError as error:
             text = f"type {kind}: {error}"
             if text not in self._problems:
                 self._problems.append(text)
             raise
 
-    def as_channel(self, topic: str, kind: str) -> tuple[Channel, Convert] | None:
+    def as_channel(
+        self, topic: str, kind: str
+    ) -> tuple[Channel, Callable[[bytes], bytes | memoryview]] | None:
         """Return a topic as `BagWriter.write_bytes` takes it, and what its bytes become there.
 
         None for a type whose definition is neither in the bag nor known here, or not to be used.
         """
+        stored = self._topics[topic, kind]
         try:
-            return self._codec.as_channel((topic, kind))
+            name, store, convert = self._definitions.in_ros2(kind, stored)
         except DefinitionError:
             return None
+        return Channel(topic, name, store, stored.qos), convert
 
     def messages(
         self,
@@ -199,7 +194,7 @@ class BagReader:
         decoders: dict[Key, Callable[[bytes], Any]] = {}
         for key in self._keys(topics):
             try:
-                decoders[key] = self._codec.decoder(key)
+                decoders[key] = self._definitions.decoder(key[1], self._topics[key])
             except DefinitionError as error:
                 if topics is not None:
                     text = f"topic {key[0]} has type {key[1]}: {error}"
@@ -222,26 +217,25 @@ class BagReader:
         return self._stream(self._keys(topics), start, stop)
 
     def _keys(self, topics: Collection[str] | None) -> set[Key]:
-        return {key for key in self._channels if topics is None or key[0] in topics}
+        return {key for key in self._topics if topics is None or key[0] in topics}
 
     def _stream(
         self, wanted: set[Key], start: int | None, stop: int | None
     ) -> Iterator[RawMessage]:
         read, last = 0, None
-        first, end = start or 0, stop if stop is not None else 1 << 63
-        for _, storage in self._storages:
+        first, end = start or 0, _LAST if stop is None else stop - 1
+        for file in self._files.values():
             seen = 0
-            for raw in storage.messages(wanted):
+            for raw in file.messages(wanted):
                 seen, time = seen + 1, raw.log_time
-                if first <= time < end:
+                if first <= time <= end:
                     read, last = read + 1, time
                     yield raw
-                elif not 0 <= time < 1 << 63:
-                    storage.contents.note(f"a message on topic {raw.topic} has log time {time} ns")
-            channels = storage.contents.channels
-            lost = sum(channels[key].messages for key in wanted if key in channels) - seen
-            if lost > 0 and not storage.contents.problems:
-                storage.contents.note(f"{lost} of its messages are lost")
+                elif not 0 <= time <= _LAST:
+                    file.note(f"a message on topic {raw.topic} has log time {time} ns")
+            lost = sum(topic.messages for key, topic in file.topics.items() if key in wanted) - seen
+            if lost > 0 and not file.problems:
+                file.note(f"{lost} of its messages are lost")
         if self.damage:
             raise self._damaged(self.damage, read, last)
 
@@ -255,13 +249,6 @@ class BagReader:
             messages_read=read,
             last_log_time=last,
         )
-
-
-class _Loader(yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader):  # type: ignore[misc]
-    """YAML without merged mappings, of which a few lines can make any number of keys."""
-
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Leave << as it is."""
 
 
 def _natural(path: Path) -> list[tuple[bool, int, str]]:
@@ -280,9 +267,11 @@ def storage_files(path: Path) -> tuple[list[Path], list[str]]:
         return inside, ["metadata.yaml is missing"]
     try:
         with metadata.open(encoding="utf-8") as file:
-            content = yaml.load(file.read(_LARGEST_METADATA), Loader=_Loader)
-        names = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        files = [path / Path(name).name for name in names]
+            # Nodes, not values: a few lines with references can make any number of values.
+            node: Any = yaml.compose(file.read(_LARGEST_METADATA), Loader=_LOADER)
+        for name in ("rosbag2_bagfile_information", "relative_file_paths"):
+            node = next(value for key, value in node.value if key.value == name)
+        files = [path / Path(entry.value).name for entry in node.value]
     except Exception:  # whatever YAML makes of a damaged text
         return inside, ["metadata.yaml cannot be read"]
     missing = [f"file {file.name} is missing" for file in files if not file.exists()]

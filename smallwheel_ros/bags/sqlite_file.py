@@ -1,16 +1,15 @@
-"""An sqlite3 file of rosbag2, whole or damaged."""
+"""An sqlite3 file of rosbag2, whole or damaged, by SQLite itself: rosbags opens only whole ones."""
 
 from __future__ import annotations
 
 import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 from smallwheel_ros.bag_files import RawMessage, reason
-from smallwheel_ros.bags.library import parsed_qos
-from smallwheel_ros.bags.storage import Channel, Contents, Key
-from smallwheel_ros.bags.unpack import Unpacker, UnpackError
+from smallwheel_ros.bags.storage import Key, StorageFile, StoredTopic
+from smallwheel_ros.bags.types import qos_of
+from smallwheel_ros.bags.unpack import Unpacker
 from smallwheel_ros.errors import SmallwheelError
 
 _ALL = "SELECT id, topic_id, timestamp, data FROM messages "
@@ -20,38 +19,33 @@ _COUNTS = (
     "SELECT topic_id, MIN(timestamp), MAX(timestamp), COUNT(*) FROM messages NOT INDEXED"
     " WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"
 )
+_DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+_KINDS = {int: "an integer", float: "a real", str: "text", bytes: "a blob"}
 
 
 class SqliteError(SmallwheelError):
     """A database that is no bag."""
 
 
-class SqliteFile:
-    """One file; see `storage.Storage`.
-
-    Raises
-    ------
-    SqliteError, sqlite3.Error
-        If it is no database, or not that of a bag.
-    """
+class SqliteFile(StorageFile):
+    """See `StorageFile`. Raises SqliteError or sqlite3.Error for what is no database of a bag."""
 
     def __init__(self, path: Path) -> None:
-        self.contents = Contents()
-        self._size = path.stat().st_size
+        super().__init__(path)
         # What a killed recorder left in the write-ahead log is only seen in a database that may
         # change.
         logged = path.with_name(f"{path.name}-wal").exists()
         address = f"{path.resolve().as_uri()}?{'mode=ro' if logged else 'immutable=1'}"
         self._database = sqlite3.connect(address, uri=True)
-        self._database.text_factory = _text
+        self._database.text_factory = lambda content: content.decode(errors="replace")
         self._query = _BY_TIME
         try:
             # A file shorter than its header says is refused at once otherwise.
             self._database.execute("PRAGMA writable_schema = ON")
-            for table in ("topics", "messages"):
-                self._check_table(table)
-            self._keys = self._topics()
-            self._count()
+            self._check_table("topics")
+            self._check_table("messages")
+            self._keys = self._read_topics()
+            self._count_messages()
         except BaseException:
             self.close()
             raise
@@ -65,74 +59,56 @@ class SqliteFile:
         if not plain or hidden:
             raise SqliteError(f"it has no plain table {name!r}, as every bag has")
 
-    def _topics(self) -> dict[int, Key]:
+    def _read_topics(self) -> dict[int, Key]:
         known: dict[str, tuple[str, str]] = {}
         try:
             self._check_table("message_definitions")
-            query = (
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
-            known = {kind: (encoding, text) for kind, encoding, text in self._select(query)}
+            known = {str(kind): (e, t) for kind, e, t in self._database.execute(_DEFINITIONS)}
         except (sqlite3.Error, SqliteError):
             pass  # bags before Iron have none
         columns = {row[1] for row in self._database.execute("PRAGMA table_info(topics)")}
         qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
         keys: dict[int, Key] = {}
-        for number, name, kind, offered in self._select(
-            f"SELECT id, name, type, {qos} FROM topics"
-        ):
+        query = f"SELECT id, name, type, {qos} FROM topics"
+        for number, name, kind, offered in self._database.execute(query):
             keys[int(number)] = key = (str(name), str(kind))
             encoding, text = known.get(str(kind), ("", ""))
-            self.contents.channels[key] = Channel(
-                str(encoding), str(text), parsed_qos(str(offered))
-            )
+            self.topics[key] = StoredTopic(str(encoding), str(text), qos_of(str(offered)))
         return keys
 
-    def _select(self, query: str) -> list[tuple[Any, ...]]:
-        return self._database.execute(query).fetchall()
-
-    def _count(self) -> None:
+    def _count_messages(self) -> None:
         try:
             for number, first, last, count in self._database.execute(_COUNTS):
                 if number in self._keys:
-                    self.contents.add(self._keys[number], first, last, count)
+                    self.count(self._keys[number], first, last, count)
         except sqlite3.Error:
             self._query = _BY_ROW
-            for topic, kind, time, _ in self.messages(self._keys.values()):
-                self.contents.add((topic, kind), time, time, 1)
+            for topic, kind, time, _ in self.messages(None):
+                self.count((topic, kind), time, time, 1)
 
-    def messages(self, wanted: Collection[Key]) -> Iterator[RawMessage]:
+    def messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
         """Give messages by log time; of a damaged file in the order of their rows."""
-        unpack, count = Unpacker(self._size), 0
-        numbers = {number: key for number, key in self._keys.items() if key in wanted}
+        self._unpack, count = Unpacker(self._size), 0
+        keys = {n: key for n, key in self._keys.items() if wanted is None or key in wanted}
         try:
             for row, number, log_time, data in self._database.execute(self._query):
                 count += 1
-                if number not in numbers:
+                key = keys.get(number)
+                if key is None:
                     continue
                 if isinstance(log_time, int) and isinstance(data, bytes):
-                    try:
-                        yield RawMessage(*numbers[number], log_time, unpack(data))
-                    except UnpackError as error:
-                        self.contents.note(f"row {row}: {error}")
+                    raw = self.raw(key, log_time, data, f"row {row}")
+                    if raw is not None:
+                        yield raw
                 else:
-                    self.contents.note(
-                        f"row {row} of topic {numbers[number][0]} has time {_kind(log_time)} and"
-                        f" data {_kind(data)}, expected an integer and a blob"
+                    there, found = (_KINDS.get(type(cell), "null") for cell in (log_time, data))
+                    self.note(
+                        f"row {row} of topic {key[0]} has time {there} and data {found}, expected"
+                        " an integer and a blob"
                     )
         except sqlite3.Error as error:
-            self.contents.note(f"it is damaged after row {count} ({reason(error)})")
+            self.note(f"it is damaged after row {count} ({reason(error)})")
 
     def close(self) -> None:
         """Close the database."""
         self._database.close()
-
-
-def _kind(value: object) -> str:
-    return {int: "an integer", float: "a real", str: "text", bytes: "a blob"}.get(
-        type(value), "null"
-    )
-
-
-def _text(content: bytes) -> str:
-    return content.decode(errors="replace")

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
+from pathlib import Path
+
+from rosbags.interfaces import Qos
 
 from smallwheel_ros.bag_files import RawMessage
-from smallwheel_ros.bags.library import Qos
+from smallwheel_ros.bags.unpack import Unpacker, UnpackError
 
 Key = tuple[str, str]  # topic and type
 _MOST_PROBLEMS = 5
 
 
 @dataclass
-class Channel:
+class StoredTopic:
     """A topic as a file describes it.
 
     Attributes
@@ -32,34 +34,40 @@ class Channel:
     messages: int = 0
 
 
-@dataclass
-class Contents:
-    """What is in a file: topics, the span of log times (ns), and what is wrong, as far as known."""
+class StorageFile:
+    """An open file: its topics, the log times (ns) of its first and last message, what is wrong.
 
-    channels: dict[Key, Channel] = field(default_factory=dict)
-    start: int | None = None
-    end: int | None = None
-    problems: list[str] = field(default_factory=list)
+    While it is read, more may be added to `problems`.
+    """
 
-    def add(self, key: Key, first: int, last: int, count: int) -> None:
+    def __init__(self, path: Path) -> None:
+        self.topics: dict[Key, StoredTopic] = {}
+        self.times: list[int] = []
+        self.problems: list[str] = []
+        self._size = path.stat().st_size
+        self._unpack = Unpacker(self._size)
+
+    def count(self, key: Key, first: int, last: int, count: int) -> None:
         """Count messages of a topic between two log times."""
-        self.channels.setdefault(key, Channel()).messages += count
-        self.start = first if self.start is None else min(self.start, first)
-        self.end = last if self.end is None else max(self.end, last)
+        self.topics.setdefault(key, StoredTopic()).messages += count
+        self.times = [min(first, *self.times, last), max(first, *self.times, last)]
 
     def note(self, problem: str) -> None:
         """Note what is wrong, in words; of many such things the first ones."""
         if problem not in self.problems and len(self.problems) < _MOST_PROBLEMS:
             self.problems.append(problem)
 
+    def raw(self, key: Key, log_time: int, data: bytes, where: str) -> RawMessage | None:
+        """Return a message, decompressed; where that fails, note it. where: in the file."""
+        try:
+            return RawMessage(*key, log_time, self._unpack(data))
+        except UnpackError as error:
+            self.note(f"{where}: {error}")
+            return None
 
-class Storage(Protocol):
-    """An open file. While it is read, more may be added to `contents.problems`."""
-
-    contents: Contents
-
-    def messages(self, wanted: Collection[Key]) -> Iterator[RawMessage]:
-        """Give the messages of these topics by log time, all that can be read of them."""
+    def messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
+        """Give the messages of these topics (None: of all) by log time, all that can be read."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Let go of the file."""

@@ -23,25 +23,25 @@ LARGEST = 64 << 20
 # What a file may unpack to, as a multiple of its size. Pictures of depth, mostly zeros, reach 30.
 MOST_TIMES = 100
 _PIECE = 1 << 20
-_METHODS: tuple[tuple[bytes, Callable[[], Any]], ...] = (
-    (b"\x28\xb5\x2f\xfd", zstd.ZstdDecompressor),
-    (b"\x04\x22\x4d\x18", LZ4FrameDecompressor),
-    (b"BZh", bz2.BZ2Decompressor),
-)
-
-_MAGICS = tuple(magic for magic, _ in _METHODS)
+_DECOMPRESSORS: dict[bytes, Callable[[], Any]] = {
+    b"\x28\xb5\x2f\xfd": zstd.ZstdDecompressor,
+    b"\x04\x22\x4d\x18": LZ4FrameDecompressor,
+    b"BZh": bz2.BZ2Decompressor,
+}
+_MAGICS = tuple(_DECOMPRESSORS)
 
 
 class UnpackError(SmallwheelError):
     """Compressed data is damaged, or unpacks to more than the limit."""
 
 
-def _too_large(limit: int) -> UnpackError:
-    return UnpackError(
-        f"it unpacks to more than {limit >> 20} MiB, the limit here: a chunk or message may unpack"
-        f" to {LARGEST >> 20} MiB, a file to {MOST_TIMES} times its size; if the bag is sound,"
-        " decompress it with the tool that made it"
-    )
+def _check(size: int, limit: int) -> None:
+    if size > limit:
+        raise UnpackError(
+            f"it unpacks to more than {limit >> 20} MiB, the limit here: a chunk or message may"
+            f" unpack to {LARGEST >> 20} MiB, a file to {MOST_TIMES} times its size; if the bag is"
+            " sound, decompress it with the tool that made it"
+        )
 
 
 class Unpacker:
@@ -65,15 +65,13 @@ class Unpacker:
         """
         if not data.startswith(_MAGICS):
             return data
-        make = next(make for magic, make in _METHODS if data.startswith(magic))
+        make = next(make for magic, make in _DECOMPRESSORS.items() if data.startswith(magic))
         limit = min(LARGEST, self._left)
-        decompressor = make()
         try:
-            found: bytes = decompressor.decompress(data, limit + 1)
+            found: bytes = make().decompress(data, limit + 1)
         except Exception as error:  # each library has errors of its own
             raise UnpackError(f"compressed data is damaged ({error})") from error
-        if len(found) > limit:
-            raise _too_large(limit)
+        _check(len(found), limit)
         self._left -= len(found)
         return found
 
@@ -85,8 +83,7 @@ def unpack_file(source: Path, target: Path) -> str:
         with zstd.open(source, "rb") as packed, target.open("wb") as plain:
             while piece := packed.read1(_PIECE):
                 plain.write(piece)
-                if plain.tell() > limit:
-                    raise _too_large(limit)
+                _check(plain.tell(), limit)
     except (zstd.ZstdError, EOFError, UnpackError) as error:
         return str(error)
     return ""

@@ -6,20 +6,26 @@ import contextlib
 import shutil
 import sqlite3
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Connection, Qos
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys.store import Typestore
 
 from smallwheel_ros.bag_files import STORAGES, BagError, Storage, check_new_bag, reason
-from smallwheel_ros.bags.codec import Channel
-from smallwheel_ros.bags.library import Connection, StoragePlugin, Writer, latched, typestore
+from smallwheel_ros.bags.types import LATCHED, typestore
 
 
-@dataclass
-class _Target:
-    workplace: Path
-    writer: Writer
+class Channel(NamedTuple):
+    """A topic as a bag is to hold it: its type with the store that knows it, and QoS."""
+
+    topic: str
+    type: str
+    store: Typestore
+    qos: tuple[Qos, ...] = ()
 
 
 class BagWriter:
@@ -48,23 +54,23 @@ class BagWriter:
             raise BagError(self.path, f"storage {storage!r} is unknown: mcap or sqlite3")
         check_new_bag(self.path)
         self.message_count = 0
-        self._target: _Target | None = None
         self._connections: dict[tuple[str, str], Connection] = {}
 
     def __enter__(self) -> BagWriter:
         try:
-            workplace = Path(tempfile.mkdtemp(prefix=f".{self.path.name}-", dir=self.path.parent))
+            # The file in the bag is named after its folder: the folder has its final name already.
+            prefix = f".{self.path.name}-"
+            self._workplace = Path(tempfile.mkdtemp(prefix=prefix, dir=self.path.parent))
+            plugin = StoragePlugin[self.storage.upper()]
+            made = self._workplace / self.path.name
+            self._writer = RosbagsWriter(made, version=9, storage_plugin=plugin)
+            self._writer.open()
         except OSError as error:
             raise self._failed(error) from error
-        # The file in the bag is named after its folder: the folder has its final name already.
-        writer = Writer(
-            workplace / self.path.name,
-            version=9,
-            storage_plugin=StoragePlugin[self.storage.upper()],
-        )
-        writer.open()
-        self._target = _Target(workplace, writer)
         return self
+
+    def _failed(self, error: Exception) -> BagError:
+        return BagError(self.path, f"cannot be written ({reason(error)})")
 
     def write(self, topic: str, kind: str, log_time: int, message: Any) -> None:
         """Write a message of ROS 2 Jazzy or of this package.
@@ -76,7 +82,7 @@ class BagWriter:
         log_time
             Time of recording, ns since the epoch.
         message
-            Made with `message_type`.
+            Made with `message_type`, or any object with the type's fields.
         """
         self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
 
@@ -88,43 +94,30 @@ class BagWriter:
 
     def write_bytes(self, channel: Channel, log_time: int, data: bytes | memoryview) -> None:
         """Write a serialised message of any type; a channel is `BagReader.as_channel`'s."""
-        assert self._target is not None, "use BagWriter in a with statement"
-        writer = self._target.writer
         try:
-            connection = self._connections.get((channel.topic, channel.type))
-            if connection is None:
-                connection = self._add(writer, channel)
-            writer.write(connection, log_time, data)
+            connection = self._connections.get(channel[:2]) or self._add(channel)
+            self._writer.write(connection, log_time, data)
         except (OSError, sqlite3.Error) as error:
             raise self._failed(error) from error
         self.message_count += 1
 
-    def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Channel:
+    def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> None:
         """Make a topic of a type that `message_type` knows before its first message comes.
 
         keeps_last: whoever plays the bag gives its last message to those who listen later.
         """
-        assert self._target is not None, "use BagWriter in a with statement"
-        qos = (latched(),) if keeps_last else ()
-        channel = Channel(topic, kind, typestore(), qos)
+        channel = Channel(topic, kind, typestore(), (LATCHED,) if keeps_last else ())
         try:
-            self._add(self._target.writer, channel)
+            self._add(channel)
         except (OSError, sqlite3.Error) as error:
             raise self._failed(error) from error
-        return channel
 
-    def _add(self, writer: Writer, channel: Channel) -> Connection:
-        connection = writer.add_connection(
-            channel.topic,
-            channel.type,
-            typestore=channel.store,
-            offered_qos_profiles=channel.qos,
+    def _add(self, channel: Channel) -> Connection:
+        connection = self._writer.add_connection(
+            channel.topic, channel.type, typestore=channel.store, offered_qos_profiles=channel.qos
         )
         self._connections[channel.topic, channel.type] = connection
         return connection
-
-    def _failed(self, error: Exception) -> BagError:
-        return BagError(self.path, f"cannot be written ({reason(error)})")
 
     def __exit__(
         self,
@@ -132,17 +125,15 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        assert self._target is not None
-        target, self._target = self._target, None
         try:
             if kind is None:
-                target.writer.close()
+                self._writer.close()
                 check_new_bag(self.path)
-                (target.workplace / self.path.name).rename(self.path)
+                (self._workplace / self.path.name).rename(self.path)
             else:
                 with contextlib.suppress(Exception):
-                    target.writer.abort()
+                    self._writer.abort()
         except (OSError, sqlite3.Error) as failure:
             raise self._failed(failure) from failure
         finally:
-            shutil.rmtree(target.workplace, ignore_errors=True)
+            shutil.rmtree(self._workplace, ignore_errors=True)

@@ -232,7 +232,7 @@ def _write(
         from smallwheel_ros.report.diagnosis_pictures import report_page, write_pictures
 
         if html is not None:
-            from smallwheel_ros.report import write_page
+            from smallwheel_ros.report.page import write_page
 
             write_page(html, report_page(result))
             written.append(html)

@@ -26,7 +26,8 @@ from smallwheel_ros.pictures.comparison import (
     residuals,
     resistance_ratio,
 )
-from smallwheel_ros.report import compare_report, write_page
+from smallwheel_ros.report.compare_report import compare_report
+from smallwheel_ros.report.page import write_page
 from smallwheel_ros.tables import write_json
 
 

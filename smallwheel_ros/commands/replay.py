@@ -16,6 +16,7 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.output import check_targets
+from smallwheel_ros.replay.folder import SUMMARY, claimed, read_summary
 from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
 from smallwheel_ros.replay.many import (
     Outcome,
@@ -27,12 +28,11 @@ from smallwheel_ros.replay.many import (
 )
 from smallwheel_ros.replay.merge import many_document, many_text, merge
 from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.output_paths import SUMMARY, claimed, read_summary
+from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.settings import check_parameters, read_settings
 from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
 from smallwheel_ros.replay.text import summary_text
 from smallwheel_ros.replay.topics import proposals, topics_document
-from smallwheel_ros.report.replay_report import write_replay_report
 from smallwheel_ros.tables import text_table, write_json
 
 _PATH = click.Path(path_type=Path)
@@ -96,6 +96,13 @@ def replay(
         _many(specs_of(bags, like), output, jobs, scheduler, json_file)
 
 
+def _write_report(result: Replayed, path: Path) -> None:
+    """Write the page; matplotlib and all else that it needs are loaded when it comes to that."""
+    from smallwheel_ros.report.replay_report import write_replay_report
+
+    write_replay_report(result, path)
+
+
 def _one(spec: ReplaySpec, json_file: str | None) -> None:
     with tqdm(unit=" messages", disable=None, leave=False) as bar:
 
@@ -103,7 +110,7 @@ def _one(spec: ReplaySpec, json_file: str | None) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
-        result = replay_bag(spec, progress=progress, report=write_replay_report)
+        result = replay_bag(spec, progress=progress, report=_write_report)
     summary = read_summary(spec.folder)
     assert summary is not None, "replay writes it last"
     if json_file is not None:
@@ -128,11 +135,11 @@ def _many(
     if scheduler is not None:
         # Workers may stand elsewhere in the tree of folders than this process does.
         specs = [_absolute(spec) for spec in specs]
-        source = replay_on_cluster(specs, scheduler, write_replay_report)
+        source = replay_on_cluster(specs, scheduler, _write_report)
     elif jobs > 1:
-        source = replay_on_processors(specs, jobs, write_replay_report)
+        source = replay_on_processors(specs, jobs, _write_report)
     else:
-        source = replay_one_by_one(specs, write_replay_report)
+        source = replay_one_by_one(specs, _write_report)
     found: dict[str, Outcome] = {}
     stopped = False
     bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)

@@ -13,8 +13,9 @@ from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.compare.document import comparison_document
 from smallwheel_ros.diagnosis import diagnose
 from smallwheel_ros.output import check_targets
-from smallwheel_ros.report import whole_report, write_page
 from smallwheel_ros.report.diagnosis_pictures import residual_pictures
+from smallwheel_ros.report.page import write_page
+from smallwheel_ros.report.whole_report import whole_report
 from smallwheel_ros.tables import write_json
 
 _STEPS = 5  # that a diagnosis tells of

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.replay.summary import Course, Event, course_columns
+from smallwheel_ros.onboard.mobility import Status
+from smallwheel_ros.replay.summary import Event
 
 Array = NDArray[np.float64]
+Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
 
 _BAND = 1.96  # standard deviations: 95 %
 _MEASURED, _MODEL, _UNUSED, _CHANGE = "#8a8a8a", "#0072b2", "#d55e00", "#009e73"
@@ -21,8 +25,46 @@ _STEPS = 240  # of the way in the map
 _POINTS = 700  # of a wheel in a picture over time
 
 
-def _columns(courses: Sequence[Course]) -> dict[str, Array]:
-    return {name: np.array(values) for name, values in course_columns(courses).items()}
+_WITH_DEVIATION = (
+    "sinkage_predicted",
+    "drawbar_pull",
+    "soil_k",
+    "soil_n",
+    "soil_m",
+    "soil_reference_pressure",
+)
+_NUMBERS = (
+    *("time", "x", "y", "load", "slip", "sinkage_measured", "mobility_margin"),
+    *_WITH_DEVIATION,
+    *(f"{name}_standard_deviation" for name in _WITH_DEVIATION),
+)
+_BLOCK = 100_000  # rows of a long drive that are in memory at a time
+
+
+def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
+    """Return every so many-th row of each wheel of a table of estimates (CSV).
+
+    With a column `used`: whether the measured sinkage was used for the soil.
+    """
+    found: dict[str, list[pd.DataFrame]] = {}
+    blocks = pd.read_csv(
+        table,
+        usecols=["wheel", "status", *_NUMBERS],
+        dtype=dict.fromkeys(_NUMBERS, float),
+        chunksize=_BLOCK,
+    )
+    for block in blocks:
+        known = block["load"].notna() & block["sinkage_measured"].notna()
+        block["used"] = known & (block["status"] != Status.REJECTED.name)
+        for wheel, rows in block.groupby("wheel"):
+            found.setdefault(str(wheel), []).append(rows.iloc[::every])
+    return {wheel: pd.concat(parts) for wheel, parts in found.items()}
+
+
+def _columns(courses: Sequence[pd.DataFrame]) -> dict[str, Array]:
+    """Return the rows of several courses by column, in the order of time."""
+    rows = pd.concat(courses).sort_values("time", kind="stable")
+    return {name: rows[name].to_numpy(dtype=float) for name in (*_NUMBERS, "used")}
 
 
 def _thinned(columns: Mapping[str, Array], most: int) -> dict[str, Array]:
@@ -39,14 +81,14 @@ def _mean(index: NDArray[np.intp], values: Array, weights: Array, count: int) ->
     return np.where(weight > 0, total / np.where(weight > 0, weight, 1.0), np.nan)
 
 
-def map_of_way(courses: Mapping[str, Course], events: Sequence[Event]) -> Figure | None:
+def map_of_way(courses: Courses, events: Sequence[Event]) -> Figure | None:
     """The way of the vehicle, coloured by sinkage and by drawbar margin; None without odometry.
 
     Both are means over the wheels, the margin's weighted by load: what the vehicle as a whole
     could still climb.
     """
     columns = _columns(list(courses.values()))
-    known = np.isfinite(columns["x"]) if columns["time"].size else np.zeros(0, dtype=bool)
+    known = np.isfinite(columns["x"])
     if known.sum() < 2:
         return None
     columns = {name: values[known] for name, values in columns.items()}
@@ -55,9 +97,10 @@ def map_of_way(courses: Mapping[str, Course], events: Sequence[Event]) -> Figure
     index = np.minimum((_STEPS * (time - time[0]) / span).astype(int), _STEPS - 1)
     even = np.ones_like(time)
     x, y = (_mean(index, columns[name], even, _STEPS) for name in "xy")
-    deep = np.where(np.isfinite(columns["sinkage"]), columns["sinkage"], columns["predicted"])
+    measured, predicted = columns["sinkage_measured"], columns["sinkage_predicted"]
+    deep = np.where(np.isfinite(measured), measured, predicted)
     sinkage = 1e3 * _mean(index, deep, even, _STEPS)
-    margin = 100.0 * _mean(index, columns["margin"], columns["load"], _STEPS)
+    margin = 100.0 * _mean(index, columns["mobility_margin"], columns["load"], _STEPS)
     at = np.isfinite(x)
     across, along = float(np.ptp(x[at])), float(np.ptp(y[at]))
     wide = across >= along
@@ -128,15 +171,14 @@ def _draw_events(axes: Axes, columns: Mapping[str, Array], events: Sequence[Even
         shown.add(word)
 
 
-def wheels_over_time(courses: Mapping[str, Course], events: Sequence[Event]) -> Figure:
+def wheels_over_time(courses: Courses, events: Sequence[Event]) -> Figure:
     """Sinkage of each wheel, measured and predicted, and its drawbar pull, with 95 % bands."""
-    names = [name for name, course in courses.items() if course.points]
-    has_pull = any(np.isfinite(_columns([courses[name]])["pull"]).any() for name in names)
+    has_pull = any(course["drawbar_pull"].notna().any() for course in courses.values())
     columns_of_axes = 2 if has_pull else 1
-    figure = Figure(figsize=(10.4, 2.15 * len(names) + 0.7), layout="constrained")
-    grid = figure.subplots(len(names), columns_of_axes, sharex=True, squeeze=False)
-    for row, name in enumerate(names):
-        values = _thinned(_columns([courses[name]]), _POINTS)
+    figure = Figure(figsize=(10.4, 2.15 * len(courses) + 0.7), layout="constrained")
+    grid = figure.subplots(len(courses), columns_of_axes, sharex=True, squeeze=False)
+    for row, (name, course) in enumerate(courses.items()):
+        values = _thinned(_columns([course]), _POINTS)
         _draw_sinkage(grid[row, 0], name, values)
         _draw_changes(grid[row, 0], events)
         if has_pull:
@@ -156,7 +198,11 @@ def _draw_changes(axes: Axes, events: Sequence[Event]) -> None:
     axes.grid(alpha=0.25)
 
 
-def _band(axes: Axes, time: Array, value: Array, std: Array, label: str = "") -> None:
+def _band(
+    axes: Axes, values: Mapping[str, Array], name: str, scale: float = 1.0, label: str = ""
+) -> None:
+    time, value = values["time"], scale * values[name]
+    std = scale * values[f"{name}_standard_deviation"]
     axes.plot(time, value, color=_MODEL, linewidth=1.1, label=label or None)
     axes.fill_between(
         time, value - _BAND * std, value + _BAND * std, color=_MODEL, alpha=0.25, linewidth=0
@@ -164,14 +210,14 @@ def _band(axes: Axes, time: Array, value: Array, std: Array, label: str = "") ->
 
 
 def _draw_sinkage(axes: Axes, name: str, values: Mapping[str, Array]) -> None:
-    time, measured = values["time"], 1e3 * values["sinkage"]
+    time, measured = values["time"], 1e3 * values["sinkage_measured"]
     used = values["used"] > 0
     axes.plot(time[used], measured[used], ".", color=_MEASURED, markersize=2.5, label="measured",
               rasterized=True)  # fmt: skip
     axes.plot(time[~used], measured[~used], "x", color=_UNUSED, markersize=3.5,
               label="measured, not used for the soil", rasterized=True)  # fmt: skip
-    _band(axes, time, 1e3 * values["predicted"], 1e3 * values["predicted_std"], "predicted, 95 %")
-    both = np.concatenate([measured, 1e3 * values["predicted"]])
+    _band(axes, values, "sinkage_predicted", 1e3, "predicted, 95 %")
+    both = np.concatenate([measured, 1e3 * values["sinkage_predicted"]])
     known = both[np.isfinite(both)]
     top = 1.15 * float(np.percentile(known, 99.5)) if known.size else 1.0
     axes.set_ylim(max(top, 1e-6), 0.0)  # positive down, as in the soil
@@ -180,8 +226,8 @@ def _draw_sinkage(axes: Axes, name: str, values: Mapping[str, Array]) -> None:
 
 
 def _draw_pull(axes: Axes, name: str, values: Mapping[str, Array]) -> None:
-    pull, std = values["pull"], values["pull_std"]
-    _band(axes, values["time"], pull, std)
+    pull = values["drawbar_pull"]
+    _band(axes, values, "drawbar_pull")
     axes.axhline(0.0, color="black", linewidth=0.8)
     known = pull[np.isfinite(pull)]
     if known.size:
@@ -192,7 +238,7 @@ def _draw_pull(axes: Axes, name: str, values: Mapping[str, Array]) -> None:
     axes.set_title(name.replace("_", " "), fontsize=10, loc="left")
 
 
-def slip_over_time(courses: Mapping[str, Course]) -> Figure | None:
+def slip_over_time(courses: Courses) -> Figure | None:
     """Slip of every wheel; None where it is never known."""
     figure = Figure(figsize=(10.4, 2.5), layout="constrained")
     axes = figure.subplots()
@@ -212,20 +258,21 @@ def slip_over_time(courses: Mapping[str, Course]) -> Figure | None:
     return figure
 
 
-def soil_over_time(courses: Mapping[str, Course], events: Sequence[Event]) -> Figure:
+def soil_over_time(courses: Courses, events: Sequence[Event]) -> Figure:
     """Reference pressure, k, n and m with 95 % bands; k's and the pressure's in their logarithm."""
     values = _thinned(_columns(list(courses.values())), 1200)
     figure = Figure(figsize=(10.4, 5.6), layout="constrained")
     grid = figure.subplots(2, 2, sharex=True)
     shown = (
-        ("pressure", "reference pressure [kPa]", 1e-3),
-        ("k", "k [Pa/m$^{n+m}$]", 1.0),
-        ("n", "n", 1.0),
-        ("m", "m", 1.0),
+        ("soil_reference_pressure", "reference pressure [kPa]", 1e-3),
+        ("soil_k", "k [Pa/m$^{n+m}$]", 1.0),
+        ("soil_n", "n", 1.0),
+        ("soil_m", "m", 1.0),
     )
     for axes, (name, label, scale) in zip(grid.flat, shown, strict=True):
-        time, value, std = values["time"], scale * values[name], scale * values[f"{name}_std"]
-        if name in ("pressure", "k"):
+        time, value = values["time"], scale * values[name]
+        std = scale * values[f"{name}_standard_deviation"]
+        if name in ("soil_reference_pressure", "soil_k"):
             # Closer to log-normal: a band in the logarithm never reaches below zero.
             factor = np.exp(_BAND * np.minimum(std / value, 3.0))
             axes.plot(time, value, color=_MODEL, linewidth=1.1)
@@ -236,7 +283,7 @@ def soil_over_time(courses: Mapping[str, Course], events: Sequence[Event]) -> Fi
             low, high = np.percentile(value, [1, 99])
             axes.set_ylim(low / 4, high * 4)
         else:
-            _band(axes, time, value, std)
+            _band(axes, values, name, scale)
             centre = float(np.median(value))
             axes.set_ylim(centre - 0.9, centre + 0.9)
         axes.set_ylabel(label)

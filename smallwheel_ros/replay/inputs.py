@@ -7,19 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from smallwheel_ros.bags import BagTopic
+from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY
 from smallwheel_ros.replay.spec import ReplayError
 
-LOAD = "geometry_msgs/msg/WrenchStamped"
-SINKAGE = "smallwheel_ros/msg/WheelSinkage"
-RANGE = "sensor_msgs/msg/Range"
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
-JOINTS = "sensor_msgs/msg/JointState"
-CLOCK = "/clock"
 _NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
 
 
@@ -52,6 +46,11 @@ def resolved(name: str) -> str:
     if name.startswith("~"):
         return f"/{NODE_NAME}/{name[1:].lstrip('/')}"
     return name if name.startswith("/") else f"/{name}"
+
+
+def in_bag(name: str, remaps: Mapping[str, str]) -> str:
+    """Return the bag's name of a topic that the node knows by `name`."""
+    return remaps.get(resolved(name), resolved(name))
 
 
 def read_remaps(given: Iterable[str]) -> dict[str, str]:
@@ -88,20 +87,17 @@ def inputs_of(
     ReplayError
         If a remap names no input of the node.
     """
-    inputs = []
-    for topic in topics:
-        name = resolved(topic.name)
-        for stream, detail in topic.streams.items():
-            place = remaps.get(name, name)
-            inputs.append(Input(stream, name, place, topic.type, detail.removeprefix(", ")))
-    known = {item.name for item in inputs}
-    if description_topic:
-        known.add(resolved(description_topic))
+    known = {resolved(name) for name in (*(t.name for t in topics), description_topic) if name}
     for name in remaps:
         if name not in known:
             raise ReplayError(
                 f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
             )
+    inputs = []
+    for topic in topics:
+        names = resolved(topic.name), in_bag(topic.name, remaps)
+        for stream, detail in topic.streams.items():
+            inputs.append(Input(stream, *names, topic.type, detail.removeprefix(", ")))
     return tuple(inputs)
 
 
@@ -119,26 +115,20 @@ class Missing:
 
 
 def missing_inputs(
-    inputs: Sequence[Input],
-    topics: Sequence[BagTopic],
-    unusable: Mapping[tuple[str, str], str] | None = None,
+    inputs: Sequence[Input], topics: Sequence[BagTopic], unusable: Mapping[Key, str] | None = None
 ) -> list[Missing]:
     """Say of each input whether the bag lacks it, or has it in another type.
 
     unusable: topics and types of which the bag's definition cannot be used, and why.
     """
-    types: dict[str, list[str]] = {}
-    for topic in topics:
-        if topic.message_count:
-            types.setdefault(topic.name, []).append(topic.type)
     found = []
     for item in inputs:
-        there = types.get(item.topic)
+        types = [t.type for t in topics if t.name == item.topic and t.message_count]
         why = (unusable or {}).get((item.topic, item.type), "")
-        if there is None:
+        if not types:
             why = "not in the bag"
-        elif item.type not in there:
-            why = f"the bag has it as {', '.join(there)}"
+        elif item.type not in types:
+            why = f"the bag has it as {', '.join(types)}"
         if why:
             found.append(Missing(item, why))
     return found
@@ -151,8 +141,7 @@ def check_enough(onboard: Onboard, missing: Sequence[Missing], hint: str) -> Non
     """
     lost = {entry.input.stream for entry in missing}
     for wheel in onboard.settings.wheels:
-        needed = {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & set(onboard.streams)
-        if not needed & lost:
+        if not {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & set(onboard.streams) & lost:
             return
     lines = "".join(f"\n  {entry}" for entry in missing)
     raise ReplayError(

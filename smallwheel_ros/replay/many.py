@@ -8,14 +8,13 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.replay.document import document
+from smallwheel_ros.replay.folder import done_before, read_summary
 from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.output_paths import done_before, read_summary
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 
@@ -35,16 +34,12 @@ class Outcome:
 
     spec: ReplaySpec
     state: str
-    error: str
-    before: bool
-    summary: dict[str, Any]
+    error: str = ""
+    before: bool = False
+    summary: dict[str, Any] = field(default_factory=dict)
 
 
-def no_report(_result: Replayed, _path: Path) -> None:
-    """Write no page."""
-
-
-def replay_or_say(spec: ReplaySpec, report: Report = no_report) -> Outcome:
+def replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
     """Replay one bag, unless that is done already; what goes wrong is in the outcome."""
     try:
         found = done_before(spec)
@@ -52,22 +47,22 @@ def replay_or_say(spec: ReplaySpec, report: Report = no_report) -> Outcome:
             return Outcome(spec, str(found["state"]), str(found["ended"]), True, found)
         result = replay(spec, report=report)
     except SmallwheelError as error:
-        return Outcome(spec, "failed", str(error), False, {})
+        return Outcome(spec, "failed", str(error))
     except Exception as error:  # one bag's trouble must not be that of the others
-        return Outcome(spec, "failed", f"{type(error).__name__}: {error}", False, {})
-    summary = read_summary(spec.folder) or document(result, {})
-    return Outcome(spec, result.state, result.ended, False, summary)
+        return Outcome(spec, "failed", f"{type(error).__name__}: {error}")
+    return Outcome(spec, result.state, result.ended, summary=read_summary(spec.folder) or {})
 
 
 def found_on_disk(spec: ReplaySpec) -> Outcome:
     """Return what became of a bag whose process could not tell any more."""
     found = done_before(spec)
-    if found is not None:
-        return Outcome(spec, str(found["state"]), str(found["ended"]), False, found)
-    summary = read_summary(spec.folder) or {}
-    if summary.get("state") == "interrupted":
-        return Outcome(spec, "interrupted", str(summary["ended"]), False, summary)
-    return Outcome(spec, "not_begun" if not summary else "interrupted", "", False, {})
+    if found is None:
+        found = read_summary(spec.folder)
+        if found is None:
+            return Outcome(spec, "not_begun")
+        if found.get("state") != "interrupted":  # it was killed
+            return Outcome(spec, "interrupted")
+    return Outcome(spec, str(found["state"]), str(found["ended"]), summary=found)
 
 
 def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
@@ -126,10 +121,9 @@ def _as_they_come(executor: Executor, specs: Sequence[ReplaySpec], report: Repor
         try:
             yield future.result()
         except BrokenProcessPool:
-            yield Outcome(futures[future], "failed", _DIED, False, {})
+            yield Outcome(futures[future], "failed", _DIED)
         except Exception as error:  # a worker of a cluster died, or has not this package
-            text = f"{type(error).__name__}: {error}"
-            yield Outcome(futures[future], "failed", text, False, {})
+            yield Outcome(futures[future], "failed", f"{type(error).__name__}: {error}")
 
 
 @contextmanager

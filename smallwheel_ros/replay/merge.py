@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.output import write_bytes
-from smallwheel_ros.replay.document import SCHEMA
+from smallwheel_ros.replay.estimates import columns
+from smallwheel_ros.replay.folder import ESTIMATES, FILES, MEASUREMENTS, files_in
 from smallwheel_ros.replay.many import Outcome
-from smallwheel_ros.replay.output_paths import ESTIMATES, MEASUREMENTS, csv_text
-from smallwheel_ros.replay.rows import Kind, columns
-from smallwheel_ros.replay.table_files import TableFiles
-from smallwheel_ros.tables import plain, text_table
+from smallwheel_ros.replay.result import SCHEMA
+from smallwheel_ros.replay.table import Table, csv_text
+from smallwheel_ros.tables import text_table
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:
@@ -33,72 +33,56 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     ReplayError, OutputError
         If a table cannot be written.
     """
-    files: dict[str, str] = {}
-    kinds: dict[str, Kind] = {"bag": "text", **columns()}
-    with TableFiles(folder / ESTIMATES, kinds) as table:
+    with Table(folder / ESTIMATES, {"bag": "string", **columns()}) as table:
         for outcome in outcomes:
-            for row in _rows(outcome.spec.folder / f"{ESTIMATES}.csv"):
-                table.add({"bag": outcome.spec.name, **row})
-    files["estimates_csv"] = f"{ESTIMATES}.csv"
-    if (folder / f"{ESTIMATES}.parquet").exists():
-        files["estimates_parquet"] = f"{ESTIMATES}.parquet"
+            for row in _rows(outcome.spec.folder / FILES["estimates_csv"]):
+                table.add([outcome.spec.name, *row.values()])
     measured: list[dict[str, str]] = []
     for outcome in outcomes:
+        name = outcome.spec.name
         for row in _rows(outcome.spec.folder / MEASUREMENTS):
-            name = outcome.spec.name
             measured.append({**row, "soil": f"{name} {row['soil']}", "run": f"{name} {row['run']}"})
+    (folder / MEASUREMENTS).unlink(missing_ok=True)
     if measured:
-        text = csv_text(measured[0], measured)
+        text = csv_text([measured[0], *(row.values() for row in measured)])
         write_bytes(folder / MEASUREMENTS, text.encode())
-        files["measurements"] = MEASUREMENTS
-    return files
+    merged = ("estimates_csv", "estimates_parquet", "measurements")
+    return {what: name for what, name in files_in(folder).items() if what in merged}
 
 
 def many_document(outcomes: Sequence[Outcome], files: dict[str, str]) -> dict[str, Any]:
     """Return what became of all bags as plain values; files: of the merged tables."""
-    content = {
-        "schema": SCHEMA,
-        "bags": [
-            {
-                "bag": str(outcome.spec.bag),
-                "folder": str(outcome.spec.folder),
-                "state": outcome.state,
-                "error": outcome.error,
-                "done_before": outcome.before,
-                "summary": outcome.summary or None,
-            }
-            for outcome in outcomes
-        ],
-        "files": files,
-    }
-    found = plain(content)
-    assert isinstance(found, dict)
-    return found
+    bags = [
+        {
+            "bag": str(outcome.spec.bag),
+            "folder": str(outcome.spec.folder),
+            "state": outcome.state,
+            "error": outcome.error,
+            "done_before": outcome.before,
+            "summary": outcome.summary or None,
+        }
+        for outcome in outcomes
+    ]
+    return {"schema": SCHEMA, "bags": bags, "files": files}
 
 
 def many_text(outcomes: Sequence[Outcome]) -> str:
     """Say what became of each bag, a line for each."""
     rows = []
     for outcome in outcomes:
-        summary = outcome.summary
-        pressure = summary.get("soil", {}).get("reference_pressure", {})
-        rows.append(
-            [
-                outcome.spec.name,
-                outcome.state.replace("_", " ") + (" (before)" if outcome.before else ""),
-                f"{summary['travel']:.1f}" if summary else "-",
-                str(summary["estimates"]) if summary else "-",
-                str(summary["soil"]["changes"]) if summary else "-",
-                f"{pressure['value'] / 1e3:.3g} +- {pressure['std'] / 1e3:.2g}"
-                if pressure
-                else "-",
+        state = outcome.state.replace("_", " ") + (" (before)" if outcome.before else "")
+        found = ["-"] * 4
+        if outcome.summary:
+            soil = outcome.summary["soil"]
+            pressure = soil["reference_pressure"]
+            found = [
+                f"{outcome.summary['travel']:.1f}",
+                str(outcome.summary["estimates"]),
+                str(soil["changes"]),
+                f"{pressure['value'] / 1e3:.3g} +- {pressure['std'] / 1e3:.2g}",
             ]
-        )
+        rows.append([outcome.spec.name, state, *found])
     header = ["bag", "", "way [m]", "estimates", "soil changes", "reference pressure [kPa]"]
     lines = [text_table(header, rows)]
-    lines += [
-        f"{outcome.spec.name}: {outcome.error}"
-        for outcome in outcomes
-        if outcome.error and outcome.state in ("failed", "ended_early", "interrupted")
-    ]
+    lines += [f"{outcome.spec.name}: {outcome.error}" for outcome in outcomes if outcome.error]
     return "\n".join(lines)

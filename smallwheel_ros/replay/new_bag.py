@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 
-from smallwheel_ros.bag_files import BagTopic, RawMessage, Storage
-from smallwheel_ros.bags import BagReader, BagWriter, Channel
-from smallwheel_ros.bags.codec import Convert
+from smallwheel_ros.bag_files import RawMessage, Storage, storage_kind
+from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.rows import MOBILITY, SOIL, Estimate
+from smallwheel_ros.replay.estimates import MOBILITY, SOIL, Estimate
 
 _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a second
 
 
-class NewBag:
+class NewBag(BagWriter):
     """Writes originals as they are and estimates as the node would have published them.
 
-    Use it in a `with` statement: the bag is there when it has ended without an error.
+    It is stored as the old bag is, so that whoever reads that one reads this one too.
 
     Attributes
     ----------
@@ -26,65 +25,50 @@ class NewBag:
         Of the topics of the estimates: the node's name, or /replay before it where the bag has
         the node's own estimates already.
     left_out
-        Topics that are not copied, since their type cannot be understood.
+        Topics and types that are not copied, since their type cannot be understood.
     damaged
         Messages that are not copied, since they cannot be converted.
     """
 
-    def __init__(
-        self, path: Path, storage: Storage, reader: BagReader, copied: set[tuple[str, str]]
-    ) -> None:
-        self._writer = BagWriter(path, storage=storage)
+    def __init__(self, path: Path, reader: BagReader, copied: set[Key]) -> None:
+        files = list(reader.path.iterdir()) if reader.path.is_dir() else [reader.path]
+        sqlite = any(storage_kind(file) == ".db3" for file in files)
+        storage: Storage = "sqlite3" if sqlite else "mcap"
+        super().__init__(path, storage=storage)
         own = f"/{NODE_NAME}"
         taken = any(topic.name.startswith(f"{own}/") for topic in reader.topics)
         self.prefix = f"/replay{own}" if taken else own
-        self.left_out: list[BagTopic] = []
-        self._channels: dict[tuple[str, str], tuple[Channel, Convert]] = {}
-        for topic in reader.topics:
-            if (topic.name, topic.type) not in copied:
-                continue
-            channel = reader.as_channel(topic.name, topic.type)
-            if channel is None:
-                self.left_out.append(topic)
-            else:
-                self._channels[topic.name, topic.type] = channel
-        self._soil_sent: int | None = None
-        self._soil_waits: tuple[int, object] | None = None
+        found = {key: reader.as_channel(*key) for key in sorted(copied)}
+        self._channels = {key: channel for key, channel in found.items() if channel is not None}
+        self.left_out = [key for key, channel in found.items() if channel is None]
         self.damaged = 0
+        self._soil_sent: int | None = None
+        self._soil_waits: tuple[int, Estimate, str] | None = None
 
     def __enter__(self) -> NewBag:
-        self._writer.__enter__()
-        self._writer.add(f"{self.prefix}/mobility", MOBILITY)
-        self._writer.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
+        super().__enter__()
+        self.add(f"{self.prefix}/mobility", MOBILITY)
+        self.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._writer.__exit__(kind, error, trace)
 
     def copy(self, raw: RawMessage) -> None:
         """Write a message of the bag, where its topic is copied."""
         found = self._channels.get((raw.topic, raw.type))
-        if found is not None:
-            channel, convert = found
-            try:
-                converted = convert(raw.data)
-            except Exception:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
-                self.damaged += 1
-                return
-            self._writer.write_bytes(channel, raw.log_time, converted)
+        if found is None:
+            return
+        channel, convert = found
+        try:
+            data = convert(raw.data)
+        except Exception:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
+            self.damaged += 1
+        else:
+            self.write_bytes(channel, raw.log_time, data)
 
-    def write(self, estimate: Estimate, log_time: int, frame: str) -> None:
+    def write_estimate(self, estimate: Estimate, log_time: int, frame: str) -> None:
         """Write an estimate; frame: that of odometry."""
-        stamp = estimate.result.mobility.stamp
-        mobility, soil = estimate.messages(frame)
-        self._writer.write(f"{self.prefix}/mobility", MOBILITY, log_time, mobility)
-        self._soil_waits = (log_time, soil)
-        sent = self._soil_sent
+        self.write(f"{self.prefix}/mobility", MOBILITY, log_time, estimate.mobility())
+        self._soil_waits = (log_time, estimate, frame)
+        stamp, sent = estimate.result.mobility.stamp, self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
             self._soil_sent = stamp
             self.finish()
@@ -92,5 +76,6 @@ class NewBag:
     def finish(self) -> None:
         """Write the last soil, if it still waits."""
         if self._soil_waits is not None:
-            self._writer.write(f"{self.prefix}/soil", SOIL, *self._soil_waits)
+            log_time, estimate, frame = self._soil_waits
+            self.write(f"{self.prefix}/soil", SOIL, log_time, estimate.soil(frame))
             self._soil_waits = None

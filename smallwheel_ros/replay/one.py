@@ -6,37 +6,41 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.bag_files import BagError, RawMessage, Storage, reason, storage_kind
+from smallwheel_ros.bag_files import BagError, RawMessage, reason
 from smallwheel_ros.bags import BagReader, DefinitionError
+from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.document import document
-from smallwheel_ros.replay.inputs import (
-    CLOCK,
-    Missing,
-    check_enough,
-    inputs_of,
-    missing_inputs,
-    resolved,
+from smallwheel_ros.output import write_bytes
+from smallwheel_ros.replay.estimates import Estimate, columns
+from smallwheel_ros.replay.folder import (
+    BAG,
+    ESTIMATES,
+    FILES,
+    MEASUREMENTS,
+    begin,
+    check_folder,
+    claimed,
+    files_in,
+    write_summary,
 )
+from smallwheel_ros.replay.inputs import Missing, check_enough, in_bag, inputs_of, missing_inputs
 from smallwheel_ros.replay.new_bag import NewBag
-from smallwheel_ros.replay.output_paths import OutputPaths, claimed
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.rows import Estimate, columns
-from smallwheel_ros.replay.settings import check_parameters, description_key, read_settings
+from smallwheel_ros.replay.settings import check_parameters, read_settings
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
-from smallwheel_ros.replay.table_files import TableFiles
+from smallwheel_ros.replay.table import Table, csv_text
 from smallwheel_ros.replay.topics import proposal_text
 from smallwheel_ros.stop import Stop
 
-Key = tuple[str, str]
 Handler = Callable[[Any, int | None], list[Result]]
+Progress = Callable[[int, int], None]
 _STEP = 256  # messages between two looks at signals, problems and progress
-_CLOCK_KEY = (CLOCK, "rosgraph_msgs/msg/Clock")
+_CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
@@ -47,7 +51,7 @@ _HINT = (
 def replay(
     spec: ReplaySpec,
     *,
-    progress: Callable[[int, int], None] = lambda _done, _all: None,
+    progress: Progress = lambda _done, _all: None,
     report: Callable[[Replayed, Path], None] = lambda _result, _path: None,
 ) -> Replayed:
     """Replay one bag into the spec's folder.
@@ -75,68 +79,62 @@ def replay(
         at work in the folder.
     """
     check_parameters(spec)
-    paths, stop = OutputPaths(spec), Stop()
-    paths.check()
+    check_folder(spec)
+    stop, folder = Stop(), spec.folder
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():
-        settings, notes = read_settings(spec, reader)
-        session = _Session(spec, settings, notes, reader)
+        session = _Session(spec, reader)
         result = session.result
-        with claimed(spec.folder):
-            if paths.begin():
+        with claimed(folder):
+            if begin(spec):
                 text = "an earlier replay into this folder was not finished; it is done anew"
                 result.notes.append(text)
-            bag = NewBag(paths.bag, _storage(spec), reader, session.copied)
-            with TableFiles(paths.estimates, columns()) as table, bag:
+            bag = NewBag(folder / BAG, reader, session.copied)
+            with Table(folder / ESTIMATES, columns()) as table, bag:
                 session.run(table, bag, stop, progress)
-            paths.write_measurements(result.segments)
-            report(result, paths.report)
-            paths.finish(document(result, paths.files()))
+            rows = list(result.segments.table())
+            if rows:
+                text = csv_text([rows[0], *(row.values() for row in rows)])
+                write_bytes(folder / MEASUREMENTS, text.encode())
+            report(result, folder / FILES["report"])
+            write_summary(folder, result.document(files_in(folder)))
     return result
-
-
-def _storage(spec: ReplaySpec) -> Storage:
-    """Storage of the new bag: that of the old one, so that its readers read this one too."""
-    files = list(spec.bag.iterdir()) if spec.bag.is_dir() else [spec.bag]
-    return "sqlite3" if any(storage_kind(file) == ".db3" for file in files) else "mcap"
 
 
 class _Session:
     """One run of the estimator over an open bag."""
 
-    def __init__(
-        self, spec: ReplaySpec, settings: NodeSettings, notes: list[str], reader: BagReader
-    ) -> None:
+    def __init__(self, spec: ReplaySpec, reader: BagReader) -> None:
+        settings, notes = read_settings(spec, reader)
         if not reader.message_count or reader.start_time is None or reader.end_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
         if settings.soil_file:
-            notes = [*notes, "soil_file is not read: a replay begins with the configured soil"]
+            notes.append("soil_file is not read: a replay begins with the configured soil")
         self._reader, self._onboard = reader, Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
-        inputs = inputs_of(self._feed.topics, spec.remaps, settings.robot_description_topic)
-        self._decoders: dict[Key, Callable[[bytes], Any]] = {}
-        self._handlers: dict[Key, list[Handler]] = {}
-        for topic in self._feed.topics:
-            name = resolved(topic.name)
-            key = (spec.remaps.get(name, name), topic.type)
-            self._handlers.setdefault(key, []).append(topic.handle)
+        description = settings.robot_description_topic
+        inputs = inputs_of(self._feed.topics, spec.remaps, description)
         present = {(topic.name, topic.type) for topic in reader.topics}
+        handlers: dict[Key, list[Handler]] = {}
+        for topic in self._feed.topics:
+            key = (in_bag(topic.name, spec.remaps), topic.type)
+            handlers.setdefault(key, []).append(topic.handle)
         self._clock: int | None = None
-        self._has_clock = spec.clock and _CLOCK_KEY in present
+        self._last: Estimate | None = None
+        self._has_clock = spec.clock and _CLOCK in present
         if self._has_clock:
-            self._handlers[_CLOCK_KEY] = [self._on_clock]
-        unusable = self._open_decoders(present)
+            handlers[_CLOCK] = [self._on_clock]
+        unusable = self._open(handlers, present)
         missing = missing_inputs(inputs, reader.topics, unusable)
-        check_enough(
-            self._onboard, missing, proposal_text(reader, inputs, spec.bag) if missing else ""
-        )
-        description = description_key(settings.robot_description_topic, spec.remaps)
-        used = {key for key in (*self._handlers, _CLOCK_KEY, description) if key in present}
+        hint = proposal_text(reader, inputs, spec.bag) if missing else ""
+        check_enough(self._onboard, missing, hint)
+        described = (in_bag(description, spec.remaps), DESCRIPTION_TYPE)
+        used = {*handlers, _CLOCK, described} & present
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._read = {name for name, _ in used | self.copied}
         self.result = Replayed(
             spec=spec,
             settings=settings,
-            notes=list(notes),
+            notes=notes,
             inputs=inputs,
             missing=missing,
             start=reader.start_time,
@@ -149,40 +147,36 @@ class _Session:
             ),
         )
 
-    def _open_decoders(self, present: Iterable[Key]) -> dict[Key, str]:
+    def _open(self, handlers: dict[Key, list[Handler]], present: Iterable[Key]) -> dict[Key, str]:
         """Prepare for the messages of the inputs; say which ones the bag defines otherwise."""
         unusable = {}
-        for key in self._handlers.keys() & set(present):
+        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[Handler]]] = {}
+        for key in handlers.keys() & set(present):
             try:
-                self._decoders[key] = self._reader.decoder(*key)
+                self._takers[key] = (self._reader.decoder(*key), handlers[key])
             except DefinitionError as error:
                 unusable[key] = str(error)
         return unusable
 
-    def run(
-        self, table: TableFiles, bag: NewBag, stop: Stop, progress: Callable[[int, int], None]
-    ) -> None:
+    def run(self, table: Table, bag: NewBag, stop: Stop, progress: Progress) -> None:
         """Read the bag to its end, its damage, or a signal."""
         result, total, time = self.result, self.result.message_count, self.result.start
-        messages = self._reader.raw_messages(self._read)
-        while True:
-            try:
-                raw = next(messages)
-            except StopIteration:
-                break
-            except BagError as error:
-                result.state, result.ended = "ended_early", str(error)
-                break
-            time = raw.log_time
-            bag.copy(raw)
-            self._write(self._take(raw), time, table, bag)
-            result.messages_read += 1
-            if result.messages_read % _STEP == 0:
-                result.summary.take_problems(time)
-                progress(result.messages_read, total)
-                if stop.asked:
-                    result.state, result.ended = "interrupted", self._stopped(stop, time)
-                    break
+        try:
+            for raw in self._reader.raw_messages(self._read):
+                time = raw.log_time
+                bag.copy(raw)
+                self._write(self._take(raw), time, table, bag)
+                result.messages_read += 1
+                if result.messages_read % _STEP == 0:
+                    result.summary.take_problems(time)
+                    progress(result.messages_read, total)
+                    if stop.asked:
+                        result.state, result.ended = "interrupted", self._stopped(stop, time)
+                        break
+        except BagError as error:
+            if error.path != self._reader.path:
+                raise  # of the new bag
+            result.state, result.ended = "ended_early", str(error)
         self._write(self._onboard.flush(), time, table, bag)
         bag.finish()
         result.prefix, result.left_out = bag.prefix, bag.left_out
@@ -194,9 +188,9 @@ class _Session:
     def _take(self, raw: RawMessage) -> list[Result]:
         """Give a message to the estimator, if it is an input; return what it has made ready."""
         key = (raw.topic, raw.type)
-        decode = self._decoders.get(key)
-        if decode is None:
+        if key not in self._takers:
             return []
+        decode, handlers = self._takers[key]
         try:
             message = decode(raw.data)
         except Exception as error:  # damaged bytes make rosbags raise as it likes
@@ -207,21 +201,18 @@ class _Session:
             return []
         by_recording = self.result.spec.clock and not self._has_clock
         now = raw.log_time if by_recording else self._clock
-        return [found for handle in self._handlers[key] for found in handle(message, now)]
+        return [found for handle in handlers for found in handle(message, now)]
 
     def _on_clock(self, message: Any, _: int | None) -> list[Result]:
         self._clock = message.clock.sec * SECOND + message.clock.nanosec
         return []
 
-    def _write(
-        self, results: Iterable[Result], log_time: int, table: TableFiles, bag: NewBag
-    ) -> None:
+    def _write(self, results: Iterable[Result], log_time: int, table: Table, bag: NewBag) -> None:
         for found in results:
-            estimate = Estimate.of(found)
-            row = estimate.row(self.result.start)
-            table.add(row)
-            bag.write(estimate, log_time, self._feed.odometry_frame)
-            self.result.summary.add(found, row)
+            self._last = estimate = Estimate(found, self._last)
+            table.add(estimate.row(self.result.start))
+            bag.write_estimate(estimate, log_time, self._feed.odometry_frame)
+            self.result.summary.add(found)
             self.result.segments.add(found, self.result.summary.changing)
 
     def _stopped(self, stop: Stop, time: int) -> str:

@@ -21,7 +21,7 @@ from smallwheel_ros.onboard.robot_description import (
     silent_parameters,
 )
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.replay.inputs import resolved
+from smallwheel_ros.replay.inputs import in_bag
 from smallwheel_ros.replay.spec import ReplaySpec
 
 _DEFAULT_TOPIC = "robot_description"
@@ -57,18 +57,12 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     found: dict[str, float | int] = {}
     notes: list[str] = []
     if _topic(values) and silent_parameters(values):
-        found, notes = _described(description_key(_topic(values), spec.remaps), reader, values)
+        found, notes = _described(in_bag(_topic(values), spec.remaps), reader, values)
     try:
         settings = settings_from(values | found)
     except ParametersError as error:
         raise ParametersError("; ".join([str(error), *notes])) from None
     return settings, unknown_parameters(values, wheel_names(values["wheels"])) + notes
-
-
-def description_key(topic: str, remaps: Mapping[str, str]) -> tuple[str, str]:
-    """Return name in the bag and type of the robot description's topic."""
-    name = resolved(topic)
-    return remaps.get(name, name), DESCRIPTION_TYPE
 
 
 def _topic(values: Mapping[str, object]) -> str:
@@ -77,15 +71,15 @@ def _topic(values: Mapping[str, object]) -> str:
 
 
 def _described(
-    key: tuple[str, str], reader: BagReader, values: Mapping[str, object]
+    topic: str, reader: BagReader, values: Mapping[str, object]
 ) -> tuple[dict[str, float | int], list[str]]:
     """Return what the bag's first robot description fills, and what is to be said of that."""
-    topic, needed = key[0], needs_description(values)
-    if key not in {(there.name, there.type) for there in reader.topics if there.message_count}:
+    if (topic, DESCRIPTION_TYPE) not in {t[:2] for t in reader.topics if t.message_count}:
+        needed = needs_description(values)
         return {}, [f"no robot description: {topic} is not in the bag"] if needed else []
     try:
-        decode = reader.decoder(*key)
-        raw = next(raw for raw in reader.raw_messages({topic}) if raw.type == key[1])
+        decode = reader.decoder(topic, DESCRIPTION_TYPE)
+        raw = next(raw for raw in reader.raw_messages({topic}) if raw.type == DESCRIPTION_TYPE)
     except (SmallwheelError, StopIteration) as error:
         return {}, [f"{topic} cannot be read: {error or 'its messages are lost'}"]
     try:

@@ -14,15 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.physics.conditions import PRESSED
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.replay.passes import PassCounter
 
 _MOST_ROWS = 2000
@@ -31,6 +29,7 @@ _FEWEST_READINGS = 3
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
 _STEADY_SLIP, _STEADY_SHARE = 0.1, 0.5
 _DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
+_UNKNOWN = Quantity(math.nan, math.nan)
 
 
 class _Key(NamedTuple):
@@ -40,29 +39,20 @@ class _Key(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """Medians of one wheel over one stretch, and how well those of sinkage and pull are known."""
+    """What one reading says, or the readings of one wheel over one stretch; NaN: not known.
+
+    Deviations are those that the sensor declares, or those of the medians.
+    """
 
     load: float
     sinkage: float
-    sinkage_std: float
-    slip: float  # NaN for a pressed wheel
+    pull: float
+    slip: float
     speed: float
-    pull: float  # NaN where it was not measured
+    sinkage_std: float
     pull_std: float
-    passes: float  # NaN where the pass number is not known or changed
-    readings: int
-
-
-# Load, sinkage, variance, slip, speed, drawbar pull, variance, pass number.
-_Reading = tuple[float, float, float, float, float, float, float, float]
-
-
-@dataclass
-class _Open:
-    """The readings of a stretch that still goes on."""
-
-    key: _Key
-    readings: list[_Reading] = field(default_factory=list)
+    passes: float
+    readings: int = 1
 
 
 class SteadySegments:
@@ -77,7 +67,7 @@ class SteadySegments:
         self._passes = PassCounter(wheels)
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
         self._scale = 1
-        self._open: dict[int, _Open] = {}
+        self._open: dict[int, tuple[_Key, list[_Row]]] = {}  # stretches that still go on, by wheel
         self._rows: dict[_Key, _Row] = {}
         self._soil = 1
         self._changing = False
@@ -88,38 +78,42 @@ class SteadySegments:
 
     def add(self, result: Result, changing: bool) -> None:
         """Take one result; changing: the soil is taken to change just now (`DriveSummary.changing`)."""
-        found, soil, speed = result.mobility, result.soil, result.instant.speed
+        found, way = result.mobility, result.soil.distance
         passes = self._passes.number(result)
-        order = self._order[found.wheel]
-        wheel = self._wheels[order]
-        forgotten = soil.distance < self._way - 1e-9  # time went back
+        forgotten = way < self._way - 1e-9  # time went back
         if forgotten or (changing and not self._changing):
             self._next_soil()
-        self._changing, self._way = changing, soil.distance
+        self._changing, self._way = changing, way
         if changing:
             self.at_changes += 1
             return
-        pressed = wheel.contact == PRESSED
-        moving = pressed or (found.slip is not None and speed is not None)
-        if found.load is None or found.sinkage_measured is None or not moving:
+        order = self._order[found.wheel]
+        pressed = self._wheels[order].contact == PRESSED
+        load, sinkage, slip, speed = (
+            found.load,
+            found.sinkage_measured,
+            found.slip,
+            result.instant.speed,
+        )
+        still = not pressed and (slip is None or speed is None)
+        if load is None or sinkage is None or still:
             self.unusable += 1
             return
-        length = _DEPTH if pressed else self._turn
-        key = _Key(self._soil, int(soil.distance / (length * self._scale)), order)
-        now = self._open.get(order)
-        if now is None or now.key != key:
+        length = (_DEPTH if pressed else self._turn) * self._scale
+        key = _Key(self._soil, int(way / length), order)
+        if order not in self._open or self._open[order][0] != key:
             self._close(order)
-            now = self._open[order] = _Open(key)
-        pull = result.instant.drawbar_pull
-        now.readings.append(
-            (
-                found.load.value,
-                found.sinkage_measured.value,
-                found.sinkage_measured.standard_deviation**2,
-                math.nan if found.slip is None else found.slip.value,
+            self._open[order] = (key, [])
+        pull = result.instant.drawbar_pull or _UNKNOWN
+        self._open[order][1].append(
+            _Row(
+                load.value,
+                sinkage.value,
+                pull.value,
+                math.nan if slip is None else slip.value,
                 math.nan if speed is None else abs(speed),
-                math.nan if pull is None else pull.value,
-                math.nan if pull is None else pull.standard_deviation**2,
+                sinkage.standard_deviation,
+                pull.standard_deviation,
                 math.nan if passes is None else float(passes),
             )
         )
@@ -135,43 +129,16 @@ class SteadySegments:
         self._soil += 1
 
     def _close(self, order: int) -> None:
-        block = self._open.pop(order, None)
-        if block is None:
+        if order not in self._open:
             return
-        row = self._row(block.readings, self._wheels[order])
+        key, readings = self._open.pop(order)
+        row = _median(readings, self._wheels[order])
         if row is None:
             self.unsteady += 1
             return
-        self._rows[block.key] = row
+        self._rows[key] = row
         while len(self._rows) > _MOST_ROWS:
             self._merge()
-
-    def _row(self, readings: Sequence[_Reading], wheel: Wheel) -> _Row | None:
-        pressed = wheel.contact == PRESSED
-        if not pressed and len(readings) < _FEWEST_READINGS:
-            return None
-        columns = list(zip(*readings, strict=True))
-        loads, sinkages, variances, slips, speeds, pulls, noises, passes = columns
-        sinkage = quartiles(sinkages)[1]
-        if sinkage > wheel.diameter / 2:
-            return None
-        (low, load, high), (stalled, slip, spun), (slow, speed, fast) = map(
-            quartiles, (loads, slips, speeds)
-        )
-        if not pressed and (
-            spun - stalled > _STEADY_SLIP
-            or high - low > _STEADY_SHARE * load
-            or fast - slow > _STEADY_SHARE * speed
-        ):
-            return None
-        pull = quartiles(pulls)[1]
-        deviation = _deviation([value - sinkage for value in sinkages], quartiles(variances)[1])
-        pull_deviation = _deviation([value - pull for value in pulls], quartiles(noises)[1])
-        fewest, _, most = quartiles([0.0 if math.isnan(number) else number for number in passes])
-        number = most if most == fewest > 0 else math.nan
-        return _Row(
-            load, sinkage, deviation, slip, speed, pull, pull_deviation, number, len(readings)
-        )
 
     def _merge(self) -> None:
         """Double the stretches' length, so that a long drive still is a table of some rows."""
@@ -189,27 +156,27 @@ class SteadySegments:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def table(self) -> Iterator[dict[str, str | float]]:
-        """Give the rows by column."""
+    def table(self) -> Iterator[dict[str, str | float | None]]:
+        """Give the rows by column; None for a blank cell."""
         rows = self._rows
         known = {key: row for key, row in rows.items() if math.isfinite(row.passes)}
         with_passes = 2 * len(known) > len(rows)
         for key, row in sorted((known if with_passes else rows).items()):
             wheel = self._wheels[key.wheel]
-            pull = {
-                "drawbar_pull [N]": _cell(row.pull),
-                "drawbar_pull_std [N]": _cell(row.pull_std),
-            }
-            yield {
+            cells: dict[str, str | float | None] = {
                 "load [N]": row.load,
                 "diameter [m]": wheel.diameter,
                 "width [m]": wheel.width,
                 "sinkage [m]": row.sinkage,
                 "sinkage_std [m]": row.sinkage_std,
-                **(pull if self._pulls else {}),
-                "slip": _cell(row.slip),
-                "speed [m/s]": _cell(row.speed),
-                **({"pass_number": int(row.passes)} if with_passes else {}),
+            }
+            if self._pulls:
+                cells["drawbar_pull [N]"] = _cell(row.pull)
+                cells["drawbar_pull_std [N]"] = _cell(row.pull_std)
+            cells |= {"slip": _cell(row.slip), "speed [m/s]": _cell(row.speed)}
+            if with_passes:
+                cells["pass_number"] = int(row.passes)
+            yield cells | {
                 "contact": wheel.contact,
                 "soil": f"soil {key.soil}",
                 "run": f"{key.soil}.{key.stretch}",
@@ -217,33 +184,52 @@ class SteadySegments:
             }
 
 
-def _cell(value: float) -> str | float:
-    return "" if math.isnan(value) else value
+def _cell(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
-def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
-    """Return the 25th, 50th and 75th percentile; NaN where a value is."""
-    low, middle, high = np.percentile(values, [25.0, 50.0, 75.0]).tolist()
-    return low, middle, high
+def _median(readings: Sequence[_Row], wheel: Wheel) -> _Row | None:
+    """Return the medians of a stretch, and how well they are known; None where it is not steady."""
+    pressed = wheel.contact == PRESSED
+    if not pressed and len(readings) < _FEWEST_READINGS:
+        return None
+    quartiles = np.percentile(np.array(readings), [25.0, 50.0, 75.0], axis=0)
+    low, middle, high = (_Row(*values) for values in quartiles.tolist())
+    steady = pressed or not (
+        high.slip - low.slip > _STEADY_SLIP
+        or high.load - low.load > _STEADY_SHARE * middle.load
+        or high.speed - low.speed > _STEADY_SHARE * middle.speed
+    )
+    if middle.sinkage > wheel.diameter / 2 or not steady:
+        return None
+    passes = [0.0 if math.isnan(reading.passes) else reading.passes for reading in readings]
+    fewest, most = np.percentile(passes, [25.0, 75.0]).tolist()
+    return middle._replace(
+        sinkage_std=_deviation([reading.sinkage for reading in readings], middle.sinkage_std),
+        pull_std=_deviation([reading.pull for reading in readings], middle.pull_std),
+        passes=most if most == fewest > 0 else math.nan,
+        readings=len(readings),
+    )
 
 
-def _deviation(off: Sequence[float], variance: float) -> float:
+def _deviation(values: Sequence[float], declared: float) -> float:
     """Standard deviation of a median of readings.
 
-    What they scatter (off: from it), and what their sensor declares: the larger one counts.
+    What they scatter, and what their sensor declares for each: the larger one counts.
     """
-    scatter = 1.4826 * median(map(abs, off))
-    return max(scatter, math.sqrt(variance)) / math.sqrt(len(off))
+    scatter = 1.4826 * float(np.median(np.abs(np.array(values) - np.median(values))))
+    return max(scatter, declared) / math.sqrt(len(values))
 
 
 def _mean(rows: Sequence[_Row]) -> _Row:
     """One row of several, weighted by their readings."""
     weight = np.array([row.readings for row in rows], dtype=float)
-    values = np.array([row[:7] for row in rows])
-    load, sinkage, _, slip, speed, pull, _ = np.average(values, axis=0, weights=weight).tolist()
-    passes = rows[0].passes if len({row.passes for row in rows}) == 1 else math.nan
-    deviation, pull_deviation = (
-        np.sqrt(np.sum((weight[:, None] * values[:, [2, 6]]) ** 2, axis=0)) / weight.sum()
+    mean = _Row(*np.average(np.array(rows), axis=0, weights=weight).tolist())
+    deviations = np.array([(row.sinkage_std, row.pull_std) for row in rows])
+    of_sinkage, of_pull = (
+        np.linalg.norm(weight[:, None] * deviations, axis=0) / weight.sum()
     ).tolist()
-    count = int(weight.sum())
-    return _Row(load, sinkage, deviation, slip, speed, pull, pull_deviation, passes, count)
+    passes = rows[0].passes if len({row.passes for row in rows}) == 1 else math.nan
+    return mean._replace(
+        sinkage_std=of_sinkage, pull_std=of_pull, passes=passes, readings=int(weight.sum())
+    )

@@ -13,24 +13,16 @@ from typing import Any
 from smallwheel_ros.bag_files import BagError, BagTopic
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.inputs import (
-    JOINTS,
-    LOAD,
-    ODOMETRY_TYPE,
-    RANGE,
-    SINKAGE,
-    VELOCITY_TYPE,
-    Input,
-    missing_inputs,
-)
+from smallwheel_ros.replay.inputs import Input, missing_inputs
 
+_JOINTS = "sensor_msgs/msg/JointState"
 _ROLES = {
-    LOAD: "a wheel's load",
-    SINKAGE: "a wheel's sinkage",
-    RANGE: "a wheel's sinkage by range",
-    ODOMETRY_TYPE: "odom",
-    VELOCITY_TYPE: "velocity",
-    JOINTS: "joint_states",
+    "geometry_msgs/msg/WrenchStamped": "a wheel's load",
+    "smallwheel_ros/msg/WheelSinkage": "a wheel's sinkage",
+    "sensor_msgs/msg/Range": "a wheel's sinkage by range",
+    "nav_msgs/msg/Odometry": "odom",
+    "geometry_msgs/msg/TwistStamped": "velocity",
+    _JOINTS: "joint_states",
 }
 _SHORT = {
     "f": ("front",), "r": ("rear", "right"), "l": ("left",), "b": ("rear",), "m": ("middle",),
@@ -87,58 +79,42 @@ def _best(wheel: str, kind: str, names: Iterable[str]) -> str | None:
     return scored[0][1]
 
 
-def joint_names(reader: BagReader, topic: str) -> list[str]:
-    """Return the joints in the first message of a topic of JointState."""
-    with suppress(BagError):  # damaged, or defined otherwise than here
-        for message in reader.messages({topic}):
-            return [str(name) for name in getattr(message.message, "name", [])]
-    return []
-
-
 def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[Proposal]:
     """Say which of the bag's topics may be the inputs that it lacks under their names."""
-    lost = {entry.input.stream for entry in missing_inputs(inputs, reader.topics)}
-    taken = {item.topic for item in inputs if item.stream not in lost}
-    found: list[Proposal] = []
-    for item in inputs:
-        if item.stream not in lost:
-            continue
+    lost = [entry.input for entry in missing_inputs(inputs, reader.topics)]
+    taken = {item.topic for item in inputs if item not in lost}
+    found: dict[str, Proposal] = {}  # by the node's name: all wheels share the joint states
+    for item in lost:
         free = [
             t.name
             for t in reader.topics
             if t.type == item.type and t.message_count and t.name not in taken
         ]
-        name: str | None
-        if not item.wheel or item.type == JOINTS:
-            name = free[0] if len(free) == 1 else _best(item.name, "", free)
-        else:
+        if item.wheel and item.type != _JOINTS:
             name = _best(item.wheel, item.kind, free)
+        else:
+            name = free[0] if len(free) == 1 else _best(item.name, "", free)
         if name is not None:
-            found.append(Proposal(item, name))
-    return _once(found) + _joint_proposals(reader, inputs, found, lost)
-
-
-def _once(found: list[Proposal]) -> list[Proposal]:
-    """One proposal for each of the node's topics: all wheels share the joint states."""
-    by_name = {proposal.input.name: proposal for proposal in reversed(found)}
-    return list(reversed(by_name.values()))
-
-
-def _joint_proposals(
-    reader: BagReader, inputs: Sequence[Input], found: list[Proposal], lost: set[str]
-) -> list[Proposal]:
-    wanted = {i.wheel: i for i in inputs if i.kind == "wheel_speed"}
-    topics = {i.topic for i in wanted.values() if i.stream not in lost}
-    topics |= {p.found for p in found if p.input.type == JOINTS}
-    joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
+            found.setdefault(item.name, Proposal(item, name))
+    turning = [item for item in inputs if item.kind == "wheel_speed"]
+    topics = {item.topic for item in turning if item not in lost}
+    topics |= {p.found for p in found.values() if p.input.type == _JOINTS}
+    joints = [name for topic in sorted(topics) for name in _joint_names(reader, topic)]
     more = []
-    for wheel, item in wanted.items():
-        joint = item.detail.removeprefix("joint ")
-        if joints and joint not in joints:
-            name = _best(wheel, "joint", joints)
+    for item in turning:
+        if joints and item.detail.removeprefix("joint ") not in joints:
+            name = _best(item.wheel, "joint", joints)
             if name is not None:
                 more.append(Proposal(item, name))
-    return more
+    return [*found.values(), *more]
+
+
+def _joint_names(reader: BagReader, topic: str) -> list[str]:
+    """Return the joints in the first message of a topic of JointState."""
+    with suppress(BagError):  # damaged, or defined otherwise than here
+        for message in reader.messages({topic}):
+            return [str(name) for name in getattr(message.message, "name", [])]
+    return []
 
 
 def proposal_text(reader: BagReader, inputs: Sequence[Input], bag: Path) -> str:

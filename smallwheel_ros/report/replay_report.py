@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.display import number
 from smallwheel_ros.pictures.replay import (
+    Courses,
     map_of_way,
+    read_courses,
     slip_over_time,
     soil_over_time,
     wheels_over_time,
 )
-from smallwheel_ros.replay.document import document
+from smallwheel_ros.replay.folder import FILES
 from smallwheel_ros.replay.result import Replayed
+from smallwheel_ros.replay.summary import Event
 from smallwheel_ros.report.page import (
     Block,
     Callout,
@@ -46,23 +50,25 @@ _REASONS = {
     "range_out_of_limits": "outside the range sensor's limits",
 }
 _MOST_EVENTS = 25
+_MOST_POINTS = 3000  # of each wheel, from which pictures are drawn
 
 
 def write_replay_report(result: Replayed, path: Path) -> None:
-    """Write the page of a replay. Raises OutputError where it cannot be written."""
-    write_page(path, replay_report(result))
+    """Write the page of a replay, when its table of estimates is there.
 
-
-def replay_report(result: Replayed) -> str:
-    """One self-contained HTML page that tells a replay in order."""
-    summary = document(result, {})
-    return page(
+    Raises OutputError where it cannot be written.
+    """
+    summary, events = result.document({}), result.summary.events
+    most = max(counts["estimates"] for counts in summary["wheels"].values())
+    every = max(1, most // _MOST_POINTS)
+    courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
+    html = page(
         "Replay of a drive",
         [
             Section("In short", _in_short(summary)),
-            Section("The way", _way(result)),
-            Section("The wheels", _wheels(result, summary)),
-            Section("The soil", _soil(result, summary)),
+            Section("The way", _way(courses, events)),
+            Section("The wheels", _wheels(courses, every, events, summary)),
+            Section("The soil", _soil(courses, events, summary)),
             Section("What happened", _events(summary)),
             Section("What was not used", _not_used(summary)),
             Section("Inputs", _inputs(summary)),
@@ -71,6 +77,7 @@ def replay_report(result: Replayed) -> str:
         summary["bag"],
         f"Parameters: {summary['config']}.",
     )
+    write_page(path, html)
 
 
 def _quantity(found: dict[str, Any], scale: float = 1.0, unit: str | None = None) -> str:
@@ -125,8 +132,8 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _way(result: Replayed) -> list[Block]:
-    figure = map_of_way(result.summary.courses, result.summary.events)
+def _way(courses: Courses, events: Sequence[Event]) -> list[Block]:
+    figure = map_of_way(courses, events) if courses else None
     if figure is None:
         return []
     return [
@@ -140,20 +147,20 @@ def _way(result: Replayed) -> list[Block]:
     ]
 
 
-def _wheels(result: Replayed, summary: dict[str, Any]) -> list[Block]:
-    drive = result.summary
+def _wheels(
+    courses: Courses, every: int, events: Sequence[Event], summary: dict[str, Any]
+) -> list[Block]:
     blocks: list[Block] = []
-    if any(course.points for course in drive.courses.values()):
-        every = max(course.every for course in drive.courses.values())
+    if courses:
         thinned = f" Every {every}th estimate is shown." if every > 1 else ""
         blocks.append(
             Picture(
-                wheels_over_time(drive.courses, drive.events),
+                wheels_over_time(courses, events),
                 "Sinkage as predicted before the measurement of that instant is used, and drawbar "
                 f"pull at the slip of that instant; bands: 95 %. Dotted: the soil changed.{thinned}",
             )
         )
-        slip = slip_over_time(drive.courses)
+        slip = slip_over_time(courses)
         if slip is not None:
             blocks.append(Picture(slip, "Slip: positive when driving, negative when braking."))
     blocks.append(_match_rates(summary))
@@ -184,7 +191,7 @@ def _match_rates(summary: dict[str, Any]) -> Table:
     return Table(header, rows, caption, range(1, 6))
 
 
-def _soil(result: Replayed, summary: dict[str, Any]) -> list[Block]:
+def _soil(courses: Courses, events: Sequence[Event], summary: dict[str, Any]) -> list[Block]:
     soil = summary["soil"]
     if summary["estimates"] == 0:
         return []
@@ -200,10 +207,9 @@ def _soil(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     blocks: list[Block] = [Table(header, rows, numbers=(1, 2))]
     if soil["status"]:
         blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
-    drive = result.summary
     blocks.append(
         Picture(
-            soil_over_time(drive.courses, drive.events),
+            soil_over_time(courses, events),
             "The law p = k zⁿ Dᵐ as it was believed; bands: 95 %. The reference pressure is what "
             "the drive determines first; k is the pressure at one metre of sinkage, far from what "
             "small wheels do.",

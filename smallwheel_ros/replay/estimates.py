@@ -1,0 +1,112 @@
+"""An estimate as a row of the table and as messages: the same fields under the same names."""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace as Message  # has a type's fields, as rosbags needs it
+from typing import Any
+
+from smallwheel_ros.bags.types import plain_fields
+from smallwheel_ros.onboard.message_fields import VALID, mobility_fields, soil_fields
+from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.onboard.streams import SECOND
+
+MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
+SOIL = "smallwheel_ros/msg/SoilEstimate"
+_ARROW = {"bool": "bool", "string": "string", "float64": "float64"}  # else an integer
+_FIRST = {
+    "stamp": "int64",
+    "time": "float64",
+    "wheel": "string",
+    "x": "float64",
+    "y": "float64",
+    "speed": "float64",
+    "travel": "float64",
+    "status": "string",
+    "status_text": "string",
+}
+
+
+@cache
+def _own_columns() -> dict[str, str]:
+    """Of MobilityEstimate, without flags of what is valid, since an unknown cell is blank."""
+    return {
+        name: _ARROW.get(kind, "int64")
+        for name, kind in plain_fields(MOBILITY).items()
+        if name not in VALID and name not in _FIRST
+    }
+
+
+@cache
+def _soil_columns() -> dict[str, str]:
+    """Of SoilEstimate, without `soil_` before them."""
+    return {name: _ARROW.get(kind, "int64") for name, kind in plain_fields(SOIL).items()}
+
+
+@cache
+def columns() -> dict[str, str]:
+    """Return the table's columns in their order, with their types (Arrow's)."""
+    soil = {f"soil_{name}": kind for name, kind in _soil_columns().items()}
+    deviations = {f"soil_{name}_standard_deviation": "float64" for name in "knm"}
+    return {**_FIRST, **_own_columns(), **soil, **deviations, "soil_changes": "int64"}
+
+
+class Estimate:
+    """One result, as a row of the table and as the two messages that the node publishes of it.
+
+    before: the one before it. What is said of the soil changes only when a stretch of way ends.
+    """
+
+    def __init__(self, result: Result, before: Estimate | None = None) -> None:
+        self.result, soil = result, result.soil
+        self._mobility = mobility_fields(result.mobility)
+        law = (soil.k, soil.n, soil.m, soil.law_covariance, soil.prior)
+        self._state = (*law, soil.variety, soil.accepted, result.rejected)
+        if before is not None and before._state == self._state:
+            self._soil: dict[str, Any] = before._soil
+            self._soil_cells: list[str] = before._soil_cells
+        else:
+            self._soil = soil_fields(soil, result.rejected)
+            variances = soil.covariance.diagonal().tolist()
+            cells = [self._soil[name] for name in _soil_columns()]
+            cells += [max(variance, 0.0) ** 0.5 for variance in variances]
+            self._soil_cells = [str(cell) for cell in cells]
+
+    def row(self, start: int) -> list[Any]:
+        """Return the cells in the order of `columns`, None for a blank one.
+
+        start: the bag's first log time, ns.
+        """
+        found, soil = self.result.mobility, self.result.soil
+        x, y = self.result.instant.vehicle or (None, None)
+        own = dict(self._mobility)
+        for flag, names in VALID.items():
+            if not own[flag]:
+                for name in names:
+                    own[name] = own[f"{name}_standard_deviation"] = None
+        return [
+            found.stamp,
+            (found.stamp - start) / SECOND,
+            found.wheel,
+            x,
+            y,
+            self.result.instant.speed,
+            soil.distance,
+            found.status.name,
+            found.status_text,
+            *[own[name] for name in _own_columns()],
+            *self._soil_cells,
+            soil.soil_changes,
+        ]
+
+    def mobility(self) -> Message:
+        """Return it as MobilityEstimate."""
+        return Message(header=self._header(self.result.mobility.wheel), **self._mobility)
+
+    def soil(self, frame: str) -> Message:
+        """Return it as SoilEstimate; frame: that of odometry."""
+        return Message(header=self._header(frame), **self._soil)
+
+    def _header(self, frame: str) -> Message:
+        seconds, rest = divmod(self.result.mobility.stamp, SECOND)
+        return Message(stamp=Message(sec=seconds, nanosec=rest), frame_id=frame)
