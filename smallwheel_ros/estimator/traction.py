@@ -97,7 +97,14 @@ class TractionEstimator:
         self.excitation = Excitation()
 
     def add(self, sample: TractionSample, soil: int = 0) -> None:
-        """Use a sample. soil: number of the soil that a wheel came to last."""
+        """Use a sample; one that holds something else than numbers is left out.
+
+        soil: number of the soil that a wheel came to last.
+        """
+        force, pull = sample.specific_force or 0.0, sample.pull or Quantity(0.0, 0.0)
+        numbers = (sample.slip, force, sample.torque or 0.0, pull.value, pull.standard_deviation)
+        if not np.isfinite(numbers).all():
+            return
         if soil != self._soil:
             self._change(soil)
         step = self._step
