@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
-from test_feed import START, header, joints, make, odometry, sinkage, topic, vector, wrench
+import yaml
+from test_feed import (
+    ONE_WHEEL,
+    START,
+    header,
+    joints,
+    make,
+    odometry,
+    sinkage,
+    topic,
+    vector,
+    wrench,
+)
 
-from smallwheel_ros.bags import message_type
+from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Result
@@ -17,6 +31,8 @@ from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.spec import ReplaySpec
 
 MASS = {"vehicle.mass": 6.0}
 IMU = {**MASS, "imu_topic": "imu"}
@@ -43,10 +59,28 @@ def imu(stamp: int, climb: float | None, felt: tuple[float, float, float]) -> An
     )
 
 
+def messages_at(
+    i: int,
+    stamp: int,
+    pose: float = 0.0,
+    imu_climb: float | None = 0.1,
+    felt: tuple[float, float, float] = (0.0, 0.0, GRAVITY),
+    effort: float = 2.0,
+    speed: float = 0.3,
+) -> dict[str, Any]:
+    """Everything of one instant, by topic."""
+    return {
+        "imu": imu(stamp, imu_climb, felt),
+        "odom": odometry(stamp, 0.1 * speed * i, speed, nose_up(pose)),
+        "joint_states": joints(stamp, [speed / 0.8 / 0.125], [effort], ["front_joint"]),
+        "front/load": wrench(stamp, 59.0),
+        "front/sinkage": sinkage(stamp, 0.011),
+    }
+
+
 def drive(
     feed: Feed,
     *,
-    climb: float = 0.0,
     pose: float = 0.0,
     imu_climb: float | None = 0.1,
     felt: tuple[float, float, float] = (0.0, 0.0, GRAVITY),
@@ -56,19 +90,35 @@ def drive(
 ) -> list[Result]:
     """Six metres per second of nothing: straight on at one speed, slip 0.2."""
     results: list[Result] = []
+    names = {item.name for item in feed.topics}
     for i in range(steps):
-        stamp = START + i * SECOND // 10
-        messages = {
-            "odom": odometry(stamp, 0.1 * speed * i, speed, nose_up(pose)),
-            "joint_states": joints(stamp, [speed / 0.8 / 0.125], [effort], ["front_joint"]),
-            "front/load": wrench(stamp, 59.0),
-            "front/sinkage": sinkage(stamp, 0.011),
-        }
-        if any(item.name == "imu" for item in feed.topics):
-            messages["imu"] = imu(stamp, imu_climb, felt)
-        for name, message in messages.items():
-            results += topic(feed, name).handle(message, None)
+        messages = messages_at(i, START + i * SECOND // 10, pose, imu_climb, felt, effort, speed)
+        for name in names & messages.keys():
+            results += topic(feed, name).handle(messages[name], None)
     return results + feed.onboard.flush()
+
+
+def test_replay_takes_the_same_inputs_from_a_bag(tmp_path: Path) -> None:
+    rover = {
+        **ONE_WHEEL,
+        **IMU,
+        "front.joint": "front_joint",
+        "front.torque_source": "effort",
+        "front.gear_ratio": 1.0,
+    }
+    (tmp_path / "rover.yaml").write_text(yaml.safe_dump({"/**": {"ros__parameters": rover}}))
+    with BagWriter(tmp_path / "bag") as writer:
+        for i in range(60):
+            stamp = START + i * SECOND // 10
+            for topic_name, message in messages_at(i, stamp).items():
+                writer.write(f"/{topic_name}", message.__msgtype__, stamp, message)
+    spec = ReplaySpec(tmp_path / "bag", tmp_path / "rover.yaml", tmp_path / "out", copy="none")
+    result = replay(spec)
+    assert result.onboard.strength.sources == {"balance", "torque"}
+    table = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    risk = table["risk_of_getting_stuck"].dropna()  # unknown until the first step has ended
+    assert len(risk) > 50
+    assert risk.between(0.0, 1.0).all()
 
 
 def force(results: list[Result]) -> float | None:

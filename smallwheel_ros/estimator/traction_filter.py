@@ -6,7 +6,7 @@ State x, with the standard deviations of its prior:
     rho               motion resistance that the law does not give, over load  0.04
     d                 error of the measured slips, common to all wheels        0.025 in each step
     t                 ln of the torque's scale                                 0.05
-    eta               share of its rolling displacement by which a wheel shears soil  0.7
+    eta               share of its rolling displacement by which a wheel shears soil  0.5, about 0.5
     g_0 .. g_N        ln of the grip, in cells of 0.1 m of the ground from under the first wheel to
                       under the last one                                       0.25
 
@@ -51,10 +51,10 @@ CELL = 0.1  # m
 # Along one prepared rut the rig's pull varies by 1.2 N (median of 27 trials) of a limit of 12 N.
 SCATTER = 0.1
 _OTHER_STD, _SLIP_STD, _TORQUE_SCALE_STD, _TORQUE_STD = 0.04, 0.025, 0.05, 0.05
-_ROLLING_STD = 0.7  # 0 to 1 are possible; at 0 thrust is that of the model
+_ROLLING, _ROLLING_STD = 0.5, 0.5
 _GRIP_STD, _GRIP_LENGTH = 0.25, 0.7  # m
 _OPEN_AFTER = 200.0  # m
-_LEAST_TORQUE = 0.2  # N at the rim, of any torque
+_LEAST_TORQUE = 0.4  # N at the rim, of any torque: friction of 0.05 N m in the drive
 _NEAR = 2.0
 _NEAR_TORQUE = 10.0  # torques of steps of one cell repeat one scatter, and one error of their scale
 _SURPRISE = 4.0
@@ -128,6 +128,7 @@ class TractionFilter:
         rest = [_SLIP_STD, _TORQUE_SCALE_STD, _ROLLING_STD, *[_GRIP_STD] * self._cells]
         self.kalman = ExtendedKalmanFilter(dim_x=GRIP + self._cells, dim_z=1)
         self.kalman.x = np.array([*self.prior_mean, *[0.0] * len(rest)])
+        self.kalman.x[ROLLING] = _ROLLING
         self.kalman.P = np.diag(np.square([*self.prior_deviations, *rest]))
         self._moved = 0.0  # m since the last cell
         self.surprises = 0
@@ -237,14 +238,17 @@ class TractionFilter:
     ) -> Thrust:
         """Thrust of a wheel, and its slopes. length: of the contact (m), where it is not its own.
 
-        exact_slip: the slip has not the error of measured ones.
+        exact_slip: the slip has neither the error of measured ones nor the part of rolling, so that
+        thrust depends on the sinkage by the length alone.
         """
         x, contact = self.kalman.x, wheel.contact
         cell = GRIP + self.cell_of[wheel.order]
         own, _ = point_contact_length(contact.sinkage, contact.diameter)
         factor = contact.thrust_factor * math.exp(x[cell])
         rolling = contact.sinkage / contact.diameter
-        slip = wheel.slip + x[ROLLING] * rolling + (0.0 if exact_slip else x[SLIP])
+        slip = wheel.slip
+        if not exact_slip:
+            slip += x[ROLLING] * rolling + x[SLIP]
         push = point_thrust(
             contact.load,
             min(max(float(slip), -1.0), 1.0),
@@ -260,8 +264,9 @@ class TractionFilter:
             factor * push.by_friction,
             factor * push.by_log_shear,
         )
-        row[SLIP] = 0.0 if exact_slip else factor * push.by_slip
-        row[ROLLING], row[cell] = factor * push.by_slip * rolling, factor * push.value
+        row[cell] = factor * push.value
+        if not exact_slip:
+            row[SLIP], row[ROLLING] = factor * push.by_slip, factor * push.by_slip * rolling
         return Thrust(
             factor * push.value,
             row,

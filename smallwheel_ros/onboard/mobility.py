@@ -28,7 +28,9 @@ _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
 _BY_LOAD = np.array([0.0, 0.0, 0.0, 1.0])  # slopes of ln load by the law and ln load
 _LENGTHS = np.geomspace(1e-3, 0.5 * math.pi, 128)  # of the diameter; to the axle
 _LEAST_STD = 0.15  # N: resolution of any pull
-_FORM = 0.08  # of the thrust at the reference slip: other forms of the shear curve, fitted near 0.1
+# Of the thrust at the reference slip, where strength was told near slip 0.1: other forms of the shear
+# curve; and where no balance has told it, also what single wheels have of their own.
+_FORM, _FORM_OF_WHEELS = 0.08, 0.15
 
 
 class Status(IntEnum):
@@ -237,7 +239,8 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     by_thrust = _by_law(on, push.by_length if length > best else 0.0, push.by_log_load)
     by_ratio = by_thrust - on.by_compaction - on.by_other - net * _BY_LOAD
     spread = float(row @ strength.kalman.P @ row) + on.variance(by_ratio)
-    spread += (_FORM * max(push.value, 0.0)) ** 2
+    form = _FORM if strength.mass > 0.0 else _FORM_OF_WHEELS
+    spread += (form * push.value) ** 2
     return Quantity(net / load - share, math.sqrt(max(spread, 0.0)) / load)
 
 
