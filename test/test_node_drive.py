@@ -101,6 +101,8 @@ def expected_row(estimate: MobilityEstimate) -> dict[str, Any]:
         "margin_valid": forces is not None and forces.margin is not None,
         "energy_valid": forces is not None and forces.energy_per_metre is not None,
         "digging_in": estimate.digging_in,
+        "risk_valid": estimate.risk is not None,
+        "risk_of_getting_stuck": estimate.risk or 0.0,
         "probability_drawbar_pull_positive": (
             (forces and forces.probability_drawbar_pull_positive) or 0.0
         ),
