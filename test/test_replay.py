@@ -24,6 +24,7 @@ from smallwheel_ros.onboard.feed import yaw_and_pitch_of
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.pictures.replay import read_courses
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
@@ -269,6 +270,20 @@ def test_the_report_is_one_page_that_needs_nothing_else(usual):
     assert page.count("data:image/svg+xml;base64,") == 4
     assert not re.search(r"(src|href)=\"?https?:", page)
     assert "nan" not in re.sub(r"base64,[^\"]*", "", page).lower().split()
+
+
+def test_pictures_are_drawn_from_rows_of_each_wheel(usual):
+    """All of them, or of a long drive every so many-th."""
+    folder, table = usual
+    wheels = json.loads((folder / "replay.json").read_text())["wheels"]
+    whole = read_courses(folder / "estimates.csv", 1)
+    third = read_courses(folder / "estimates.csv", 3)
+    for name, counts in wheels.items():
+        assert whole[name]["used"].sum() == counts["used_for_soil"]
+        rows = table[table["wheel"] == name]
+        assert list(third[name]["sinkage_measured"]) == pytest.approx(
+            list(rows["sinkage_measured"][::3]), rel=1e-12
+        )
 
 
 # --- Every kind of bag
