@@ -44,7 +44,7 @@ def test_a_node_that_was_killed_goes_on_with_its_saved_soil(
             assert getattr(restored, name) == pytest.approx(getattr(saved, name), rel=1e-9), name
         peer.wait_for_node()
         before = restored.measurements_accepted
-        peer.drive(2.0, 3.0)
+        peer.drive(2.0, 4.0)  # stretches wait for 0.6 m before they count
         peer.spin_until(lambda: soils[-1].measurements_accepted > before + 10, "it goes on")
         # A reset goes back to the prior; the file stays.
         assert peer.trigger("reset").success

@@ -283,8 +283,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{NODE_NAME}: cannot start: {reason}", file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT
+    executor = SingleThreadedExecutor()
     try:
-        executor = SingleThreadedExecutor()
         executor.add_node(node)
         if node.autostart and node.waiting:
             node.get_logger().warning(node.waiting)
@@ -302,6 +302,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        executor.shutdown(1.0)  # its guard conditions cannot be destroyed once ROS has ended
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
