@@ -249,3 +249,4 @@ def test_a_record_goes_on_with_the_strength() -> None:
     ):
         with pytest.raises(ValueError, match=r"strength"):
             again.restore(record | {name: value})
+        assert again.estimate().strength == estimator.estimate().strength  # nothing has changed

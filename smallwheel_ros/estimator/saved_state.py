@@ -230,12 +230,17 @@ def _soil(content: dict[str, Any]) -> SoilRecord:
         raise ValueError("a number is not finite, or too large")
     if reference.shape != (3,) or reference.min() <= 0 or mean.shape != (ZEROS,):
         raise ValueError("reference or mean is no soil")
-    if covariance.shape != (ZEROS, ZEROS) or not np.allclose(
-        covariance, covariance.T, rtol=1e-9, atol=0
-    ):
-        raise ValueError(f"the covariance is not symmetric, {ZEROS} by {ZEROS}")
-    np.linalg.cholesky(covariance)
+    check_covariance(covariance, ZEROS)
     if np.abs(mean).max() > _LARGEST_STATE:
         raise ValueError("its soil is outside of the model's range")
     load, diameter, width = reference.tolist()
     return SoilRecord((load, diameter, width), mean, covariance)
+
+
+def check_covariance(covariance: Array, size: int) -> None:
+    """Raise ValueError or LinAlgError for finite numbers that are no covariance of that size."""
+    if covariance.shape != (size, size) or not np.allclose(
+        covariance, covariance.T, rtol=1e-9, atol=0
+    ):
+        raise ValueError(f"the covariance is not symmetric, {size} by {size}")
+    np.linalg.cholesky(covariance)

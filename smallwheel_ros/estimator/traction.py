@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.saved_state import check_covariance
 from smallwheel_ros.estimator.strength_estimate import (
     Excitation,
     StrengthEstimate,
@@ -80,18 +81,18 @@ class TractionEstimator:
     """
 
     def __init__(self, strength: Strength, wheels: Sequence[Wheel], mass: float = 0.0) -> None:
-        self._strength, self._wheels, self.mass = strength, tuple(wheels), mass
-        self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
+        self._strength, self._wheels, self._mass = strength, tuple(wheels), mass
         self.reset()
 
     def reset(self) -> None:
         """Forget everything that was measured."""
-        self.now = TractionFilter(self._strength, self._wheels, self.mass)
+        self.now = TractionFilter(self._strength, self._wheels, self._mass)
         self.reserve = self.now
         self._step: _Step | None = None
-        self._end = (0.0, 0.0)  # time (s) and distance (m) of the last step
+        self._end = 0.0  # time (s) of the last step
         self._slips: dict[str, float] = {}
-        self._soil, self._soils = 0, {}  # type: int, dict[int, tuple[tuple[Array, Array], ...]]
+        self._soil = 0
+        self._soils: dict[int, tuple[tuple[Array, Array], ...]] = {}  # strengths by number
         self.steps = 0
         self.sources: set[str] = set()
         self.excitation = Excitation()
@@ -129,15 +130,15 @@ class TractionEstimator:
         self._soil, self._step = soil, None
 
     def _take(self, step: _Step, distance: float) -> None:
-        wheels = [_mean(self._order[name], rows) for name, rows in step.samples.items()]
+        wheels = [_mean(self.now.order[name], rows) for name, rows in step.samples.items()]
         rows = [row for found in step.samples.values() for row in found]
         forces = [row.specific_force for row in rows if row.specific_force is not None]
         balance = None
-        if self.mass > 0.0 and len(wheels) == len(self._wheels) and len(forces) == len(rows):
+        if self._mass > 0.0 and len(wheels) == len(self._wheels) and len(forces) == len(rows):
             balance = Quantity(float(np.mean(forces)), _FORCE_STD)
         single = any(w.torque is not None or w.pull is not None for w in wheels)
         if single and balance is not None and self.reserve is self.now:
-            self.reserve = TractionFilter(self._strength, self._wheels, self.mass)
+            self.reserve = TractionFilter(self._strength, self._wheels, self._mass)
             self.reserve.kalman.x = self.now.kalman.x.copy()
             self.reserve.kalman.P = self.now.kalman.P.copy()
         self.now.move(distance - step.distance, rows[-1].forward)
@@ -147,7 +148,7 @@ class TractionEstimator:
             alone = [w._replace(torque=None, pull=None) for w in wheels]
             self.reserve.update(alone, balance)
         self._slips = {self._wheels[w.order].name: w.slip for w in wheels}
-        self._end = rows[-1].time, distance
+        self._end = rows[-1].time
         if single or balance is not None:
             self.steps += 1
             for wheel in wheels:
@@ -164,9 +165,9 @@ class TractionEstimator:
         One measured slip is off by 0.03, which would be several newtons; the mean's error is in the
         filter's state.
         """
-        averaged = name in self._slips and time - self._end[0] <= _LONGEST_STEP
+        averaged = name in self._slips and time - self._end <= _LONGEST_STEP
         now = self._slips[name] if averaged else slip
-        return WheelStep(self._order[name], contact, now), averaged
+        return WheelStep(self.now.order[name], contact, now), averaged
 
     def estimate(self) -> StrengthEstimate:
         """Strength as it is believed now, from the filter of the reserve."""
@@ -188,9 +189,12 @@ class TractionEstimator:
         }
 
     def restore(self, record: Any) -> None:
-        """Go on from what was saved. Raises ValueError where that is no strength of this prior."""
-        self.reset()
+        """Begin anew from what was saved, None: from the prior.
+
+        Raises ValueError, and changes nothing, where that is no strength of this prior.
+        """
         if record is None:
+            self.reset()
             return
         try:
             prior = np.array(record["prior"], dtype=float)
@@ -201,15 +205,15 @@ class TractionEstimator:
         expected = np.array([self.now.prior_mean, self.now.prior_deviations])
         if prior.shape != expected.shape or not np.allclose(prior, expected, rtol=1e-9):
             raise ValueError("saved under another prior of the soil's strength")
-        sound = mean.shape == (STRENGTH,) and covariance.shape == (STRENGTH, STRENGTH)
-        if not (sound and np.isfinite(mean).all() and np.isfinite(covariance).all()):
-            raise ValueError("mean or covariance of the strength is not whole")
-        if not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
-            raise ValueError("the strength's covariance is not symmetric")
         try:
-            np.linalg.cholesky(covariance)
-        except np.linalg.LinAlgError:
-            raise ValueError("the strength's covariance is not positive definite") from None
+            if mean.shape != (STRENGTH,):
+                raise ValueError("its mean is not four numbers")
+            if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+                raise ValueError("a number is not finite")
+            check_covariance(covariance, STRENGTH)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise ValueError(f"no whole strength ({error})") from None
+        self.reset()
         self.now.strength = mean, covariance
 
 

@@ -131,7 +131,6 @@ class TractionFilter:
         self.kalman.x[ROLLING] = _ROLLING
         self.kalman.P = np.diag(np.square([*self.prior_deviations, *rest]))
         self._moved = 0.0  # m since the last cell
-        self.surprises = 0
 
     # -- the strength of a soil
 
@@ -195,25 +194,25 @@ class TractionFilter:
             noise = (self.mass * specific_force.standard_deviation) ** 2
             self._use(
                 self.mass * specific_force.value,
-                lambda: _sum(self._net(w) for w in wheels),
+                self._total(wheels),
                 noise + 0.5 * law + _NEAR * sum(scatter),
             )
         for wheel, spread in zip(wheels, scatter, strict=True):
             if wheel.torque is not None:
                 force = wheel.torque / wheel.contact.arm
                 noise = _NEAR_TORQUE * (_of_torque(force) + spread)
-                self._use(force, lambda w=wheel: self._turned(w), noise)
+                self._use(force, self._turned(wheel), noise)
             if wheel.pull is not None:
                 noise = wheel.pull.standard_deviation**2 + spread
                 noise += wheel.contact.resistance.standard_deviation**2
-                self._use(wheel.pull.value, lambda w=wheel: self._net(w), noise)
+                self._use(wheel.pull.value, self._net(wheel), noise)
 
-    def _use(self, measured: float, model, noise: float) -> None:  # type: ignore[no-untyped-def]
+    def _use(self, measured: float, predicted: tuple[float, Array], noise: float) -> None:
+        """Update by a measurement. predicted: h(x) and H at the state as it is."""
         kalman = self.kalman
-        value, row = model()
+        value, row = predicted
         surprise = (measured - value) ** 2 / _SURPRISE**2
         if surprise > float(row @ kalman.P @ row) + noise:
-            self.surprises += 1
             self._open()
             # What no grip explains counts as little as it is likely.
             noise += max(surprise - float(row @ kalman.P @ row) - noise, 0.0)
@@ -281,16 +280,15 @@ class TractionFilter:
         held = wheel.contact.resistance.value + float(self.kalman.x[OTHER]) * load
         return push.value - held, push.row
 
+    def _total(self, wheels: Sequence[WheelStep]) -> tuple[float, Array]:
+        values, rows = zip(*map(self._net, wheels), strict=True)
+        return sum(values), np.sum(rows, axis=0)
+
     def _turned(self, wheel: WheelStep) -> tuple[float, Array]:
         push, scale = self.thrust(wheel), math.exp(self.kalman.x[TORQUE])
         row = scale * push.row
         row[TORQUE] = scale * push.value
         return scale * push.value, row
-
-
-def _sum(parts) -> tuple[float, Array]:  # type: ignore[no-untyped-def]
-    values, rows = zip(*parts, strict=True)
-    return sum(values), np.sum(rows, axis=0)
 
 
 def _of_torque(force: float) -> float:

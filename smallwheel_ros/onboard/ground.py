@@ -7,11 +7,8 @@ from collections.abc import Iterable
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Result
-from smallwheel_ros.onboard.streams import nanoseconds
-from smallwheel_ros.onboard.stuck_warning import mean_margin
+from smallwheel_ros.onboard.stuck_warning import STALE, mean_margin
 from smallwheel_ros.physics.wheel import Quantity
-
-_STALE = nanoseconds(2.0)  # estimates of other wheels from longer ago do not count
 
 
 def vehicle_margin(estimates: Iterable[MobilityEstimate]) -> Quantity | None:
@@ -60,7 +57,7 @@ class GroundMapper:
         stuck = mobility.digging_in or (measured and mobility.status is Status.SUNK_TO_AXLE)
         margin: Quantity | None = None
         if measured and mobility.status is not Status.REJECTED:
-            since = mobility.stamp - _STALE
+            since = mobility.stamp - STALE
             margin = vehicle_margin(
                 e
                 for name, e in self._newest.items()

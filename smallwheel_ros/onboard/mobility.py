@@ -230,9 +230,9 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     load = on.load.value
     step = WheelStep(strength.order[on.wheel.name], on.contact, slip)
     length, _ = point_contact_length(on.sinkage, on.wheel.diameter)
-    best = _best_length(on, strength, slip)
+    best = _best_length(on, length, strength, slip)
     push = strength.thrust(step, max(length, best), exact_slip=True)
-    row = push.row.copy()
+    row = push.row
     row[OTHER] -= load
     share = float(strength.kalman.x[OTHER])
     net = push.value - on.resistance.value
@@ -244,15 +244,16 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     return Quantity(net / load - share, math.sqrt(max(spread, 0.0)) / load)
 
 
-def _best_length(on: WheelOnSoil, strength: TractionFilter, slip: float) -> float:
+def _best_length(on: WheelOnSoil, length: float, strength: TractionFilter, slip: float) -> float:
     """Contact length (m) of the stiffness at which H - R is largest under this load.
+
+    length: of the contact as it is, m.
 
     Under one load compaction resistance is nearly in proportion to the length of the contact,
     R/W = l / (D (n + 1) I) with the contact integral I, and rises a little faster where the wheel is
     deep. H rises with l ever more slowly. So the margin never falls on stiffer ground.
     """
     load, wheel = on.load.value, on.wheel
-    length, _ = point_contact_length(on.sinkage, wheel.diameter)
     lengths = _LENGTHS * wheel.diameter
     cohesion, friction, log_shear = strength.kalman.x[:OTHER]
     limit = wheel.width * lengths * max(cohesion, 0.0) + load * math.tan(friction)

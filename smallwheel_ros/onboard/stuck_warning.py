@@ -26,11 +26,11 @@ from smallwheel_ros.onboard.mobility import probability_positive
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Quantity
 
-AHEAD = 1.0  # m, over which a line is laid, and goes on
+_AHEAD = 1.0  # m, over which a line is laid, and goes on
 _STEP, _LONGEST_STEP = 0.1, 0.5  # m, s: wheels that spin on one spot
 _ENOUGH = 4  # steps
 _ORDINARY, _HIGH = 0.2, 0.3  # slip
-_STALE = 2 * SECOND  # ns, after which a wheel's margin does not count
+STALE = 2 * SECOND  # ns, after which a wheel's margin does not count
 
 
 class _Wheel(NamedTuple):
@@ -69,8 +69,8 @@ class StuckWarning:
         self.risk: float | None = None
         self.warning = ""
         self._wheels: dict[str, _Wheel] = {}
-        self._steps: deque[_Step] = deque(maxlen=round(AHEAD / _STEP))
-        self._reserves: deque[float] = deque(maxlen=round(AHEAD / _STEP))
+        self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / _STEP))
+        self._reserves: deque[float] = deque(maxlen=round(_AHEAD / _STEP))
         self._begin: tuple[int, float] | None = None  # stamp and distance of the step
         self._demands: list[float] = []
         self._slips: dict[str, list[float]] = defaultdict(list)
@@ -104,13 +104,13 @@ class StuckWarning:
 
     def _judge(self, instant: Instant, reference_slip: float) -> None:
         """A step has ended."""
-        known = [w for w in self._wheels.values() if instant.stamp - w.stamp <= _STALE]
+        known = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
         if known:
             margin = mean_margin([(w.load, w.margin) for w in known])
             self._reserves.append(margin.value - self._steps[-1].demand)
             places = [step.distance for step in self._steps][-len(self._reserves) :]
             now, trend = _line(places, list(self._reserves))
-            ahead = now + min(trend, 0.0) * AHEAD
+            ahead = now + min(trend, 0.0) * _AHEAD
             self.risk = 1.0 - probability_positive(Quantity(ahead, margin.standard_deviation))
         else:
             self.risk = None
@@ -121,7 +121,7 @@ class StuckWarning:
             now, trend = _line(*map(list, zip(*slips, strict=True)))
             if max(now, self._steps[-1].slip) > _HIGH:
                 self.warning = f"the wheels slip by {now:.2f}: the vehicle may get stuck"
-            elif now > _ORDINARY and now + trend * AHEAD > reference_slip:
+            elif now > _ORDINARY and now + trend * _AHEAD > reference_slip:
                 left = (reference_slip - now) / trend
                 self.warning = (
                     f"the wheels slip by {now:.2f} and more and more: the vehicle may get stuck in"
