@@ -16,12 +16,14 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help env test test-slow lint demo benchmark clean
+.PHONY: help env test test-slow coverage fuzz lint demo benchmark clean
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
 	@echo 'make test        the fast tests'
 	@echo 'make test-slow   the slow tests: Monte Carlo, soak, long drives, random examples'
+	@echo 'make fuzz        inputs that nobody intended: 10^5 of them, MINUTES=2 for each way in'
+	@echo 'make coverage    the fast tests once more, and which lines they did not reach'
 	@echo 'make lint        ruff and mypy'
 	@echo 'make benchmark   the benchmarks, each against a peer or a limit in the same run'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
@@ -41,6 +43,15 @@ test: env
 test-slow: env
 	@$(RUN) -m pytest -m "slow or hypothesis" --hypothesis-profile=free --durations=20
 
+# Of this process and of those that the tests start (each writes a file of its own).
+coverage: env
+	@$(RUN) -m coverage run -m pytest -m "not slow" -n 2 --dist loadfile
+	@$(RUN) -m coverage combine -q && $(RUN) -m coverage report --skip-covered
+
+MINUTES ?= 2
+fuzz: env
+	@OPENBLAS_NUM_THREADS=1 $(RUN) -m fuzz --minutes $(MINUTES)
+
 lint: env
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/ruff format --check .
@@ -53,4 +64,4 @@ benchmark: env
 	@set -e; for script in benchmarks/[!_]*.py; do echo "== $$script"; $(RUN) $$script; done
 
 clean:
-	rm -rf $(VENV) build install log out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .coverage* $(VENV) build install log out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -253,7 +253,9 @@ def _is_covariance(matrix: Array) -> bool:
         return False
     deviations = np.sqrt(variances)
     largest = np.outer(deviations, deviations)  # of a covariance, by Cauchy and Schwarz
-    if (np.abs(matrix - matrix.T) > 1e-9 * largest).any():
+    with np.errstate(over="ignore"):  # what overflows is no covariance either
+        asymmetry = np.abs(matrix - matrix.T)
+    if (asymmetry > 1e-9 * largest).any():
         return False
     if (np.abs(matrix) > (1 + 1e-9) * largest).any():
         return False

@@ -160,7 +160,7 @@ class Feed:
         """Read what gravity pulls the vehicle back with, m/s^2; without orientation, all that is felt."""
         ahead = math.cos(self.settings.imu_yaw), -math.sin(self.settings.imu_yaw)
         felt, turn = message.linear_acceleration, message.orientation
-        squares = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
+        squares = turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + turn.w * turn.w  # ** raises
         # -1 says "there is none" (sensor_msgs/Imu).
         if abs(squares - 1.0) <= _UNIT and message.orientation_covariance[0] != -1.0:
             up = (

@@ -1,0 +1,1 @@
+"""Inputs that nobody intended, by the hundred thousand: `make fuzz`."""

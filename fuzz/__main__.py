@@ -1,0 +1,170 @@
+"""Fuzz every way in: `python -m fuzz [--inputs N] [--minutes M] [TARGET ...]`.
+
+Inputs are mutations of valid ones, made and shrunk by hypothesis; those that failed are kept in
+.hypothesis/ and tried first. With the package `coverage` the lines reached are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import resource
+import shutil
+import sys
+import time
+import warnings
+from contextlib import nullcontext, suppress
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from hypothesis.database import DirectoryBasedExampleDatabase
+
+from fuzz.targets import NUMBERS, Target, is_good, scratch
+from fuzz.targets import ROOT as _ROOT
+
+_NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+_LONGEST = 10.0  # s that an input may take
+_MOST_MEMORY = 500 << 20  # bytes that an input may ask for, over what the program has by then
+
+
+def targets() -> dict[str, type[Target]]:
+    """Every target by its name."""
+
+    def below(kind: type[Target]) -> list[type[Target]]:
+        return [kind, *(lower for sub in kind.__subclasses__() for lower in below(sub))]
+
+    return {kind.name: kind for kind in below(Target) if getattr(kind, "name", "")}
+
+
+def mutations(target: Target) -> st.SearchStrategy[bytes]:
+    """Valid inputs with other numbers in them, or with pieces replaced, taken out, doubled or put in."""
+    places, few = st.floats(0.0, 1.0), {"max_size": 4}
+    number = st.one_of(st.sampled_from(NUMBERS), st.floats(-10.0, 1e3).map(lambda x: b"%.4g" % x))
+    piece = st.one_of(st.sampled_from(list(target.words)), st.binary(max_size=6))
+    edits = st.tuples(places, st.integers(0, 40), piece, st.booleans())
+    seeds = st.sampled_from(target.seeds)
+    cut = st.builds(_cut, seeds, st.lists(edits, **few))
+    if not target.is_text:
+        return cut
+    return st.one_of(cut, st.builds(_renumbered, seeds, st.lists(st.tuples(places, number), **few)))
+
+
+def _cut(data: bytes, edits: list[tuple[float, int, bytes, bool]]) -> bytes:
+    """Put pieces in; each in place of some bytes, or behind them once more."""
+    for place, length, put, doubled in edits:
+        at = round(place * len(data))
+        kept = data[at : at + length] if doubled else b""
+        data = data[:at] + kept + put + data[at + (0 if doubled else length) :]
+    return data
+
+
+def _renumbered(data: bytes, edits: list[tuple[float, bytes]]) -> bytes:
+    """Put other numbers in the place of some."""
+    for place, number in edits:
+        found = list(_NUMBER.finditer(data))
+        if found:
+            start, end = found[round(place * (len(found) - 1))].span()
+            data = data[:start] + number + data[end:]
+    return data
+
+
+class Failed(Exception):
+    """An input that was neither taken nor refused in words."""
+
+
+def check(target: Target, data: bytes) -> bool:
+    """Return whether an input was taken; raise Failed where it was neither taken nor refused."""
+    began = time.perf_counter()
+    taken = True
+    try:
+        bad = [value for value in target.run(data) if not is_good(value)]
+        if bad:
+            raise Failed(f"{target.name}: {bad[0]} came out")
+    except target.refusals as error:
+        taken = False
+        text = str(error)
+        if not text or "\n\n" in text or len(text) > 20_000:
+            raise Failed(
+                f"{target.name}: no message that a person can read: {text[:200]!r}"
+            ) from error
+    if (took := time.perf_counter() - began) > _LONGEST:
+        raise Failed(f"{target.name}: took {took:.0f} s, expected at most {_LONGEST:g} s")
+    return taken
+
+
+def fuzz(target: Target, inputs: int, seconds: float) -> dict[str, Any]:
+    """Try inputs until there are as many, or the time is up."""
+    counts = {"inputs": 0, "taken": 0}
+    warnings.simplefilter("error", RuntimeWarning)  # of arithmetic that went wrong
+    end = time.monotonic() + seconds
+
+    @settings(
+        max_examples=inputs,
+        deadline=None,
+        report_multiple_bugs=False,
+        database=DirectoryBasedExampleDatabase(_ROOT / ".hypothesis" / "fuzz"),
+        suppress_health_check=list(HealthCheck),
+        phases=(Phase.reuse, Phase.generate, Phase.shrink),
+    )
+    @given(mutations(target))
+    def attempt(data: bytes) -> None:
+        if time.monotonic() < end:
+            counts["inputs"] += 1
+            counts["taken"] += check(target, data)
+
+    attempt()
+    return counts
+
+
+def limit_memory() -> None:
+    """Let the system refuse what is beyond the limit, so that it is seen as a MemoryError."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * resource.getpagesize() + _MOST_MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+
+
+def main() -> int:
+    """Fuzz, and say what was tried, taken and reached."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("targets", nargs="*", help="default: all of them")
+    parser.add_argument("--inputs", type=int, default=12_000, help="of each target")
+    parser.add_argument("--minutes", type=float, default=2.0, help="at most, for each target")
+    asked = parser.parse_args()
+    known = targets()
+    if unknown := set(asked.targets) - set(known):
+        parser.error(f"unknown: {', '.join(sorted(unknown))}; expected {', '.join(known)}")
+    coverage = None
+    with suppress(ImportError):
+        from coverage import Coverage
+
+        coverage = Coverage(source=["smallwheel_ros"], data_file=None)
+    folder, failures = scratch(), 0
+    try:
+        for name in asked.targets or known:
+            target = known[name](folder)
+            for seed in target.seeds:  # what is valid is taken, and loads the libraries
+                assert check(target, seed), f"{name}: a seed is refused"
+            limit_memory()
+            began = time.perf_counter()
+            try:
+                with coverage.collect() if coverage else nullcontext():
+                    counts = fuzz(target, asked.inputs, 60.0 * asked.minutes)
+            except Exception as error:  # whatever it is, the next target is tried too
+                failures += 1
+                print(f"{name}: FAILED: {type(error).__name__}: {error}")
+                for note in getattr(error, "__notes__", ()):
+                    print(f"  {note[:2000]}")
+                continue
+            took = time.perf_counter() - began
+            print(f"{name}: {counts['inputs']} inputs, {counts['taken']} taken, {took:.0f} s")
+    finally:
+        shutil.rmtree(folder)
+    if coverage:
+        coverage.report(file=sys.stdout, skip_empty=True, ignore_errors=True)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
