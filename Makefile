@@ -16,7 +16,7 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help env test test-slow coverage fuzz lint demo benchmark clean
+.PHONY: help env test test-slow coverage fuzz lint demo benchmark docs clean
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
@@ -26,6 +26,7 @@ help:
 	@echo 'make coverage    the fast tests once more, and which lines they did not reach'
 	@echo 'make lint        ruff and mypy'
 	@echo 'make benchmark   the benchmarks, each against a peer or a limit in the same run'
+	@echo 'make docs        the documentation as a site, docs/_build/html'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
 	@echo 'make clean       remove everything that make has made'
 	@echo 'Another Python:  make PYTHON=python3.12 test      (3.10 to 3.13; default: $(PYTHON))'
@@ -63,5 +64,10 @@ demo: env
 benchmark: env
 	@set -e; for script in benchmarks/[!_]*.py; do echo "== $$script"; $(RUN) $$script; done
 
+# A warning is an error. The pages need no network to be made or read.
+docs: env
+	@$(RUN) -m sphinx -W --keep-going -q -j auto docs docs/_build/html
+	@echo 'docs/_build/html/index.html'
+
 clean:
-	rm -rf .coverage* $(VENV) build install log out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf docs/_build docs/_api .coverage* $(VENV) build install log out .pytest_cache .mypy_cache .ruff_cache .hypothesis

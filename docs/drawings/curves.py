@@ -1,0 +1,142 @@
+"""Curves of the theory, computed by the library."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.figure import Figure
+from scenes import arrow, rim
+from style import FORCE, INK, PALE, PRESSURE, SHEAR, SOIL
+
+from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.sinkage import closed_form_sinkage
+from smallwheel_ros.physics.soil import effective_modulus, soil
+from smallwheel_ros.physics.traction import contact_length, thrust
+
+
+def draw_stresses() -> Figure:
+    """Pressure and shear stress along the arc, by the library's laws, for one wheel in dry sand."""
+    sand, load, diameter, width, slip = soil("dry_sand"), 60.0, 0.2, 0.1, 0.3
+    modulus = float(effective_modulus(sand.k, sand.m, diameter))
+    sunk = float(contact_sinkage(load, diameter, width, modulus, sand.n).sinkage[()])
+    radius = diameter / 2.0
+    entry = math.acos(1.0 - sunk / radius)
+    angle = np.linspace(0.0, entry, 200)
+    pressure = modulus * np.maximum(radius * (np.cos(angle) - math.cos(entry)), 0.0) ** sand.n
+    tangent, length = math.tan(sand.friction_angle), radius * entry
+    displaced = slip * radius * (entry - angle)
+    mobilised = -np.expm1(-displaced / sand.shear_displacement)
+    mean = load / (width * length)
+    figure = Figure(figsize=(7.6, 3.7), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    left.set(xlim=(-0.35, 1.5), ylim=(-1.95, -0.1), aspect="equal")
+    left.set_axis_off()
+    outline = np.array([rim(a * 1.0) for a in np.linspace(-0.35, 1.45, 60)])
+    left.plot(*outline.T, color=INK, lw=2)
+    start = rim(entry)
+    left.plot([start[0], 1.5], [start[1], start[1]], color=SOIL, lw=1.8)
+    left.plot([-0.35, 0.0], [-1.0, -1.0], color=SOIL, lw=1.8)
+    scale = 0.7 / pressure.max()
+    tips = np.array([rim(a, 1.0 + scale * p) for a, p in zip(angle, pressure, strict=True)])
+    left.fill(*np.vstack([tips, np.array([rim(a) for a in angle[::-1]])]).T, PRESSURE, alpha=0.18)
+    for a, p in list(zip(angle, pressure, strict=True))[5:-20:25]:
+        arrow(left, rim(a, 1.0 + scale * p), rim(a), PRESSURE)
+    left.text(0.75, -1.65, "p, towards\nthe axle", color=PRESSURE)
+    for a in angle[10:-25:33]:
+        x, y = rim(a, 0.93)
+        arrow(left, (x, y), (x + 0.16 * math.cos(a), y + 0.16 * math.sin(a)), SHEAR)
+    left.text(0.02, -0.72, "τ, along the rim", color=SHEAR)
+    degrees = np.degrees(angle)
+    right.plot(degrees, 1e-3 * pressure, label="p = k z(θ)ⁿ Dᵐ", color=PRESSURE)
+    right.plot(degrees, 1e-3 * mean * tangent * mobilised, color=SHEAR, label="τ, law of thrust")
+    local = 1e-3 * pressure * tangent * mobilised
+    right.plot(degrees, local, color=SHEAR, ls=":", label="τ from p at each point")
+    right.set(xlabel="angle ahead of the lowest point [deg]", ylabel="stress [kPa]", ylim=(0, None))
+    right.invert_xaxis()
+    right.legend()
+    right.set_title(
+        f"dry sand, W {load:g} N, D {diameter:g} m, b {width:g} m, slip {slip:g}", fontsize=10
+    )
+    return figure
+
+
+def draw_pressure_sinkage() -> Figure:
+    """The law with D^m for three diameters, and Bekker's, which does not know the diameter."""
+    figure = Figure(figsize=(7.6, 3.6), layout="constrained")
+    axes = figure.subplots()
+    z = np.linspace(0.0, 0.03, 200)
+    sand, bekker = soil("dry_sand"), soil("dry_sand_bekker")
+    for diameter, dash in ((0.4, "-"), (0.2, "--"), (0.1, "-.")):
+        p = effective_modulus(sand.k, sand.m, diameter) * z**sand.n
+        axes.plot(1e3 * z, 1e-3 * p, dash, color=PRESSURE)
+        axes.text(30.3, 1e-3 * p[-1], f"D = {diameter:g} m", color=PRESSURE, va="center")
+    p = bekker.k * z**bekker.n
+    axes.plot(1e3 * z, 1e-3 * p, color=FORCE)
+    axes.text(30.3, 1e-3 * p[-1], "Bekker, any D", color=FORCE, va="center")
+    axes.set(xlabel="sinkage z [mm]", ylabel="pressure p [kPa]", xlim=(0, 36), ylim=(0, None))
+    axes.set_title("dry sand (Meirion-Griffith and Spenko, Tables 2 and 6)", fontsize=10)
+    return figure
+
+
+def draw_shear() -> Figure:
+    """Shear stress over displacement, and what becomes of it under a slipping wheel."""
+    figure = Figure(figsize=(7.6, 3.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    j, slip = np.linspace(0.0, 0.06, 200), np.linspace(0.0, 1.0, 200)
+    diameter, sunk = 0.2, 0.014
+    for kappa, dash in ((0.005, "-"), (0.015, "--"), (0.030, "-.")):
+        label = f"κ = {1e3 * kappa:g} mm"
+        left.plot(1e3 * j, -np.expm1(-j / kappa), dash, label=label, color=SHEAR)
+        share = thrust(1.0, slip, sunk, diameter, 0.1, 0.0, math.pi / 4, kappa)
+        right.plot(slip, share, dash, label=label, color=SHEAR)
+    left.set(xlabel="shear displacement j [mm]", ylabel="τ / (c + p tan φ)", ylim=(0, 1.02))
+    right.set(xlabel="slip i", ylabel="thrust H / H₀", ylim=(0, 1.02))
+    left.legend()
+    length = 1e3 * float(contact_length(sunk, diameter))
+    right.set_title(f"averaged over a contact of l = {length:.0f} mm", fontsize=10)
+    left.set_title("at one point", fontsize=10)
+    return figure
+
+
+def draw_closed_form() -> Figure:
+    """How far eq. 10 is from the contact integral."""
+    figure = Figure(figsize=(7.6, 3.2), layout="constrained")
+    axes = figure.subplots()
+    load, diameter, width = np.geomspace(0.05, 3000.0, 400), 0.2, 0.1
+    for n, dash in ((0.5, "-"), (0.8, "--"), (1.2, "-."), (1.5, ":")):
+        modulus = 50e3 / 0.02**n
+        exact = contact_sinkage(load, diameter, width, modulus, n)
+        ratio = closed_form_sinkage(load, diameter, width, modulus, n) / exact.sinkage
+        shown = ~exact.sunk_to_axle & (exact.sinkage < 0.3 * diameter)
+        axes.plot(
+            exact.sinkage[shown] / diameter, ratio[shown], dash, label=f"n = {n:g}", color=INK
+        )
+    axes.axhline(1.0, color=PALE, lw=1)
+    axes.set(
+        xlabel="sinkage over diameter, z₀ / D", ylabel="eq. 10 / contact integral", xlim=(0, 0.3)
+    )
+    axes.legend(ncols=2)
+    return figure
+
+
+def draw_ridge() -> Figure:
+    """What one wheel size tells of k and m, and what a second one adds."""
+    sand = soil("dry_sand")
+    figure = Figure(figsize=(7.6, 3.4), layout="constrained")
+    axes = figure.subplots()
+    m = np.linspace(-0.2, 1.0, 50)
+    for diameter, colour in ((0.2, PRESSURE), (0.4, SHEAR)):
+        known = math.log(sand.k) + sand.m * math.log(diameter)
+        k = 1e-6 * np.exp(known - m * math.log(diameter))
+        axes.plot(m, k, color=colour)
+        axes.fill_between(m, 0.93 * k, 1.07 * k, color=colour, alpha=0.2, lw=0)
+        axes.text(
+            1.01, k[-1], f"all that a wheel of\n{diameter:g} m can tell", color=colour, va="center"
+        )
+    axes.plot(sand.m, 1e-6 * sand.k, "o", color=FORCE)
+    axes.text(sand.m, 1e-6 * sand.k * 0.62, "both together", color=FORCE, ha="center")
+    axes.set(xlabel="m", ylabel="k [MPa/m^(n+m)]", yscale="log", xlim=(-0.2, 1.35))
+    axes.set_yticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
+    axes.minorticks_off()
+    return figure

@@ -1,0 +1,122 @@
+"""The pages of docs/ hang together, and what they draw and list is what the code has."""
+
+from __future__ import annotations
+
+import importlib.util
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import smallwheel_ros
+from smallwheel_ros.effects.base import STAGES, Effect
+from smallwheel_ros.effects.registry import families
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+DRAWINGS = sorted((DOCS / "images" / "theory").glob("*.svg"))
+# What a user of the library does not import: the program's own commands, pages and node.
+NOT_IN_THE_REFERENCE = {"commands", "explore", "report", "pictures", "ros", "msg"}
+
+
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#\s]+)", text_of(page)):
+        if "://" not in target:
+            assert (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_the_table_of_contents() -> None:
+    index = text_of(DOCS / "index.md")
+    lines = "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", index, re.DOTALL)).splitlines()
+    listed = [line for line in lines if line and not line.startswith(":")]
+    assert {page.stem for page in PAGES} - {"index"} <= set(listed)
+    assert len(listed) == len(set(listed))
+
+
+def test_every_term_that_is_used_is_in_the_glossary() -> None:
+    blocks = re.findall(r"```\{glossary\}\n(.*?)```", text_of(DOCS / "glossary.md"), re.DOTALL)
+    lines = "\n".join(blocks).splitlines()
+    terms = {line.lower() for line in lines if line and not line.startswith(" ")}
+    for page in PAGES:
+        for term in re.findall(r"\{term\}`([^`]+)`", text_of(page)):
+            assert term.lower() in terms, f"{page.name}: {term}"
+
+
+def test_drawings_are_those_of_their_script(tmp_path: Path) -> None:
+    made = subprocess.run(
+        [sys.executable, DOCS / "drawings" / "draw.py", "-o", tmp_path],
+        env={"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert made.returncode == 0, made.stderr
+    assert [p.name for p in sorted(tmp_path.iterdir())] == [p.name for p in DRAWINGS]
+    for drawing in DRAWINGS:
+        again = (tmp_path / drawing.name).read_bytes()
+        assert again == drawing.read_bytes(), f"{drawing.name}: run docs/drawings/draw.py"
+
+
+@pytest.mark.parametrize("drawing", DRAWINGS, ids=lambda p: p.stem)
+def test_each_drawing_is_shown_and_its_text_is_text(drawing: Path) -> None:
+    assert any(f"images/theory/{drawing.name})" in text_of(page) for page in PAGES)
+    assert "<text" in text_of(drawing)
+    assert "#ffffff" not in text_of(drawing)  # no ground of its own: it must do on a dark page
+
+
+def test_the_drawing_of_effects_has_them_all() -> None:
+    words = re.sub(r"<[^>]*>", " ", text_of(DOCS / "images" / "theory" / "effects.svg"))
+    assert set(families()) <= set(re.findall(r"\w+", words))
+
+
+def test_theory_has_the_stage_of_each_effect() -> None:
+    rows = re.findall(r"^\| `(\w+)` \|[^|]*\| (.*) \|$", text_of(DOCS / "theory.md"), re.MULTILINE)
+    shown = {stage: set(re.findall(r"`(\w+)`", names)) for stage, names in rows}
+    in_code = {
+        stage: {
+            name
+            for name, forms in families().items()
+            if any(getattr(form, stage) is not getattr(Effect, stage) for form in forms)
+        }
+        for stage in STAGES
+    }
+    assert shown == in_code
+
+
+def test_the_reference_has_every_package() -> None:
+    listed = re.findall(r"^ +smallwheel_ros\.(\w+)$", text_of(DOCS / "api.md"), re.MULTILINE)
+    for name in listed:
+        assert importlib.util.find_spec(f"smallwheel_ros.{name}"), name
+    packages = {m.name for m in pkgutil.iter_modules(smallwheel_ros.__path__) if m.ispkg}
+    assert packages <= set(listed) | NOT_IN_THE_REFERENCE
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path) -> None:
+    for package in ("sphinx", "myst_parser", "furo"):
+        if importlib.util.find_spec(package) is None:
+            pytest.skip(f"{package} is not installed: it is in the extra `docs`")
+    site = tmp_path / "site"
+    built = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", DOCS, site],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert built.returncode == 0, built.stderr
+    for page in site.glob("*.html"):
+        loaded = re.findall(
+            r"<(?:script|img|link|iframe)[^>]*?(?:src|href)=\"([^\"]+)\"", text_of(page)
+        )
+        assert not [address for address in loaded if address.startswith(("http", "//"))], page.name
+    assert "<math" in text_of(site / "theory.html")
