@@ -13,6 +13,7 @@ precision), and the evidence, by Laplace's method,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,20 +89,30 @@ class Fitter:
     """Fits models to one set of points under one variance model.
 
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
-    compared.
+    compared. law: what predicts points, the model if not another.
     """
 
-    def __init__(self, points: Points, level: Array, repeats: Repeats) -> None:
-        self.points, self.level, self.repeats = points, level, repeats
+    def __init__(
+        self,
+        points: Points,
+        level: Array,
+        repeats: Repeats,
+        law: Callable[[Points], Predictor] = Predictor.of,
+    ) -> None:
+        self.points, self.level, self.repeats, self._law = points, level, repeats, law
         self.variance = VarianceModel(points, level, repeats.variance, repeats.stated)
-        self.predictor = Predictor.of(points)
+        self.predictor = law(points)
+
+    def under(self, law: Callable[[Points], Predictor]) -> Fitter:
+        """The same points and noise, predicted by another law."""
+        return Fitter(self.points, self.level, self.repeats, law)
 
     def of_runs(self, training: Points) -> Fitter:
         """A fitter of some of the runs, under the same levels and repeatability."""
         keep = np.isin(self.points.run, np.unique(training.run))
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
-        return Fitter(training, self.level[keep], part)
+        return Fitter(training, self.level[keep], part, self._law)
 
     def fit(
         self,

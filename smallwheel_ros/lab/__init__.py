@@ -1,0 +1,1 @@
+"""Tests of a lab: plates, bevameter, shear; what they say together of one soil."""

@@ -1,0 +1,164 @@
+"""Whether plates, pressed and rolling wheels say the same of one soil: its pressure at one depth.
+
+k of one D and k of another cannot be compared, nor k alone where n differs: what can is ln p(z, D) =
+ln k + n ln z + m ln D, at a depth that both have reached and under the size of one of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.fitting.points import FittingError
+from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, SoilPrior
+from smallwheel_ros.fitting.problem import Base, Problem
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import CONTACTS
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+
+Array = NDArray[np.float64]
+
+_TWO_SIDED = 1.96  # standard deviations, 95 %
+_WORDS = {"plate": "plates", "pressed": "pressed wheels", "rolling": "rolling wheels"}
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What one kind of test, or a model, says of a soil.
+
+    values, covariance: (ln p_ref, n, m), ln of the pressure at 10 mm and 0.2 m. diameters, depths: of
+    what it was found with, m; empty for a model.
+    """
+
+    of: str
+    values: Array
+    covariance: Array
+    diameters: Array
+    depths: Array
+
+    def log_pressure(self, depth: float, diameter: float) -> tuple[float, float]:
+        """ln of the pressure (Pa) at a depth under a size (m), and its variance."""
+        at = np.array(
+            [1.0, np.log(depth / REFERENCE_SINKAGE), np.log(diameter / REFERENCE_DIAMETER)]
+        )
+        return float(at @ self.values), float(at @ self.covariance @ at)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Two beliefs about one soil: the pressure of the second over that of the first.
+
+    low, high: 95 % interval of the ratio. depth, diameter: where they are compared, m. modulus: k D^m z^n
+    of both, Pa.
+    """
+
+    soil: str
+    first: str
+    second: str
+    depth: float
+    diameter: float
+    pressures: tuple[float, float]
+    ratio: float
+    low: float
+    high: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the interval has 1 in it."""
+        return self.low <= 1.0 <= self.high
+
+    def sentence(self) -> str:
+        """The comparison in words."""
+        first, second = (f"{1e-3 * p:.3g} kPa" for p in self.pressures)
+        where = f"At {1e3 * self.depth:.3g} mm under {1e3 * self.diameter:.4g} mm"
+        said = (
+            f"{where} {self.first} give k D^m z^n = {first}, {self.second} {second}: "
+            f"{self.ratio:.2f} times (95 %: {self.low:.2f} to {self.high:.2f}). "
+        )
+        if self.agrees:
+            return said + f"{self.first} and {self.second} agree about {self.soil}"
+        return said + (
+            f"{self.first} and {self.second} disagree about {self.soil}: the law of one does not carry "
+            "over to the other as it stands. Check zero of the sinkage, sizes and preparation of both; "
+            "fit each alone where it is to be used"
+        )
+
+
+def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> Belief | None:
+    """What these rows, of one soil, say of it; None where they are too few to be fitted."""
+    try:
+        problem = Problem.of(measurements, replace(base, priors={}))
+        result = problem.result()
+    except FittingError:
+        return None
+    values = np.zeros(3)
+    found = next(s for s in result.model.soils if s.name == soil)
+    values[:] = found.log_reference_pressure, found.n, found.m
+    covariance = np.zeros((3, 3))
+    at = {
+        f: result.names.index(f"{soil}.{f}")
+        for f in SOIL_PARAMETERS
+        if f"{soil}.{f}" in result.names
+    }
+    for i, a in enumerate(SOIL_PARAMETERS):
+        for j, b in enumerate(SOIL_PARAMETERS):
+            if a in at and b in at:
+                covariance[i, j] = result.covariance[at[a], at[b]]
+    points = problem.points
+    diameters = points.column("diameter")
+    if "m" not in at:
+        # Held: the pressure is known under the one size, and elsewhere as far as m is.
+        away = np.array([-np.log(float(diameters.mean()) / REFERENCE_DIAMETER), 0.0, 1.0])
+        covariance += SOIL_PARAMETERS["m"][1].deviation ** 2 * np.outer(away, away)
+    sunk = (
+        points.of_channel("sinkage")
+        if "sinkage" in points.channels
+        else np.zeros(len(points), bool)
+    )
+    return Belief(words, values, covariance, diameters, points.value[sunk & (points.value > 0)])
+
+
+def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
+    """Compare at the middle of the depths that both reached, under the second's middle size."""
+    diameter = float(np.exp(np.mean(np.log(second.diameters))))
+    if first.depths.size:
+        low = max(float(b.depths.min()) for b in (first, second))
+        high = min(float(b.depths.max()) for b in (first, second))
+        depth = float(np.sqrt(low * high))
+    else:
+        depth = float(np.exp(np.mean(np.log(second.depths))))
+    (a, va), (b, vb) = (belief.log_pressure(depth, diameter) for belief in (first, second))
+    width = _TWO_SIDED * np.sqrt(va + vb)
+    ratio, low, high = np.exp([b - a, b - a - width, b - a + width]).tolist()
+    pressures = (float(np.exp(a)), float(np.exp(b)))
+    return Agreement(soil, first.of, second.of, depth, diameter, pressures, ratio, low, high)
+
+
+def agreements(measurements: Measurements, base: Base) -> tuple[Agreement, ...]:
+    """Compare the kinds of contact of each soil of a table, and the model that it starts from."""
+    contact = measurements.conditions.contact
+    found: list[Agreement] = []
+    for name in dict.fromkeys(measurements.soil.tolist()):
+        soil = name or "soil"
+        here = measurements.soil == name
+        kinds = [kind for kind in reversed(CONTACTS) if np.any(here & (contact == kind))]
+        known = base.priors.get(soil)
+        if len(kinds) < 2 and known is None:
+            continue
+        beliefs = [
+            belief_of(measurements.take(here & (contact == kind)), base, soil, _WORDS[kind])
+            for kind in kinds
+        ]
+        usable = [b for b in beliefs if b is not None and b.depths.size]
+        if known is not None:
+            found += [compare_beliefs(soil, _of_model(known), b) for b in usable]
+        found += [compare_beliefs(soil, usable[0], b) for b in usable[1:]]
+    return tuple(found)
+
+
+def _of_model(prior: SoilPrior) -> Belief:
+    soil = prior.soil
+    values = np.array([soil.log_reference_pressure, soil.n, soil.m])
+    return Belief("the model's soil", values, prior.covariance, np.zeros(0), np.zeros(0))

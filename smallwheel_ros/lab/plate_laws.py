@@ -1,0 +1,246 @@
+"""Plates of several sizes under three laws of size: constants, covariance, and error of a size left out.
+
+The points, their noise and the fit are those of the model (`fit`), so a curve of a thousand rows is no
+more evidence than one of ten. The laws (`physics.plates`) share ln p_ref and n; before the data each
+says of the slope d ln p / d ln size at the middle size the same, 0 +- `_SLOPE`, so that none is favoured:
+
+    theta = (ln p_ref, n, s),  s = slope for the power of D,  -slope for Bekker's,  slope + n for Reece's
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from smallwheel_ros.fitting.constants import ALARM, DETERMINED
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.parameters import FreeParameter, ParameterVector
+from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.fitting.predictor import Predictor
+from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, Prior
+from smallwheel_ros.fitting.result import FittedParameter, Status, posterior_covariance
+from smallwheel_ros.physics.plates import LAWS, PlateLaw
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SLOPE = SOIL_PARAMETERS["m"][1].deviation
+_BOUNDS = 5.0  # of s: a slope of eight prior deviations
+_SAME_SIZE = 0.02  # of ln size: plates are turned to better than that
+_RANGES = 4  # of depth, with as many points each: shallow, two between, deep
+_ANY = (-np.inf, np.inf)
+_REMEDY = "press plates whose sizes differ by a factor of 2 or more"
+_HOLDS = 2.0  # expected deviations within which a law holds
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """One law, fitted to all plates.
+
+    constants: as published, units with n and m as letters. covariance: of these, shape
+    (constants,) * 2. held_out: relative error (rms) of the sinkage
+    of a size that was left out of the fit, None where there are two sizes. by_size: the same by diameter
+    (m); by_depth: in each range of `PlateLaws.depths`.
+    """
+
+    id: str
+    name: str
+    formula: str
+    source: str
+    constants: tuple[FittedParameter, ...]
+    covariance: Array
+    held_out: float | None
+    by_size: Mapping[float, float]
+    by_depth: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class DepthRange:
+    """Sinkages from `low` to `high`, m. expected: relative error that the right law would leave there."""
+
+    low: float
+    high: float
+    expected: float
+
+
+@dataclass(frozen=True)
+class PlateLaws:
+    """The laws of size on the plates of one soil. diameters: (equivalent) of the plates, m."""
+
+    soil: str
+    diameters: tuple[float, ...]
+    runs: int
+    laws: tuple[FittedLaw, ...]
+    depths: tuple[DepthRange, ...]
+
+    @property
+    def best(self) -> FittedLaw | None:
+        """The law with the least held-out error; None where no size could be left out."""
+        judged = [law for law in self.laws if law.held_out is not None]
+        return min(judged, key=lambda law: law.held_out or 0.0) if judged else None
+
+    def better(self, first: FittedLaw, second: FittedLaw) -> bool:
+        """Whether the first predicts sizes left out better than the second, by more than chance.
+
+        A paired one-sided t test of ln of the errors: the size, not the run, is the unit.
+        """
+        gain = np.array([np.log(second.by_size[d] / first.by_size[d]) for d in first.by_size])
+        error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
+        return bool(student.sf(float(gain.mean()) / max(error, 1e-300), gain.size - 1) < ALARM)
+
+    def holds(self, law: FittedLaw, at: int) -> bool:
+        """Whether the law's error in a range of depth is within what the right law would leave."""
+        return law.by_depth[at] <= _HOLDS * self.depths[at].expected
+
+
+class _OnPlates(Predictor):
+    """One law on some points, for a `Fitter`. reference: of the law's size, m."""
+
+    def __init__(self, law: PlateLaw, reference: float, points: Points) -> None:
+        super().__init__(points.conditions, points.channels, points.channel, points.row)
+        self.law, self.reference = law, reference
+
+    def sinkage(self, theta: Array) -> Array:
+        """Predictions, shape (values,)."""
+        found = self.law.sinkage(self.conditions, self.reference, *theta.tolist())
+        return np.asarray(found[self.row])
+
+    def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
+        """Predictions and their slopes by parameter, shape (values,) and (values, parameters)."""
+        base, steps = self.sinkage(theta), vector.steps(theta)
+        moved = [self.sinkage(theta + step) for step in np.diag(steps)]
+        return base, np.column_stack(moved) / steps - base[:, None] / steps
+
+
+def _vector(law: PlateLaw, soil: str) -> ParameterVector:
+    (unit, p), (_, n) = SOIL_PARAMETERS["log_reference_pressure"], SOIL_PARAMETERS["n"]
+    centre = law.tied_to_n * n.centre
+    deviation = float(np.hypot(_SLOPE, law.tied_to_n * n.deviation))
+    s = Prior(centre, deviation, -_BOUNDS, _BOUNDS)
+    covariance = np.diag([p.deviation**2, n.deviation**2, s.deviation**2])
+    covariance[1, 2] = covariance[2, 1] = law.tied_to_n * n.deviation**2
+    free = (
+        FreeParameter(soil, "log_reference_pressure", p.centre, unit, p),
+        FreeParameter(soil, "n", n.centre, "1", n),
+        FreeParameter(soil, "size", centre, "1", s),
+    )
+    precision = np.asarray(np.linalg.inv(covariance))
+    return ParameterVector((), "contact_integral", "integrated", (), (), free, precision)
+
+
+def _sizes(points: Points) -> tuple[Array, NDArray[np.intp]]:
+    """The plates' sizes (m, by equivalent diameter), and which each value is of."""
+    found: list[float] = []
+    diameter = points.column("diameter")
+    code = np.zeros(len(points), dtype=np.intp)
+    for i in np.argsort(diameter):
+        if not found or np.log(diameter[i] / found[-1]) > _SAME_SIZE:
+            found.append(float(diameter[i]))
+        code[i] = len(found) - 1
+    return np.array(found), code
+
+
+def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
+    """Fit the laws to plates in one soil, and leave out one size after the other.
+
+    fitter, fit: of the model on these plates alone; its scatter is that of all laws. Raises
+    FittingError where the plates are of one size.
+    """
+    points = fitter.points
+    diameters, size = _sizes(points)
+    if diameters.size < 2:
+        raise FittingError(
+            f"soil '{soil}': all plates have a diameter of {1e3 * diameters[0]:.4g} mm: m, and kc "
+            "apart from kphi, need plates of two sizes, and three to check the laws"
+        )
+    edges = np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1))
+    where = np.clip(np.searchsorted(edges, points.value, side="right") - 1, 0, _RANGES - 1)
+    expected = _expected(fitter, fit)
+    laws = []
+    for law in LAWS:
+        reference = _reference(law, points)
+        under = fitter.under(partial(_OnPlates, law, reference))
+        vector = _vector(law, soil)
+        best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
+        constants, covariance = _constants(law, under, best, reference)
+        error = _left_out(under, best, size) if diameters.size > 2 else None
+        by_size: dict[float, float] = {}
+        by_depth: tuple[float, ...] = ()
+        if error is not None:
+            by_size = {float(d): _rms(error[size == i]) for i, d in enumerate(diameters)}
+            by_depth = tuple(_rms(error[where == r]) for r in range(_RANGES))
+        laws.append(
+            FittedLaw(
+                law.id, law.name, law.formula, law.source, constants, covariance,
+                None if error is None else _rms(error), by_size, by_depth,
+            )
+        )  # fmt: skip
+    depths = tuple(
+        DepthRange(float(edges[r]), float(edges[r + 1]), _rms(expected[where == r]))
+        for r in range(_RANGES)
+    )
+    return PlateLaws(soil, tuple(diameters.tolist()), points.run_count, tuple(laws), depths)
+
+
+def _reference(law: PlateLaw, points: Points) -> float:
+    """Size (m) at which p_ref is the pressure: that of the model's soil, else the plates' middle."""
+    if law.id == "meirion_griffith_spenko":
+        return REFERENCE_DIAMETER
+    return float(np.exp(np.mean(np.log(law.size(points.conditions)))))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _expected(fitter: Fitter, fit: Fit) -> Array:
+    """What a value of a new run is off the right law, relative, shape (values,): the root of V."""
+    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
+    variance = np.diag(fitter.variance.covariance(fit.scatter, kernels))
+    return np.asarray(np.sqrt(variance) / fitter.level)
+
+
+def _left_out(fitter: Fitter, fit: Fit, size: NDArray[np.intp]) -> Array:
+    """ln of predicted over measured sinkage by a fit without that size, shape (values,)."""
+    points = fitter.points
+    error = np.empty(len(points))
+    law = fitter.predictor
+    for out in range(int(size.max()) + 1):
+        mine = np.isin(points.run, points.run[size == out])
+        alone = fitter.of_runs(points.take(~mine)).fit(fit.vector, fit.theta, fit.scatter)
+        predicted = law.with_slopes(fit.vector, alone.theta)[0]
+        error[mine] = np.log(predicted[mine] / points.value[mine])
+    return error
+
+
+def _constants(
+    law: PlateLaw, fitter: Fitter, fit: Fit, reference: float
+) -> tuple[tuple[FittedParameter, ...], Array]:
+    """The published constants, and their covariance to first order."""
+
+    def of(theta: Array) -> Array:
+        log_pressure, n, s = theta.tolist()
+        return np.array(law.constants(law.modulus(log_pressure, n), reference, n, s))
+
+    steps = fit.vector.steps(fit.theta)
+    columns = [(of(fit.theta + step) - of(fit.theta - step)) for step in np.diag(steps)]
+    slopes = np.column_stack(columns) / (2.0 * steps)
+    posterior = posterior_covariance(fitter, fit)
+    covariance = np.asarray(slopes @ posterior @ slopes.T)
+    sized = np.sqrt(posterior[2, 2]) <= DETERMINED * _SLOPE
+    soil = fit.vector.of_soils[0].owner
+    listed = []
+    for (name, unit), value, variance in zip(
+        law.names, of(fit.theta), np.diag(covariance), strict=True
+    ):
+        status: Status = "determined" if sized or name == "n" else "not determined"
+        std, remedy = float(np.sqrt(variance)), "" if status == "determined" else _REMEDY
+        parameter = FittedParameter(soil, name, float(value), std, unit, _ANY, status, remedy)
+        listed.append(parameter)
+    return tuple(listed), covariance

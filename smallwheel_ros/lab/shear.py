@@ -1,0 +1,245 @@
+"""Shear tests: cohesion, friction angle and shear modulus with their covariance, of runs, not of rows.
+
+Each run (a curve at one normal stress) is reduced to a few numbers y_i (strength, ln K and, for the
+peaked law, the residual ratio) by least squares over displacement, so that it does not matter how
+densely it was sampled. Runs then differ by what a fit of one curve does not know (C_i) and by the soil
+that is prepared anew for each, S:
+
+    y_i = X_i theta + e_i,   e_i ~ N(0, C_i + S),   theta = (c, tan phi, ln K [, K_r])
+
+theta by generalised least squares, ln S by its restricted likelihood with log-normal priors, as in
+`variance`. No prior on theta where the runs have several normal stresses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import t as student
+
+from smallwheel_ros.fitting import constants
+from smallwheel_ros.fitting.points import FittingError
+from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
+from smallwheel_ros.lab.shear_curves import (
+    JANOSI_HANAMOTO,
+    PEAK_RESIDUAL,
+    STRETCHES,
+    Curve,
+    RunFit,
+    ShearLaw,
+    curves_of,
+    fit_curve,
+    normal_stresses,
+)
+from smallwheel_ros.measurements.shear import ShearTests
+from smallwheel_ros.physics.shear import shear_strength
+
+Array = NDArray[np.float64]
+
+# Medians of the priors of what runs of one soil differ by: strength, ln K, residual ratio.
+_STRENGTH_SCATTER = constants.SOIL_SCATTER
+_MODULUS_SCATTER = 0.2  # published K of one soil differ by 10 to 40 %
+_RESIDUAL_SCATTER = constants.SOIL_SCATTER
+
+
+@dataclass(frozen=True)
+class FittedShearLaw:
+    """A law fitted to all runs of one soil.
+
+    names, values, covariance: of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r. held_out:
+    relative error of a curve whose shape was fitted without it, None with one run. scatter: what runs
+    differ by in strength (relative), ln K, K_r.
+    """
+
+    law: ShearLaw
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    held_out: float | None
+    scatter: Array
+    runs: tuple[RunFit, ...]
+
+
+def fit_law(law: ShearLaw, curves: list[Curve]) -> FittedShearLaw:
+    """Strength and shape of all runs of one soil under one law."""
+    runs = tuple(fit_curve(law, curve) for curve in curves)
+    level = np.array([run.numbers[0] for run in runs])
+    for _ in range(2):  # the size of the scatter from the line, not from each run's own value
+        problem = _Runs.of(runs, np.maximum(np.abs(level), 1e-3 * np.max(np.abs(level))))
+        log_scatter = problem.scatter()
+        theta = problem.solved(log_scatter)[0]
+        level = shear_strength(np.array([c.normal_stress for c in curves]), theta[0], theta[1])
+    return FittedShearLaw(
+        law,
+        ("c", "tan phi", "ln K", "K_r")[: theta.size],
+        theta,
+        problem.averaged(log_scatter),
+        _held_out(law, runs) if len(runs) > 1 else None,
+        np.exp(log_scatter),
+        runs,
+    )
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """The regression over runs. number, design, known: y_i, X_i and C_i; level: size of strength."""
+
+    number: Array
+    design: Array
+    known: Array
+    level: Array
+    prior: Array
+    centre: Array
+
+    @classmethod
+    def of(cls, runs: tuple[RunFit, ...], level: Array) -> _Runs:
+        size = runs[0].numbers.size
+        design = np.zeros((len(runs), size, size + 1))
+        design[:, 0, 0] = 1.0
+        design[:, 0, 1] = [run.curve.normal_stress for run in runs]
+        design[:, np.arange(1, size), np.arange(2, size + 1)] = 1.0
+        prior, centre = np.zeros(size + 1), np.zeros(size + 1)
+        if len(normal_stresses([run.curve for run in runs])) < 2:
+            # Only c + sigma tan phi is measured: what soils have says the rest.
+            c, phi = (STRENGTH_PARAMETERS[n][1] for n in ("cohesion", "friction_angle"))
+            centre[:2] = c.centre, np.tan(phi.centre)
+            prior[:2] = c.deviation**-2, (phi.deviation / np.cos(phi.centre) ** 2) ** -2
+        number = np.array([run.numbers for run in runs])
+        return cls(number, design, np.array([r.covariance for r in runs]), level, prior, centre)
+
+    @property
+    def _medians(self) -> Array:
+        found = (_STRENGTH_SCATTER, _MODULUS_SCATTER, _RESIDUAL_SCATTER)
+        return np.asarray(np.log(found[: self.number.shape[1]]))
+
+    def _variance(self, log_scatter: Array) -> Array:
+        between = np.tile(np.exp(2.0 * log_scatter), (len(self.number), 1))
+        between[:, 0] *= self.level**2
+        return np.asarray(self.known + between[:, :, None] * np.eye(log_scatter.size))
+
+    def solved(self, log_scatter: Array) -> tuple[Array, Array]:
+        """Generalised least squares: theta and its covariance for a given scatter."""
+        weight = np.linalg.inv(self._variance(log_scatter))
+        normal = np.einsum("iqa,iqr,irb->ab", self.design, weight, self.design) + np.diag(
+            self.prior
+        )
+        pull = np.einsum("iqa,iqr,ir->a", self.design, weight, self.number)
+        size = np.sqrt(np.diag(normal))  # c in Pa beside tan phi
+        inverse = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
+        return np.asarray(inverse @ (pull + self.prior * self.centre)), np.asarray(inverse)
+
+    def _cost(self, log_scatter: Array) -> float:
+        theta, covariance = self.solved(log_scatter)
+        variance = self._variance(log_scatter)
+        away = self.number - self.design @ theta
+        square = np.einsum("iq,iqr,ir->", away, np.linalg.inv(variance), away)
+        square += float(self.prior @ (theta - self.centre) ** 2)
+        logs = float(np.linalg.slogdet(variance)[1].sum()) - float(np.linalg.slogdet(covariance)[1])
+        off = (log_scatter - self._medians) / constants.SPREAD
+        return 0.5 * float(square) + 0.5 * logs + 0.5 * float(off @ off)
+
+    def scatter(self) -> Array:
+        """ln of what runs differ by, by restricted likelihood with its prior."""
+        # the scatter is known to a factor of two: no more digits than that asks for
+        found = minimize(
+            self._cost, self._medians, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-3}
+        )
+        return np.asarray(found.x)
+
+    def averaged(self, log_scatter: Array) -> Array:
+        """Covariance of theta with the scatter's own uncertainty in it, as `posterior_covariance`."""
+        size, h = log_scatter.size, 0.1
+        step = h * np.eye(size)
+        curvature = np.empty((size, size))
+        for a in range(size):
+            for b in range(size):
+                corners = [self._cost(log_scatter + i * step[a] + j * step[b]) * i * j
+                           for i in (1, -1) for j in (1, -1)]  # fmt: skip
+                curvature[a, b] = sum(corners) / (4.0 * h * h)
+        values, vectors = np.linalg.eigh(curvature)
+        # nowhere less sure than the prior alone
+        root = vectors / np.sqrt(np.maximum(values, constants.SPREAD**-2))
+        total = np.zeros((size + 1, size + 1))
+        for column in np.sqrt(size) * np.hstack([root, -root]).T:
+            theta_covariance = self.solved(log_scatter + column)[1]
+            total += theta_covariance / (2 * size)
+        return total
+
+
+def _held_out(law: ShearLaw, runs: tuple[RunFit, ...]) -> float:
+    """Error of each run's curve by the others' shape, at its own strength; relative, rms."""
+    return float(np.sqrt(np.mean(_shape_errors(law, runs) ** 2)))
+
+
+def _shape_errors(law: ShearLaw, runs: tuple[RunFit, ...]) -> Array:
+    size = runs[0].numbers.size
+    between = np.array([_MODULUS_SCATTER, _RESIDUAL_SCATTER][: size - 1]) ** 2
+    numbers = np.array([run.numbers[1:] for run in runs])
+    weight = 1.0 / (np.array([np.diag(run.covariance)[1:] for run in runs]) + between)
+    found = []
+    for i, run in enumerate(runs):
+        others = np.arange(len(runs)) != i
+        shape = np.average(numbers[others], axis=0, weights=weight[others])
+        curve = run.curve
+        share = law.share(curve.displacement, shape)
+        width = curve.width / curve.width.sum()
+        strength = float(width @ (share * curve.stress) / (width @ share**2))
+        error = (curve.stress - strength * share) / strength
+        found.append(float(np.sqrt(width @ error**2)))
+    return np.array(found)
+
+
+def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
+    """Whether the curves show a peak: on runs left out, or, of one run, by Schwarz's criterion.
+
+    And the stress must fall by more than what the law without a peak is off: else there is none to see.
+    """
+    travel = np.asarray(
+        max(run.curve.travel for run in plain.runs) * np.arange(1, 201) / 200.0, dtype=np.float64
+    )
+    share = peaked.law.share(travel, peaked.values[2:])
+    if share.max() - share[-1] <= np.mean([run.misfit for run in plain.runs]):
+        return False
+    if len(plain.runs) == 1:
+        first, second = plain.runs[0].misfit, peaked.runs[0].misfit
+        return bool(2.0 * STRETCHES * np.log(first / second) > np.log(STRETCHES))
+    errors = [_shape_errors(fit.law, fit.runs) for fit in (plain, peaked)]
+    gain = np.log(errors[0] / errors[1])
+    error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
+    return bool(student.sf(gain.mean() / error, gain.size - 1) < constants.ALARM)
+
+
+@dataclass(frozen=True)
+class ShearFit:
+    """The shear tests of one soil under both laws. peaked: whether the curves show a peak."""
+
+    soil: str
+    plain: FittedShearLaw
+    peaked: FittedShearLaw
+    shows_peak: bool
+    notes: tuple[str, ...]
+
+    @property
+    def chosen(self) -> FittedShearLaw:
+        """The law that the curves follow."""
+        return self.peaked if self.shows_peak else self.plain
+
+
+def fit_shear(tests: ShearTests) -> tuple[ShearFit, ...]:
+    """Fit the strength of each soil of a table of shear tests.
+
+    Raises FittingError where no run can be used, or strength falls with normal stress.
+    """
+    found = []
+    for soil in dict.fromkeys(tests.soil.tolist()):
+        curves, notes = curves_of(tests.take(tests.soil == soil))
+        if not curves:
+            raise FittingError(
+                f"{tests.source}: no shear test can be used: {'; '.join(notes) or 'no rows'}"
+            )
+        plain, peaked = (fit_law(law, curves) for law in (JANOSI_HANAMOTO, PEAK_RESIDUAL))
+        found.append(ShearFit(soil, plain, peaked, _shows_peak(plain, peaked), tuple(notes)))
+    return tuple(found)

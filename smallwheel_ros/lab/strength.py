@@ -1,0 +1,201 @@
+"""The strength of a soil from its shear tests, and how it comes into a model.
+
+A model's law of thrust is that of Janosi and Hanamoto, so its numbers are those of that law, also where
+the curves show a peak: then a note says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
+from smallwheel_ros.fitting.result import FittedParameter, Status
+from smallwheel_ros.lab.shear import FittedShearLaw, ShearFit
+from smallwheel_ros.lab.shear_curves import RunFit, normal_stresses
+from smallwheel_ros.measurements.shear import ShearTests
+from smallwheel_ros.model import Model
+from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.physics.soil import Soil, nearest
+
+Array = NDArray[np.float64]
+
+_NAMES = ("cohesion", "friction_angle", "log_shear_displacement")
+_SEEN = 3.0  # shear moduli, at which a curve has 95 % of its strength
+_FEW_STRESSES = "shear at three normal stresses that span a factor of 3 or more"
+
+
+class StrengthError(SmallwheelError):
+    """Shear tests that do not go with a model."""
+
+
+@dataclass(frozen=True)
+class Strength:
+    """The strength of one soil as a model holds it.
+
+    cohesion: Pa, not below 0. friction_angle: rad. modulus: K, m. covariance: of (c, phi, ln K), shape
+    (3, 3). parameters: the same for people, with c as it came out. notes: what the tests cannot tell.
+    """
+
+    soil: str
+    cohesion: float
+    friction_angle: float
+    modulus: float
+    covariance: Array
+    parameters: tuple[FittedParameter, ...]
+    notes: tuple[str, ...]
+
+    def of(self, soil: Soil, source: str) -> Soil:
+        """The soil with this strength."""
+        told = f"{soil.source}; " if soil.source else ""
+        return replace(
+            soil,
+            cohesion=self.cohesion,
+            friction_angle=self.friction_angle,
+            shear_displacement=self.modulus,
+            source=f"{told}strength: shear tests, {source}" if source else soil.source,
+        )
+
+
+def strength_of(fit: ShearFit) -> Strength:
+    """The numbers of Janosi and Hanamoto's law for a model, and what is to be said of them.
+
+    Raises StrengthError where the strength does not rise with the normal stress.
+    """
+    law = fit.plain
+    c, friction, log_modulus = law.values.tolist()
+    if friction <= 0.0:
+        raise StrengthError(
+            f"shear tests{_of(fit.soil)}: the strength falls with the normal stress (tan phi = "
+            f"{friction:.3g}), expected it to rise: are the two stresses in the right columns, and each "
+            "run at its own normal stress?"
+        )
+    notes = [*fit.notes, *_about_stresses(fit)]
+    bounded_c, bounded_friction = c, friction
+    if c < 0.0:
+        notes.append(_about_negative(law))
+        # the best strength on c = 0: friction follows by its covariance with c
+        bounded_c = 0.0
+        bounded_friction = friction - law.covariance[1, 0] / law.covariance[0, 0] * c
+    notes += _about_displacement(fit)
+    if fit.shows_peak:
+        notes.append(
+            f"stress rises to a peak and falls to {100.0 * fit.peaked.values[3]:.0f} % of it: the model's "
+            "law of thrust (Janosi-Hanamoto) has no peak, and its c, phi, K are fitted to whole curves"
+        )
+    phi = float(np.arctan(bounded_friction))
+    scale = np.diag([1.0, np.cos(phi) ** 2, 1.0])
+    covariance = scale @ law.covariance @ scale
+    return Strength(
+        fit.soil, bounded_c, phi, float(np.exp(log_modulus)), covariance,
+        _parameters(fit, (c, float(np.arctan(friction)), log_modulus), covariance), tuple(notes),
+    )  # fmt: skip
+
+
+def _of(soil: str) -> str:
+    return f" of {soil}" if soil else ""
+
+
+def _parameters(
+    fit: ShearFit, values: Sequence[float], covariance: Array
+) -> tuple[FittedParameter, ...]:
+    few = len(normal_stresses([run.curve for run in fit.plain.runs])) < 2
+    short = all(not _seen(run) for run in fit.plain.runs)
+    found = []
+    for name, value, variance in zip(_NAMES, values, np.diag(covariance), strict=True):
+        unit, prior = STRENGTH_PARAMETERS[name]
+        unknown = short if name == "log_shear_displacement" else few
+        status: Status = "not determined" if unknown else "determined"
+        remedy = "" if not unknown else _FEW_STRESSES if few else "shear further, to 3 K"
+        found.append(
+            FittedParameter(fit.soil or "soil", name, value, float(np.sqrt(variance)), unit,
+                            (prior.low, prior.high), status, remedy)
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _about_stresses(fit: ShearFit) -> list[str]:
+    stresses = normal_stresses([run.curve for run in fit.plain.runs])
+    if len(stresses) > 1:
+        return []
+    sigma = stresses[0]
+    c, phi = (STRENGTH_PARAMETERS[name][1] for name in ("cohesion", "friction_angle"))
+    strength = fit.plain.values[0] + sigma * fit.plain.values[1]
+    return [
+        f"one normal stress, {1e-3 * sigma:.4g} kPa: only the strength there, {1e-3 * strength:.4g} kPa, "
+        "is measured. Cohesion and friction angle cannot be told apart: they rest on what soils "
+        f"usually have, c = {1e-3 * c.centre:.2g} +- {1e-3 * c.deviation:.2g} kPa and phi = "
+        f"{np.degrees(phi.centre):.0f} +- {np.degrees(phi.deviation):.0f} deg; {_FEW_STRESSES}"
+    ]
+
+
+def _about_negative(law: FittedShearLaw) -> str:
+    c, std = float(law.values[0]), float(np.sqrt(law.covariance[0, 0]))
+    came = f"cohesion came out as {1e-3 * c:.2g} +- {1e-3 * std:.2g} kPa"
+    if c > -2.0 * std:
+        return f"{came}: compatible with zero. The model has 0 and the friction angle that goes with it"
+    return (
+        f"{came}, below zero by {-c / std:.1f} standard deviations: no soil has that. Is the weight of the "
+        "shear head in the normal stress, and is the torque's zero right? The model has 0"
+    )
+
+
+def _seen(run: RunFit) -> bool:
+    return bool(run.curve.travel >= _SEEN * np.exp(run.numbers[1]))
+
+
+def _about_displacement(fit: ShearFit) -> list[str]:
+    runs = fit.plain.runs
+    short = [run for run in runs if not _seen(run)]
+    if not short:
+        return []
+    modulus = float(np.exp(fit.plain.values[2]))
+    far = max(run.curve.travel for run in short)
+    which = "no run" if len(short) == len(runs) else f"{len(short)} of {len(runs)} runs do not"
+    verb = "reaches" if len(short) == len(runs) else "reach"
+    return [
+        f"{which} {verb} 3 K ({3e3 * modulus:.3g} mm; the longest of them ends at {1e3 * far:.3g} mm): "
+        "strength and K are extrapolated together there, and a peak beyond would not be seen; shear further"
+    ]
+
+
+def with_strength(
+    model: CalibratedModel, strengths: Sequence[Strength], tests: ShearTests
+) -> CalibratedModel:
+    """The model with the strengths of its soils, and their covariance.
+
+    One soil in the model and one in the tests are the same soil, whatever they are called. Raises
+    StrengthError where the tests name a soil that the model does not have.
+    """
+    names = [soil.name for soil in model.model.soils]
+    soils = {soil.name: soil for soil in model.model.soils}
+    kept_names, covariance = list(model.names), model.covariance
+    for strength in strengths:
+        name = names[0] if len(names) == len(strengths) == 1 else strength.soil
+        if name not in soils:
+            raise StrengthError(
+                f"{tests.source}: shear tests of soil '{name}', which the model does not have: "
+                f"{nearest(name, names)}"
+            )
+        soils[name] = strength.of(soils[name], tests.source)
+        own = [f"{name}.{parameter}" for parameter in _NAMES]
+        keep = [i for i, known in enumerate(kept_names) if known not in own]
+        size = len(keep)
+        joined = np.zeros((size + 3, size + 3))
+        joined[:size, :size] = covariance[np.ix_(keep, keep)]
+        joined[size:, size:] = strength.covariance
+        kept_names, covariance = [kept_names[i] for i in keep] + own, joined
+    provenance = dict(model.provenance)
+    provenance["shear"] = {"data": tests.source, "sha256": tests.sha256, "rows": len(tests),
+                           "runs": len(set(tests.run.tolist()))}  # fmt: skip
+    made = Model(
+        [soils[n] for n in names],
+        model.model.geometry,
+        model.model.effects,
+        model.model.thrust_form,
+    )
+    return CalibratedModel(made, tuple(kept_names), covariance, provenance)

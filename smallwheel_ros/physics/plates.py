@@ -1,0 +1,131 @@
+"""Plates pressed into soil: their sizes, and the laws of how size changes the pressure at one depth.
+
+Three laws share one form, with p_ref the pressure at a reference sinkage z_ref under a plate of the
+reference size, and one number s that says how size acts (rho: size over reference size):
+
+    p = p_ref (z / z_ref)^n g(rho)
+
+    Meirion-Griffith & Spenko  p = k z^n D^m                            g = rho^s, s = m, size D
+    Bekker                     p = (kc/b + kphi) z^n                    g = 1 - s + s / rho, size b
+    Reece                      p = (c kc' + gamma b kphi') (z / b)^n    g = (1 - s + s rho) rho^-n, size b
+
+b is the smaller side of a rectangular plate and the radius of a round one (Bekker 1969; Wong 2008,
+chapter 2). Without the soil's cohesion c and unit weight gamma Reece's law has the two lumped constants
+c kc' (Pa) and gamma kphi' (Pa/m) (Reece 1965; Wong 2008, chapter 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
+
+Array = NDArray[np.float64]
+
+_LEAST_FACTOR = 0.02  # a fit may try sizes' factors of no physical sense: none is 0 or less
+
+
+def plate_area(diameter: ArrayLike) -> Array:
+    """Area (m2) of a round plate, or of a rectangular one of that equivalent diameter (m)."""
+    return np.asarray(np.pi / 4.0 * np.asarray(diameter, dtype=float) ** 2)
+
+
+def equivalent_diameter(width: ArrayLike, length: ArrayLike) -> Array:
+    """Diameter (m) of the round plate of the same area as a rectangular one.
+
+    D = sqrt(4 w l / pi): the equivalent radius of a rectangular footing under vertical load
+    (Richart, Hall and Woods 1970, Vibrations of Soils and Foundations, chapter 7).
+    """
+    area = np.asarray(width, dtype=float) * np.asarray(length, dtype=float)
+    return np.asarray(np.sqrt(4.0 / np.pi * area))
+
+
+def smaller_dimension(conditions: Conditions) -> Array:
+    """Bekker's b (m): the smaller side of a rectangular plate, the radius of a round one.
+
+    A plate has a width only where it is rectangular; b of a wheel is its width.
+    """
+    rectangular = np.nan_to_num(conditions.width) > 0.0
+    return np.where(conditions.plate & ~rectangular, 0.5 * conditions.diameter, conditions.width)
+
+
+class Constant(NamedTuple):
+    """A constant of a law as it is published. unit: with n and m as letters."""
+
+    name: str
+    unit: str
+
+
+class PlateLaw(NamedTuple):
+    """One law of size.
+
+    names: of the published constants; constants: these, from (K, reference size, n, s), with
+    K = p_ref / z_ref^n in Pa/m^n. size: D or b of each row. factor: g of (rho, n, s). tied_to_n: s at
+    which size has no influence, over n.
+    """
+
+    id: Literal["meirion_griffith_spenko", "bekker", "reece"]
+    name: str
+    formula: str
+    source: str
+    names: tuple[Constant, ...]
+    size: Callable[[Conditions], Array]
+    factor: Callable[[Array, Array | float, Array | float], Array]
+    constants: Callable[[float, float, float, float], tuple[float, ...]]
+    tied_to_n: float = 0.0
+
+    def modulus(self, log_pressure: float, n: float) -> float:
+        """K = p_ref / z_ref^n, Pa/m^n, from ln p_ref (Pa)."""
+        return float(np.exp(log_pressure - n * np.log(REFERENCE_SINKAGE)))
+
+    def sinkage(
+        self, conditions: Conditions, reference: float, log_pressure: float, n: float, s: float
+    ) -> Array:
+        """Sinkage (m) of each plate under its load, shape (rows,). reference: of the size, m."""
+        pressure = conditions.load / plate_area(conditions.diameter)
+        g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
+        return np.asarray(REFERENCE_SINKAGE * (pressure / (np.exp(log_pressure) * g)) ** (1.0 / n))
+
+
+LAWS: tuple[PlateLaw, ...] = (
+    PlateLaw(
+        "meirion_griffith_spenko",
+        "Meirion-Griffith & Spenko",
+        "p = k z^n D^m",
+        "Meirion-Griffith and Spenko 2011, eq. 9",
+        (Constant("k", "Pa/m^(n+m)"), Constant("n", "1"), Constant("m", "1")),
+        lambda conditions: conditions.diameter,
+        lambda rho, n, s: np.asarray(rho**s),
+        lambda modulus, size, n, s: (modulus * size**-s, n, s),
+    ),
+    PlateLaw(
+        "bekker",
+        "Bekker",
+        "p = (kc/b + kphi) z^n",
+        "Bekker 1969; Wong 2008, chapter 2",
+        (Constant("kc", "Pa/m^(n-1)"), Constant("kphi", "Pa/m^n"), Constant("n", "1")),
+        smaller_dimension,
+        lambda rho, n, s: np.asarray(1.0 - s + s / rho),
+        lambda modulus, size, n, s: (modulus * s * size, modulus * (1.0 - s), n),
+    ),
+    PlateLaw(
+        "reece",
+        "Reece",
+        "p = (c kc' + gamma kphi' b) (z/b)^n",
+        "Reece 1965; Wong 2008, chapter 2",
+        (Constant("c kc'", "Pa"), Constant("gamma kphi'", "Pa/m"), Constant("n", "1")),
+        smaller_dimension,
+        lambda rho, n, s: np.asarray((1.0 - s + s * rho) * rho ** -np.asarray(n)),
+        lambda modulus, size, n, s: (
+            modulus * (1.0 - s) * size**n,
+            modulus * s * size ** (n - 1.0),
+            n,
+        ),
+        tied_to_n=1.0,
+    ),
+)

@@ -1,0 +1,30 @@
+"""Shear of soil: stress over displacement at one normal stress, and strength over normal stress."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def shear_strength(normal_stress: ArrayLike, cohesion: ArrayLike, friction: ArrayLike) -> Array:
+    """tau_max = c + sigma tan(phi), Pa (Mohr and Coulomb). friction: tan(phi)."""
+    return np.asarray(np.asarray(cohesion) + np.asarray(normal_stress) * np.asarray(friction))
+
+
+def rising_share(displacement: ArrayLike, modulus: float) -> Array:
+    """tau / tau_max = 1 - exp(-j / K) (Janosi and Hanamoto 1961). displacement: j >= 0, modulus: K, m."""
+    return np.asarray(-np.expm1(-np.asarray(displacement, dtype=float) / modulus))
+
+
+def peaked_share(displacement: ArrayLike, modulus: float, residual: float) -> Array:
+    """tau / tau_max of a soil whose strength peaks and falls to a residual one.
+
+    tau / tau_max = K_r {1 + [1 / (K_r (1 - 1/e)) - 1] exp(1 - j / K_w)} [1 - exp(-j / K_w)]
+    (Wong and Preston-Thomas 1983; Wong 2008, chapter 2). modulus: K_w, displacement near the peak, m;
+    residual: K_r, residual over peak strength, 0 .. 1.
+    """
+    x = np.asarray(displacement, dtype=float) / modulus
+    hump = 1.0 / (residual * (1.0 - np.exp(-1.0))) - 1.0
+    return np.asarray(residual * (1.0 + hump * np.exp(1.0 - x)) * -np.expm1(-x))
