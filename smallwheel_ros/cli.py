@@ -25,7 +25,7 @@ COMMANDS = {
         "commands.physics:predict",
         "Sinkage, resistance and drawbar pull of a wheel on a soil.",
     ),
-    "compare": ("commands.bench_compare:compare", "Models against measurements, side by side."),
+    "compare": ("commands.bench:compare", "Models against measurements, side by side."),
     "diagnose": ("commands.bench:diagnose", "Find which physical effect a model is missing."),
     "fit": (
         "commands.bench:fit",

@@ -1,20 +1,22 @@
 """A model of wheel and soil: soils, a geometry rule, and effects, composed with `+`.
 
-model = Model(soil("dry_sand")) + SlipSinkage(a=1.2)
+model = Model("dry_sand") + SlipSinkage(a=1.2)
 prediction = predict(model, Conditions.of(load=60, diameter=0.2, width=0.1, slip=0.3))
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, cast, get_args
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, WheelState
-from smallwheel_ros.effects.registry import known_physics
+from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
@@ -26,9 +28,13 @@ from smallwheel_ros.physics.sinkage import (
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.physics.soil import Soil, effective_modulus, nearest
+from smallwheel_ros.physics.soil import Soil, effective_modulus, nearest, soil
 from smallwheel_ros.physics.traction import ThrustForm, compaction_resistance, thrust
+from smallwheel_ros.results import Result, Writer
 from smallwheel_ros.stages import Stages, guarded
+
+if TYPE_CHECKING:
+    from smallwheel_ros.model_file import CalibratedModel
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
@@ -40,12 +46,15 @@ class ModelError(SmallwheelError):
     """A model that cannot predict these conditions."""
 
 
-@dataclass(frozen=True)
-class Model:
+@dataclass(frozen=True, repr=False)
+class Model(Result):
     """Soils, geometry rule and effects in the order in which they act.
 
     With one soil, it holds for every row; with several, a row's `soil` picks by name. An effect
-    that is a geometry rule (`contact_geometry`) becomes the model's geometry.
+    that is a geometry rule (`contact_geometry`) becomes the model's geometry. Soils may be named:
+
+    >>> Model("dry_sand") + "slip_sinkage"
+    <Model: dry_sand, contact integral, with slip sinkage>
     """
 
     soils: tuple[Soil, ...]
@@ -55,25 +64,81 @@ class Model:
 
     def __init__(
         self,
-        soils: Soil | Sequence[Soil],
+        soils: Soil | str | Sequence[Soil | str],
         geometry: Geometry = "contact_integral",
-        effects: Sequence[Effect] = (),
+        effects: Sequence[Effect | type[Effect] | str] = (),
         thrust_form: ThrustForm = "integrated",
     ) -> None:
-        for effect in effects:
+        given = (
+            tuple(soils) if isinstance(soils, Iterable) and not isinstance(soils, str) else (soils,)
+        )
+        taken = tuple(soil(one) if isinstance(one, str) else one for one in given)
+        for one in taken:
+            if not isinstance(one, Soil):
+                raise ModelError(f"soils: found {type(one).__name__}, expected a soil or its name")
+        made = tuple(map(as_effect, effects))
+        for effect in made:
             if effect.geometry:
                 geometry = cast(Geometry, effect.geometry)
         _check_choice("geometry", geometry, GEOMETRIES)
         _check_choice("thrust form", thrust_form, get_args(ThrustForm))
-        object.__setattr__(self, "soils", (soils,) if isinstance(soils, Soil) else tuple(soils))
+        object.__setattr__(self, "soils", taken)
         object.__setattr__(self, "geometry", geometry)
-        object.__setattr__(self, "effects", tuple(e for e in effects if not e.geometry))
+        object.__setattr__(self, "effects", tuple(e for e in made if not e.geometry))
         object.__setattr__(self, "thrust_form", thrust_form)
         if not self.soils:
             raise ModelError("a model needs at least one soil")
 
-    def __add__(self, effect: Effect) -> Model:
-        return replace(self, effects=(*self.effects, effect))
+    def __add__(self, effect: Effect | type[Effect] | str) -> Model:
+        """The model with one more effect, given as such, as its class or by its id."""
+        effects = (*self.effects, as_effect(effect))
+        return Model(self.soils, self.geometry, effects, self.thrust_form)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], effects: Registry | None = None) -> CalibratedModel:
+        """Read a model file, with what it says of its own uncertainty.
+
+        effects: those of your own that the file names (`smallwheel_ros.effects.load`). Raises
+        ModelFileError naming file, key, what was found and what was expected.
+        """
+        from smallwheel_ros.model_file import read_model
+
+        return read_model(Path(path), effects)
+
+    from_file = load
+
+    def headline(self) -> str:
+        """Soils, geometry and effects."""
+        names = ", ".join(one.name for one in self.soils)
+        effects = " and ".join(effect.id.replace("_", " ") for effect in self.effects)
+        rule = self.geometry.replace("_", " ")
+        return f"{names}, {rule}" + (f", with {effects}" if effects else "")
+
+    def text(self) -> str:
+        """The model file's text."""
+        from smallwheel_ros.model_file import model_text
+
+        return model_text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a model file holds."""
+        from smallwheel_ros.model_file import model_document
+
+        return model_document(self)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Soils' and effects' numbers, with standard deviations where they are known."""
+        from smallwheel_ros.model_file import model_rows
+
+        return model_rows(self)
+
+    def _writers(self) -> dict[str, Writer]:
+        def write(path: Path) -> None:
+            from smallwheel_ros.model_file import write_model
+
+            write_model(path, self)
+
+        return {".yaml": write, ".yml": write}
 
     @property
     def contact_rule(self) -> str:

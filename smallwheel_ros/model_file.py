@@ -8,7 +8,6 @@ one never runs code, so an effect that is not installed must be given beforehand
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.effects.registry import Families, effect_class
+from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.output import write_bytes
@@ -46,6 +45,7 @@ SOIL_PARAMETERS = (
     "log_shear_displacement",
 )
 _SOIL_NUMBERS = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
+_SOIL_UNITS = ("Pa/m^(n+m)", "1", "1", "Pa", "rad", "m")
 _HEAD = """\
 # A model of wheel and soil for smallwheel. Units are SI; angles in rad.
 # k in Pa/m^(n+m): pressure p = k z^n D^m. cohesion in Pa, shear_displacement in m.
@@ -58,8 +58,7 @@ class ModelFileError(SmallwheelError):
     """A model file that cannot be read."""
 
 
-@dataclass(frozen=True)
-class CalibratedModel:
+class CalibratedModel(Model):
     """A model with how well its parameters are known, and where they came from.
 
     names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
@@ -68,10 +67,32 @@ class CalibratedModel:
     provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
     """
 
-    model: Model
-    names: tuple[str, ...] = ()
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    names: tuple[str, ...]
+    covariance: Array
+    provenance: Mapping[str, Any]
+
+    def __init__(
+        self,
+        model: Model,
+        names: tuple[str, ...] = (),
+        covariance: Array | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(model.soils, model.geometry, model.effects, model.thrust_form)
+        object.__setattr__(self, "names", names)
+        object.__setattr__(
+            self, "covariance", np.zeros((0, 0)) if covariance is None else covariance
+        )
+        object.__setattr__(self, "provenance", provenance or {})
+
+    @property
+    def model(self) -> Model:
+        """The numbers alone."""
+        return Model(self.soils, self.geometry, self.effects, self.thrust_form)
+
+    def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
+        """The model with one more effect, of whose numbers nothing is known yet."""
+        return CalibratedModel(self.model + effect, self.names, self.covariance, self.provenance)
 
     def standard_deviation(self, name: str) -> float | None:
         """Standard deviation of a parameter, None where it is not known."""
@@ -81,14 +102,47 @@ class CalibratedModel:
         return float(np.sqrt(self.covariance[at, at]))
 
 
-def write_model(path: str | Path, calibrated: CalibratedModel) -> None:
+def as_calibrated(model: Model) -> CalibratedModel:
+    """The model itself, or where nothing is said of its uncertainty, with that."""
+    return model if isinstance(model, CalibratedModel) else CalibratedModel(model)
+
+
+def write_model(path: str | Path, model: Model) -> None:
     """Write a model file, whole or not at all. Raises OutputError where that is not possible."""
-    text = _HEAD + write_yaml(_document(calibrated))
-    write_bytes(path, text.encode())
+    write_bytes(path, model_text(model).encode())
 
 
-def _document(calibrated: CalibratedModel) -> dict[str, Any]:
-    model = calibrated.model
+def model_text(model: Model) -> str:
+    """What a model file holds, for people."""
+    return _HEAD + write_yaml(model_document(model))
+
+
+def model_rows(model: Model) -> list[dict[str, Any]]:
+    """Numbers of soils and effects, and the standard deviations of those that were fitted."""
+    calibrated, units = as_calibrated(model), dict(zip(_SOIL_NUMBERS, _SOIL_UNITS, strict=True))
+    found = [
+        (s.name, n, float(getattr(s, n)), units[n]) for s in model.soils for n in _SOIL_NUMBERS
+    ]
+    found += [
+        (effect.id, p.name, float(getattr(effect, p.name)), p.unit)
+        for effect in model.effects
+        for p in effect.parameters()
+    ]
+    return [
+        {
+            "of": owner,
+            "parameter": name,
+            "value": value,
+            "std": calibrated.standard_deviation(f"{owner}.{name}"),
+            "unit": unit,
+        }
+        for owner, name, value, unit in found
+    ]
+
+
+def model_document(model: Model) -> dict[str, Any]:
+    """The model as plain values."""
+    calibrated = as_calibrated(model)
     document: dict[str, Any] = {
         "smallwheel_model": VERSION,
         "geometry": model.geometry,
@@ -137,9 +191,9 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
 class _Reader:
     """Takes a parsed document apart; every complaint names file and key."""
 
-    def __init__(self, path: Path, user: Families | None) -> None:
+    def __init__(self, path: Path, effects: Registry) -> None:
         self.path = path
-        self.user = user
+        self.effects = effects
 
     def fail(self, key: str, found: object, expected: str) -> ModelFileError:
         shown = "nothing" if found is None else repr(found)
@@ -190,7 +244,7 @@ class _Reader:
         if not isinstance(entry.get("id"), str):
             raise self.fail(f"{key}.id", entry.get("id"), "the id of an effect")
         try:
-            kind = effect_class(entry["id"], entry.get("form"), self.user)
+            kind = self.effects.form(entry["id"], entry.get("form"))
         except EffectError as error:
             raise ModelFileError(
                 f"{self.path}: {key}: {error}. An effect of your own is given with --effects FILE"
@@ -263,14 +317,14 @@ def _is_covariance(matrix: Array) -> bool:
     return bool(np.linalg.eigvalsh(correlation).min(initial=0.0) >= -1e-9)
 
 
-def read_model(path: str | Path, user: Families | None = None) -> CalibratedModel:
+def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedModel:
     """Read a model file.
 
-    user: effects of your own beside those of the package (`registry.load_effects`).
+    effects: all that it may name; those of the package and of installed ones if not given.
     Raises ModelFileError naming file, key, what was found and what was expected.
     """
     file = Path(path)
-    reader = _Reader(file, user)
+    reader = _Reader(file, effects or default_registry())
     try:
         document = read_yaml(file)
     except PlainYamlError as error:
@@ -289,12 +343,12 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
     for at, kind in enumerate(soils):
         if any(other.name == kind.name for other in soils[:at]):
             raise ModelFileError(f"{file}: soils[{at}]: soil '{kind.name}' is there twice")
-    effects = [
+    acting = [
         reader.effect(f"effects[{i}]", entry)
         for i, entry in enumerate(reader.listing("effects", document.get("effects") or []))
     ]
-    for at, one in enumerate(effects):
-        if any(other.id == one.id for other in effects[:at]):
+    for at, one in enumerate(acting):
+        if any(other.id == one.id for other in acting[:at]):
             raise ModelFileError(f"{file}: effects[{at}]: effect '{one.id}' is there twice")
     geometry: Geometry = reader.choice(  # type: ignore[assignment]  # checked against its values
         "geometry", document.get("geometry", "contact_integral"), get_args(Geometry)
@@ -306,8 +360,8 @@ def read_model(path: str | Path, user: Families | None = None) -> CalibratedMode
     covariance: Array = np.zeros((0, 0))
     if document.get("covariance") is not None:
         names, covariance = reader.covariance(
-            document["covariance"], parameter_names(soils, effects)
+            document["covariance"], parameter_names(soils, acting)
         )
     provenance = reader.mapping("provenance", document.get("provenance") or {})
-    model = Model(soils, geometry, effects, thrust_form)
+    model = Model(soils, geometry, acting, thrust_form)
     return CalibratedModel(model, names, covariance, provenance)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from smallwheel_ros.display import words
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
@@ -18,7 +19,12 @@ from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, nearest
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.tables import text_table
 from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_with_uncertainty
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -32,8 +38,17 @@ class PredictionError(SmallwheelError):
     """Settings that cannot be predicted."""
 
 
-@dataclass(frozen=True)
-class PredictionTable:
+_SHOWN = {
+    "sinkage": ("sinkage [mm]", 1e3),
+    "compaction_resistance": ("compaction resistance [N]", 1.0),
+    "resistance": ("resistance [N]", 1.0),
+    "thrust": ("thrust [N]", 1.0),
+    "drawbar_pull": ("drawbar pull [N]", 1.0),
+}
+
+
+@dataclass(frozen=True, repr=False)
+class PredictionTable(Result):
     """Settings by name and what the model says of each combination; arrays of shape (rows,), SI.
 
     notes: what the numbers rest on that nobody measured.
@@ -44,8 +59,59 @@ class PredictionTable:
     result: UncertainPrediction
     notes: tuple[str, ...] = ()
 
-    def document(self) -> dict[str, Any]:
-        """The table as JSON knows it: one mapping a row; null where the wheel is sunk."""
+    def headline(self) -> str:
+        """The quantities of one setting, or how many settings there are."""
+        rows = self.rows()
+        if len(rows) > 1:
+            return f"{len(rows)} settings of {', '.join(self.varied)}"
+        (row,) = rows
+        if row["status"] == SUNK:
+            return SUNK
+        shown = [q for q in ("sinkage", "resistance", "drawbar_pull") if q in row]
+        return ", ".join(
+            f"{words(q)} {_cell(row, q)} {_SHOWN[q][0][-3:].strip('[ ]')}" for q in shown
+        )
+
+    def text(self) -> str:
+        """As `smallwheel predict` prints it."""
+        rows = self.rows()
+        shown = [q for q in _SHOWN if q in rows[0]]
+        units = {name: unit_of(name) for name in self.settings}
+        named = [f"{name} [{u}]" if u not in ("", "1") else name for name, u in units.items()]
+        header = [*named, *(_SHOWN[q][0] for q in shown), "status"]
+        body = [
+            [
+                *(f"{row[name]:g}" for name in self.settings),
+                *(_cell(row, q) for q in shown),
+                "sunk to the axle" if row["status"] == SUNK else "ok",
+            ]
+            for row in rows
+        ]
+        return "\n\n".join([text_table(header, body), *(f"note: {note}" for note in self.notes)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel predict --json` writes it: one mapping a row; null where the wheel is sunk."""
+        return {"schema": 1, "rows": self.rows(), "notes": list(self.notes)}
+
+    def plot(self, ax: Axes | None = None, quantity: str = "sinkage") -> Axes:
+        """Draw a quantity over the setting of most values, a curve for each combination of the others.
+
+        quantity: sinkage, resistance, drawbar_pull, thrust or compaction_resistance.
+        """
+        from smallwheel_ros.pictures.physics import draw_prediction
+
+        if getattr(self.result.prediction, quantity, None) is None:
+            known = [q for q in _SHOWN if getattr(self.result.prediction, q) is not None]
+            raise PredictionError(f"no '{quantity}' was predicted: {nearest(quantity, known)}")
+        axes = axes_or_new(ax)
+        draw_prediction(axes, self, quantity, *_SHOWN[quantity])
+        return axes
+
+    def _writers(self) -> dict[str, Writer]:
+        return picture_writers(self.plot)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One mapping a row; None where the wheel is sunk."""
         prediction = self.result.prediction
         rows = []
         for i in range(prediction.sinkage.size):
@@ -61,7 +127,17 @@ class PredictionTable:
                     row[f"{quantity}_std"] = None if sunk else float(deviation[i])
             row["status"] = SUNK if sunk else "ok"
             rows.append(row)
-        return {"schema": 1, "rows": rows, "notes": list(self.notes)}
+        return rows
+
+
+def _cell(row: Mapping[str, Any], quantity: str) -> str:
+    """A quantity as it is shown, with four digits whatever the size of the wheel."""
+    value, std, factor = row[quantity], row.get(f"{quantity}_std"), _SHOWN[quantity][1]
+    if value is None:
+        return "-"
+    shown = value * factor
+    text = f"{shown:#.4g}".rstrip(".") if abs(shown) < 1e5 else f"{shown:.4g}"
+    return text if std is None else f"{text} +- {std * factor:.2g}"
 
 
 def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
@@ -111,7 +187,7 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
     usual = usual_strength(soil)
     c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
     found = []
-    for name, words, known, derivative, unit, factor, default in (
+    for name, called, known, derivative, unit, factor, default in (
         ("cohesion", "cohesion", c, 1.0, "Pa", 1.0, Soil.cohesion),
         ("friction_angle", "friction angle", phi, 1.0, "deg", 180 / math.pi, Soil.friction_angle),
         (
@@ -122,7 +198,7 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
         if f"{soil.name}.{name}" not in names:
             variance = (derivative * known.standard_deviation) ** 2
             value, deviation = factor * known.value, factor * known.standard_deviation
-            found.append(_Assumed(name, variance, words, value, deviation, unit, factor * default))
+            found.append(_Assumed(name, variance, called, value, deviation, unit, factor * default))
     return found
 
 

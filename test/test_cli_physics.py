@@ -147,7 +147,7 @@ def test_predict_from_a_model_file(tmp_path: Path) -> None:
         (("--soil", "dry_sand", "--load", "1 9⁹⁹⁹⁹ N"), "unknown unit '9⁹⁹⁹⁹ N'"),
         (("--soil", "dry_sand", "--set", "speed"), "--set speed: expected NAME=VALUE"),
         (("--soil", "dry_sand", "--set", "load=3"), "expected NAME=VALUE with a new NAME"),
-        (("--soil", "dry_sand", "--set", "slope=5 mm"), "--set slope: unit 'mm' is a length"),
+        (("--soil", "dry_sand", "--set", "slope=5 mm"), "slope: unit 'mm' is a length"),
         (("--soil", "dry_sand", "--plot", "/nowhere/x.png"), "the folder /nowhere does not exist"),
         (("--soil", "dry_sand", "--plot", "x.nonsense"), "cannot be drawn"),
         (("--model", "/nowhere/m.yaml"), "/nowhere/m.yaml: cannot be read"),

@@ -15,7 +15,6 @@ from smallwheel_ros.diagnosis import Base, add_effect, base_of, diagnose
 from smallwheel_ros.effects.base import Array, Effect, EffectError, parameter
 from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.fitting import fit_model
-from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -243,7 +242,7 @@ def real_rig(shared_data: Path) -> tuple[Measurements, Base]:
     whole = read_measurements(folder / "indentation.csv")
     pressed = whole.take(whole.conditions.contact == "pressed")
     rolling = read_measurements(folder / "rolling_smooth_wheel.csv")
-    return rolling, base_of(calibrated(fit_model(pressed), pressed), rolling)
+    return rolling, base_of(fit_model(pressed).model, rolling)
 
 
 def test_the_real_wheel_at_slip_angle_none(real_rig: tuple[Measurements, Base]) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base, FittingError, fit_model
-from smallwheel_ros.fitting.files import calibrated, soil_priors
+from smallwheel_ros.fitting.files import soil_priors
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.fitting.predictor import Predictor
@@ -131,7 +132,7 @@ def test_slopes_agree_with_small_differences(tmp_path: Path) -> None:
 def test_a_model_file_holds_the_fit_and_is_no_second_evidence(tmp_path: Path) -> None:
     measurements = table(tmp_path, simulate_rig(RigSettings(seed=2010)).table)
     fit = fit_model(measurements)
-    write_model(tmp_path / "m.yaml", calibrated(fit, measurements, {"sinkage": 0.001}))
+    write_model(tmp_path / "m.yaml", replace(fit, held_out={"sinkage": 0.001}).model)
     known = read_model(tmp_path / "m.yaml")
     assert known.model.soils[0].n == pytest.approx(fit.model.soils[0].n)
     assert known.standard_deviation("rig_soil.n") == pytest.approx(np.sqrt(fit.covariance[1, 1]))
@@ -148,7 +149,7 @@ def test_a_model_file_holds_how_well_the_strength_was_measured(
     channels = ("sinkage", "drawbar_pull") if pulled else ("sinkage",)
     measurements = table(tmp_path, simulate_rig(RigSettings(seed=2010, channels=channels)).table)
     fit = fit_model(measurements)
-    write_model(tmp_path / "m.yaml", calibrated(fit, measurements))
+    write_model(tmp_path / "m.yaml", fit.model)
     known = read_model(tmp_path / "m.yaml")
     settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
     found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})
@@ -168,7 +169,7 @@ def test_a_strength_at_its_bound_is_not_known_exactly(tmp_path: Path) -> None:
     measurements = table(tmp_path, frame)
     fit = fit_model(measurements)
     assert any(p.name == "cohesion" and p.status == "at its bound" for p in fit.parameters)
-    known = calibrated(fit, measurements)
+    known = fit.model
     assert known.standard_deviation("rig_soil.cohesion") is None
     settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
     found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})

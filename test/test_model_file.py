@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
-from smallwheel_ros.effects.registry import covariate, effect, families, load_effects
+from smallwheel_ros.effects.registry import covariate, effect, families, load
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, ModelFileError, read_model, write_model
 from smallwheel_ros.output import OutputError
@@ -124,7 +123,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(
     path = tmp_path / "model.yaml"
     write_model(path, calibrated)
     before = path.read_bytes()
-    broken = replace(calibrated, provenance={"what": object()})
+    broken = CalibratedModel(calibrated.model, provenance={"what": object()})
     with pytest.raises(yaml.YAMLError):
         write_model(path, broken)
     assert path.read_bytes() == before
@@ -231,8 +230,8 @@ def test_a_users_effect_must_be_given(tmp_path: Path) -> None:
         "    def sinkage(self, sinkage, conditions):\n"
         "        return sinkage * (1 + self.a)\n"
     )
-    user = load_effects(own)
-    made = CalibratedModel(Model(SOILS["dry_sand"]) + user["own"][0](a=0.5))
+    user = load(own)
+    made = CalibratedModel(Model(SOILS["dry_sand"]) + user["own"](a=0.5))
     write_model(tmp_path / "model.yaml", made)
     assert read_model(tmp_path / "model.yaml", user).model == made.model
     with pytest.raises(ModelFileError, match="own is given with --effects FILE"):

@@ -69,7 +69,7 @@ def test_table_is_the_models_prediction() -> None:
     }
     table = predict_table(CalibratedModel(model), settings)
     assert table.varied == ("load", "slip")
-    rows = table.document()["rows"]
+    rows = table.rows()
     assert [(r["load"], r["slip"]) for r in rows] == [
         (20, 0.1), (20, 0.3), (20, 0.5), (60, 0.1), (60, 0.3), (60, 0.5),
     ]  # fmt: skip
@@ -89,7 +89,7 @@ def test_a_sunk_wheel_has_no_numbers() -> None:
     calibrated = CalibratedModel(
         Model(soil("calcium_silicate")), ("calcium_silicate.n",), np.array([[1e-4]])
     )
-    rows = predict_table(calibrated, settings).document()["rows"]
+    rows = predict_table(calibrated, settings).rows()
     assert rows[0]["sinkage"] > 0
     assert rows[0]["sinkage_std"] > 0
     assert rows[1]["status"] == "immobilised: sunk to the axle"
@@ -132,7 +132,7 @@ def test_every_wheel_that_is_not_refused_has_finite_numbers_or_is_sunk() -> None
     }
     for name in SOILS:
         table = predict_table(CalibratedModel(Model(soil(name))), corners)
-        for row in table.document()["rows"]:
+        for row in table.rows():
             known = [row[q] for q in ("sinkage", "resistance", "thrust", "drawbar_pull")]
             assert row["status"] != "ok" or np.isfinite(known).all(), row
 
@@ -146,7 +146,7 @@ def test_a_setting_is_predicted_just_where_a_table_may_have_it(name: str, value:
     settings = {"load": 60.0, "diameter": 0.2, "width": 0.1} | {name: value}
     columns = {one: np.array([number]) for one, number in settings.items()}
     if spec.low <= value <= spec.high:
-        rows = predict_table(CalibratedModel(Model(soil("dry_sand"))), columns).document()["rows"]
+        rows = predict_table(CalibratedModel(Model(soil("dry_sand"))), columns).rows()
         assert rows[0]["status"] != "ok" or np.isfinite(rows[0]["sinkage"])
     elif not spec.low * 0.9 <= value <= spec.high * 1.1:
         with pytest.raises(PredictionError, match=f"{name} is "):
@@ -170,7 +170,7 @@ def test_a_strength_that_nobody_measured_is_said_and_makes_thrust_uncertain() ->
     table = predict_table(known, ROLLING)
     (note,) = table.notes
     assert note.startswith("strength without a deviation in the model: thrust and drawbar pull")
-    (row,) = table.document()["rows"]
+    (row,) = table.rows()
     usual = usual_strength(sand)
     rng = np.random.default_rng(0)
     scale = usual.shear_displacement.standard_deviation / usual.shear_displacement.value
@@ -190,7 +190,7 @@ def test_a_strength_that_nobody_measured_is_said_and_makes_thrust_uncertain() ->
     # The law is as well known as before.
     law = predict_table(known, {k: v for k, v in ROLLING.items() if k != "slip"})
     assert law.notes == ()
-    assert row["sinkage_std"] == pytest.approx(law.document()["rows"][0]["sinkage_std"], rel=1e-9)
+    assert row["sinkage_std"] == pytest.approx(law.rows()[0]["sinkage_std"], rel=1e-9)
 
 
 def test_the_note_names_defaults_and_only_what_is_not_known() -> None:
@@ -199,17 +199,17 @@ def test_the_note_names_defaults_and_only_what_is_not_known() -> None:
     found = predict_table(CalibratedModel(Model(plain), LAW, variances), ROLLING)
     assert found.notes[0].startswith(note)
     assert "friction angle (30 +- 5.7 deg)" in found.notes[0]
-    assert found.document()["notes"] == list(found.notes)
+    assert found.to_dict()["notes"] == list(found.notes)
     # Without any covariance there is no deviation to be wrong, but the value is a default still.
     bare = predict_table(CalibratedModel(Model(plain)), ROLLING)
     assert bare.notes[0].startswith(note)
     assert "+-" not in bare.notes[0]
-    assert "thrust_std" not in bare.document()["rows"][0]
+    assert "thrust_std" not in bare.rows()[0]
     assert predict_table(CalibratedModel(Model(soil("dry_sand"))), ROLLING).notes == ()
     # A covariance that has the strength is taken as it is.
     full = CalibratedModel(Model(plain), (*LAW, *STRENGTH), np.diag([1e-4, 1e-4, 1.0, 1e-6, 1e-6]))
     measured = predict_table(full, ROLLING)
     assert measured.notes == ()
-    assert measured.document()["rows"][0]["thrust_std"] < 0.1
+    assert measured.rows()[0]["thrust_std"] < 0.1
     part = CalibratedModel(Model(plain), (*LAW, *STRENGTH[:2]), np.diag([1e-4, 1e-4, 1.0, 1e-6]))
     assert predict_table(part, ROLLING).notes[0].startswith("shear displacement without")

@@ -10,18 +10,27 @@ import webbrowser
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
-from smallwheel_ros.commands.inputs import data_options, read_inputs, without_ids
+from smallwheel_ros import api
+from smallwheel_ros.commands.inputs import (
+    DATA,
+    MODEL,
+    OWN,
+    WITHOUT,
+    names_of,
+    progress_of_steps,
+    read_table,
+    table_options,
+)
 from smallwheel_ros.explore import ExploreServer, Session
-
-_STEPS = 5  # that a diagnosis tells of
 
 
 @click.command("explore", short_help="Set and unset effects in a page, see the error at once.")
-@data_options
-@click.option("--without", default="", metavar="ID,ID",
-              help="Effects that do not compete, by id.")  # fmt: skip
+@DATA
+@MODEL
+@OWN
+@table_options
+@WITHOUT
 @click.option("--port", type=click.IntRange(0, 65535), default=0,
               help="Port of the page; any that is free if not given.")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
@@ -40,15 +49,10 @@ def explore(
     The data is diagnosed once. Then set and unset effects: the model is fitted anew, and the page
     shows its parameters, its held-out error beside the noise floor, and what is left over a setting.
     """
-    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
-    out = without_ids(without, registry)
-    with tqdm(total=_STEPS, desc="diagnosing", disable=None, leave=False) as bar:
-
-        def progress(step: str) -> None:
-            bar.set_description(step)
-            bar.update()
-
-        session = Session(measurements, base, registry, out, progress)
+    measurements = read_table(data, diameter, width)
+    start = api.start_of(measurements, model_file, own, names_of(without))
+    with progress_of_steps("diagnosing") as progress:
+        session = Session(*start, progress)
     with ExploreServer(session, port) as server:
         # A shell starts what runs in the background deaf to Ctrl-C.
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,124 +1,113 @@
-"""What the bench's commands read before they begin: measurements, a model, effects of one's own."""
+"""What the bench's commands have in common: options, the table, progress, and how a result is shown."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from tqdm import tqdm
 
-from smallwheel_ros.diagnosis.settings import SETTINGS
-from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
+from smallwheel_ros import api
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting import Base
-from smallwheel_ros.fitting.files import base_of
-from smallwheel_ros.measurements.columns import TEXTS
-from smallwheel_ros.measurements.table import Measurements, read_measurements
-from smallwheel_ros.model_file import read_model
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.results import Result
+from smallwheel_ros.tables import write_json
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+_PATH = click.Path(path_type=Path)
+_STEPS = 5  # that a diagnosis tells of
+
+DATA = click.argument("data", type=_PATH)
+JSON = click.option("--json", "json_file", metavar="FILE",
+                    help="Write the result as JSON, - for standard output.")  # fmt: skip
+HTML = click.option("--html", type=_PATH, metavar="FILE", help="Write a self-contained report.")
+OWN = click.option("--effects", "own", type=_PATH, metavar="FILE",
+                   help="A Python file with effects of your own. It is run: name only files that "
+                   "you trust.")  # fmt: skip
+WITHOUT = click.option("--without", default="", metavar="ID,ID",
+                       help="Effects that do not compete, by id; `unknown` for curves without a "
+                       "name.")  # fmt: skip
+MODEL = click.option("--model", "model_file", type=_PATH, metavar="FILE",
+                     help="Start from this model file; its soil is refitted within its "
+                     "covariance.")  # fmt: skip
 
 
-class ColumnError(SmallwheelError):
-    """An effect of a column that the table does not have as a free one."""
+class BenchError(SmallwheelError):
+    """Options that do not go together, or do not fit the table."""
 
 
-def data_options(command: _Command) -> _Command:
-    """Add the argument DATA and the options --model, --effects, --diameter and --width."""
-    path = click.Path(path_type=Path)
+def table_options(command: _Command) -> _Command:
+    """Add the options that say how a table is read."""
     for add in (
         click.option("--width", type=float, help="Wheel width [m] for all rows."),
         click.option("--diameter", type=float, help="Wheel diameter [m] for all rows."),
-        click.option("--effects", "own", type=path, metavar="FILE",
-                     help="A Python file with effects of your own. It is run: name only files that "
-                     "you trust."),
-        click.option("--model", "model_file", type=path, metavar="FILE",
-                     help="Start from this model file; its soil is refitted within its "
-                     "covariance."),
-        click.argument("data", type=path),
-    ):  # fmt: skip
+    ):
         command = add(command)
     return command
 
 
-def read_inputs(
-    data: Path,
-    model_file: Path | None,
-    own: Path | None,
-    diameter: float | None,
-    width: float | None,
-) -> tuple[Measurements, Base, Registry]:
-    """The table, with its warnings on standard error; what a diagnosis starts from; all effects."""
-    user = None if own is None else load_effects(own)
-    registry = default_registry()
-    if user is not None:
-        registry = registry.with_families(user, str(own))
-    measurements = read_measurements(data, diameter=diameter, width=width)
-    warn(measurements)
-    base = Base() if model_file is None else base_of(read_model(model_file, user), measurements)
-    return measurements, base, registry
-
-
-def warn(measurements: Measurements) -> None:
-    """Say the table's warnings on standard error."""
+def read_table(data: Path, diameter: float | None, width: float | None) -> Measurements:
+    """The table, with its warnings on standard error."""
+    measurements = api.read(data, diameter=diameter, width=width)
     for warning in measurements.warnings:
         click.echo(f"warning: {warning}", err=True)
+    return measurements
 
 
-def check_column(effect: str, measurements: Measurements, registry: Registry) -> None:
-    """Say why the NAME of `covariate:NAME` is no free column of the table, and what to do.
-
-    Any other effect passes. Raises ColumnError.
-    """
-    kind, _, name = effect.partition(":")
-    conditions = measurements.conditions
-    free = [column for column in conditions.covariates if column not in SETTINGS]
-    if kind != "covariate" or not name or name in free:
-        return
-    if name in ("load", "diameter", "width", *conditions.covariates):
-        follow = [
-            family
-            for family, forms in registry.families.items()
-            if any(name in form.drivers for form in forms)
-        ]
-        known = f" ({', '.join(follow)})" if follow else ""
-        why = (
-            f"'{name}' is a known setting, and those have effects of their own{known}: add one of "
-            f"them; `smallwheel fit --effects {effect}` fits a free law of it all the same"
-        )
-    elif name in measurements.channels:
-        why = f"'{name}' is what was measured, no setting"
-    elif name in measurements.labels or name in TEXTS:
-        why = f"'{name}' is text, expected a column of numbers"
-    elif free:
-        why = f"the table has no column '{name}' of numbers: {nearest(name, free)}"
-    else:
-        why = f"the table has no column '{name}' of numbers, nor any but the known settings"
-    raise ColumnError(f"effect '{effect}' cannot be added: {why}")
+def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) -> None:
+    """Write the result's JSON; print its text and what was written, unless JSON is printed."""
+    if json_file is not None:
+        write_json(json_file, result.to_dict())
+    if json_file != "-":
+        click.echo(str(result))
+        if written:
+            click.echo(f"written: {', '.join(str(path) for path in written)}")
 
 
-def without_ids(text: str, registry: Registry) -> tuple[str, ...]:
-    """The ids of --without. Raises EffectError for one that does not exist."""
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
-    for name in names:
-        if name != "unknown":
-            registry.family(name)
-    return names
+@contextmanager
+def progress_of_fits() -> Iterator[Callable[[int, int], None]]:
+    """A bar of fits that are done, on a terminal."""
+    with tqdm(desc="fitting", unit="fit", disable=None, leave=False) as bar:
+
+        def progress(done: int, needed: int) -> None:
+            bar.total = needed
+            bar.update(done - bar.n)
+
+        yield progress
 
 
-def limits(given: tuple[str, ...], measurements: Measurements) -> dict[str, list[float]]:
-    """Levels by setting of --can NAME=A..B or NAME=A,B,C. Raises ColumnError where one is neither."""
+@contextmanager
+def progress_of_steps(what: str) -> Iterator[Callable[[str], None]]:
+    """A bar of the steps of a diagnosis, on a terminal."""
+    with tqdm(total=_STEPS, desc=what, disable=None, leave=False) as bar:
+
+        def progress(step: str) -> None:
+            bar.set_description(step)
+            bar.update()
+
+        yield progress
+
+
+def names_of(text: str) -> list[str]:
+    """The names of a list with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def levels_of(given: tuple[str, ...], measurements: Measurements) -> dict[str, list[float]]:
+    """Levels by setting of --can NAME=A..B or NAME=A,B,C. Raises BenchError where one is neither."""
     found = {}
     known = ("load", "diameter", "width", *measurements.conditions.covariates)
     for text in given:
         name, _, levels = text.partition("=")
         name = name.strip()
         if name not in known:
-            raise ColumnError(f"--can {text}: the table has no setting '{name}': "
-                              f"{nearest(name, list(known))}")  # fmt: skip
+            raise BenchError(f"--can {text}: the table has no setting '{name}': "
+                             f"{nearest(name, list(known))}")  # fmt: skip
         low, dots, high = levels.partition("..")
         try:
             if dots:
@@ -129,7 +118,7 @@ def limits(given: tuple[str, ...], measurements: Measurements) -> dict[str, list
         except ValueError:
             values = [float("nan")]
         if not all(math.isfinite(v) for v in values) or (dots and values[0] > values[-1]):
-            raise ColumnError(
+            raise BenchError(
                 f"--can {text}: found '{levels}', expected numbers as in {name}=0..0.6 or "
                 f"{name}=20,40,60 (SI units)"
             )

@@ -7,18 +7,16 @@ from pathlib import Path
 import click
 import numpy as np
 
+from smallwheel_ros import api
+from smallwheel_ros.commands.inputs import show
 from smallwheel_ros.effect_curves import effect_curves
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families, forms, load_effects
-from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.model import Geometry, Model
-from smallwheel_ros.model_file import CalibratedModel, read_model
+from smallwheel_ros.model import Model
 from smallwheel_ros.output import check_folder_target, check_targets
 from smallwheel_ros.paper import paper_lines
-from smallwheel_ros.physics.soil import SOILS, soil
+from smallwheel_ros.physics.soil import SOILS
 from smallwheel_ros.pictures.physics import plot_effect, plot_paper, plot_prediction
-from smallwheel_ros.prediction import SUNK, on_one_soil, predict_table
-from smallwheel_ros.ranges import parse_range
 from smallwheel_ros.tables import sparkline, text_table, write_json
 
 _JSON = click.option(
@@ -30,14 +28,7 @@ _EFFECTS = click.option(
     type=click.Path(path_type=Path),
     help="A Python file with effects of your own. It is run: name only files that you trust.",
 )
-_OPTIONS = ("load", "diameter", "width", "slip")
-_SHOWN = {
-    "sinkage": ("sinkage [mm]", 1e3),
-    "compaction_resistance": ("compaction resistance [N]", 1.0),
-    "resistance": ("resistance [N]", 1.0),
-    "thrust": ("thrust [N]", 1.0),
-    "drawbar_pull": ("drawbar pull [N]", 1.0),
-}
+_TAKEN = ("model", "load", "diameter", "width", "slip", "soil", "effects")  # by options
 
 
 @click.command()
@@ -91,65 +82,28 @@ def predict(
     if model_file is not None and closed_form:
         raise click.UsageError("--closed-form goes with --soil: a model file says its geometry")
     check_targets([plot, json_file], [model_file, effects_file])
-    texts = {"load": load, "diameter": diameter, "width": width}
-    if slip is not None:
-        texts["slip"] = slip
+    given: dict[str, str] = {}
     for other in others:
         name, equals, value = other.partition("=")
-        if not equals or not name or name in texts:
+        if not equals or not name or name in given or name in _TAKEN:
             raise click.UsageError(f"--set {other}: expected NAME=VALUE with a new NAME")
-        texts[name] = value
-    settings = {
-        name: parse_range(
-            f"--{name}" if name in _OPTIONS else f"--set {name}", text, unit_of(name) or None
-        )
-        for name, text in texts.items()
-    }
-    if model_file is not None:
-        user = load_effects(effects_file) if effects_file else None
-        calibrated = on_one_soil(read_model(model_file, user), soil_name, str(model_file))
-    else:
-        geometry: Geometry = "closed_form" if closed_form else "contact_integral"
-        calibrated = CalibratedModel(Model(soil(str(soil_name)), geometry))
-    table = predict_table(calibrated, settings)
+        given[name] = value
+    model: Path | Model = model_file or Model(
+        str(soil_name), "closed_form" if closed_form else "contact_integral"
+    )
+    table = api.predict(
+        model,
+        load=load,
+        diameter=diameter,
+        width=width,
+        slip=slip,
+        soil=None if model_file is None else soil_name,
+        effects=effects_file,
+        **given,
+    )
     if plot is not None:
         plot_prediction(table, plot)
-    document = table.document()
-    if json_file is not None:
-        write_json(json_file, document)
-    if json_file != "-":
-        click.echo(_prediction_text(document["rows"], list(settings)))
-        for note in table.notes:
-            click.echo(f"\nnote: {note}")
-        if plot is not None:
-            click.echo(f"\nDrawn: {plot}")
-
-
-def _digits(value: float) -> str:
-    """Four significant digits, whatever the size of the wheel."""
-    return f"{value:#.4g}".rstrip(".") if abs(value) < 1e5 else f"{value:.4g}"
-
-
-def _prediction_text(rows: list[dict[str, float | str | None]], settings: list[str]) -> str:
-    shown = [q for q in _SHOWN if q in rows[0]]
-    units = {name: unit_of(name) for name in settings}
-    named = [f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in units.items()]
-    header = [*named, *(_SHOWN[q][0] for q in shown), "status"]
-    body = []
-    for row in rows:
-        cells = [f"{row[name]:g}" for name in settings]
-        for quantity in shown:
-            value, std = row[quantity], row.get(f"{quantity}_std")
-            factor = _SHOWN[quantity][1]
-            if not isinstance(value, float):
-                cells.append("-")
-            elif isinstance(std, float):
-                cells.append(f"{_digits(value * factor)} +- {std * factor:.2g}")
-            else:
-                cells.append(_digits(value * factor))
-        cells.append("sunk to the axle" if row["status"] == SUNK else "ok")
-        body.append(cells)
-    return text_table(header, body)
+    show(table, json_file, [] if plot is None else [plot])
 
 
 @click.command()

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,19 +24,25 @@ from smallwheel_ros.compare.results import (
     Reasons,
     results_of,
 )
+from smallwheel_ros.display import shown_value, words
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import CvErrors, Score, compare_cv, folds_of, rows_of
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.measurements.columns import Array, Mask
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.parts import Part, parts
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.tables import plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SUNK = "the wheel was measured deeper than its axle"
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
     """Models against the same measurements.
 
     noise: by channel. folds: how many parts the runs were dealt into for the held-out error, 0 where
@@ -90,6 +98,70 @@ class Comparison:
         of_best = errors.pop(best.contender.name)
         found = {name: compare_cv(of_best, e) for name, e in errors.items()}
         return {name: change for name, change in found.items() if channel in change.reduction}
+
+    def headline(self) -> str:
+        """The best model of each channel, and how far off it is."""
+        shown = []
+        for channel in self.channels:
+            best = self.best(channel)
+            score = best and (self.score(best, channel, held_out=True) or self.score(best, channel))
+            if best is not None and score:
+                shown.append(
+                    f"{words(channel)} best by {best.contender.name}, error "
+                    f"{shown_value(channel, score.rmse)}"
+                )
+        said = "; ".join(shown) or "no model could predict any of the measurements"
+        return f"{len(self.models)} models on {len(self.measurements)} rows: {said}"
+
+    def text(self) -> str:
+        """As `smallwheel compare` prints it."""
+        from smallwheel_ros.compare.text import comparison_text
+
+        return comparison_text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel compare --json` writes it."""
+        from smallwheel_ros.compare.document import comparison_document
+
+        return dict(plain(comparison_document(self)))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Errors of each model on each channel."""
+        found = []
+        for channel in self.channels:
+            for model in self.models:
+                outside = self.score(model, channel, held_out=True)
+                inside = self.score(model, channel)
+                either = outside or inside
+                found.append({
+                    "channel": channel,
+                    "unit": CHANNEL_UNITS[channel],
+                    "model": model.contender.name,
+                    "held_out_rmse": None if outside is None else outside.rmse,
+                    "held_out_rmse_std": None if outside is None else outside.rmse_std,
+                    "held_out_bias": None if outside is None else outside.bias,
+                    "in_sample_rmse": None if inside is None else inside.rmse,
+                    "rows": 0 if either is None else either.rows,
+                })  # fmt: skip
+        return found
+
+    def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
+        """Draw each model's error, held out and in sample. channel: the first if not given."""
+        from smallwheel_ros.pictures.comparison import draw_errors
+        from smallwheel_ros.pictures.fit import chosen_channel
+
+        axes = axes_or_new(ax)
+        draw_errors(axes, self, chosen_channel(channel, self.channels))
+        return axes
+
+    def _writers(self) -> dict[str, Writer]:
+        def page(path: Path) -> None:
+            from smallwheel_ros.report.compare_report import compare_report
+            from smallwheel_ros.report.page import write_page
+
+            write_page(path, compare_report(self))
+
+        return picture_writers(self.plot) | {".html": page}
 
     def _compared(self) -> list[tuple[ModelResult, CvErrors]]:
         unseen = [(m, m.unseen) for m in self.models if m.unseen is not None]

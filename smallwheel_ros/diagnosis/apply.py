@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, refit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.search import Search
+from smallwheel_ros.diagnosis.settings import SETTINGS
+from smallwheel_ros.display import number, shown_value, words
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
@@ -19,14 +22,23 @@ from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv, cross_validate
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
+from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.tables import plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from smallwheel_ros.model_file import CalibratedModel
 
 Forms = Sequence[tuple[Competitor, NDArray[np.float64]]]  # each with where its numbers start
 
 
-@dataclass(frozen=True)
-class Added:
+@dataclass(frozen=True, repr=False)
+class Added(Result):
     """An effect that was added to a model. before, after: held-out errors; change: between them.
 
     recommended: the diagnosis of the same data names the effect, and no channel is predicted worse.
@@ -41,6 +53,86 @@ class Added:
     change: Comparison
     recommended: bool
     reason: str
+
+    @property
+    def model(self) -> CalibratedModel:
+        """The model with the effect in it."""
+        return self.fit.model
+
+    def headline(self) -> str:
+        """The held-out error before and after."""
+        after = self.after.rmse()
+        errors = ", ".join(
+            f"{words(name)} {shown_value(name, before)} -> {shown_value(name, after.get(name))}"
+            for name, before in self.before.rmse().items()
+        )
+        return f"{words(self.effect)} ({self.form}), held-out error {errors}"
+
+    def text(self) -> str:
+        """As `smallwheel add` prints it."""
+        lines = [f"{words(self.effect)} ({self.form}), held-out error before and after"]
+        for row in self.rows():
+            name = row["channel"]
+            first, second = (
+                shown_value(name, row[when])
+                + (
+                    ""
+                    if row[f"{when}_std"] is None
+                    else f" +- {shown_value(name, row[f'{when}_std'])}"
+                )
+                for when in ("before", "after")
+            )
+            lines.append(f"  {words(name)}: {first} -> {second}")
+        lines.append(self.reason or "recommended: the diagnosis of this data names it")
+        for p in self.fit.parameters:
+            if p.owner == self.effect:
+                std = "" if p.std is None else f" +- {number(p.std)}"
+                lines.append(f"  {p.full_name} = {number(p.value)}{std}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel add --json` writes it."""
+        document = {
+            "effect": self.effect,
+            "form": self.form,
+            "recommended": self.recommended,
+            "reason": self.reason,
+            "before": {"held_out_rmse": self.before.rmse(), "std": self.before.rmse_std()},
+            "after": {"held_out_rmse": self.after.rmse(), "std": self.after.rmse_std()},
+            "reduction": dict(self.change.reduction),
+            "z_score": dict(self.change.z_score),
+            "fit": self.fit.to_dict(),
+        }
+        return dict(plain(document))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Held-out errors before and after, by channel."""
+        errors = [(e.rmse(), e.rmse_std()) for e in (self.before, self.after)]
+        (before, before_std), (after, after_std) = errors
+        return [
+            {
+                "channel": name,
+                "unit": CHANNEL_UNITS[name],
+                "before": value,
+                "before_std": before_std[name],
+                "after": after.get(name),
+                "after_std": after_std.get(name),
+            }
+            for name, value in before.items()
+        ]
+
+    def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
+        """Draw the held-out error before and after. channel: the first that was measured if not given."""
+        from smallwheel_ros.pictures.fit import error_steps
+
+        errors: dict[str, dict[str, float | None]] = {
+            "without": {**self.before.rmse()},
+            f"+ {words(self.effect)}": {**self.after.rmse()},
+        }
+        return error_steps(axes_or_new(ax), errors, channel)
+
+    def _writers(self) -> dict[str, Writer]:
+        return picture_writers(self.plot) | self.model._writers()
 
 
 def add_effect(
@@ -57,6 +149,7 @@ def add_effect(
     Raises EffectError where there is no such effect or the data does not have what it needs.
     """
     known = registry or default_registry()
+    _check_column(effect, measurements, known)
     wanted = _forms_of(effect, Problem.of(measurements, base), known)
     judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
     problem = judged.problem
@@ -68,13 +161,45 @@ def add_effect(
     return Added(
         effect,
         form.geometry or form.form,
-        problem.result(best.fit),
+        replace(problem.result(best.fit), held_out=after.rmse()),
         before,
         after,
         change,
         recommended,
         reason,
     )
+
+
+def _check_column(effect: str, measurements: Measurements, registry: Registry) -> None:
+    """Say why the NAME of `covariate:NAME` is no free column of the table, and what to do.
+
+    Any other effect passes. Raises EffectError.
+    """
+    kind, _, name = effect.partition(":")
+    conditions = measurements.conditions
+    free = [column for column in conditions.covariates if column not in SETTINGS]
+    if kind != "covariate" or not name or name in free:
+        return
+    if name in ("load", "diameter", "width", *conditions.covariates):
+        follow = [
+            family
+            for family, forms in registry.families.items()
+            if any(name in form.drivers for form in forms)
+        ]
+        known = f" ({', '.join(follow)})" if follow else ""
+        why = (
+            f"'{name}' is a known setting, and those have effects of their own{known}: add one of "
+            f"them; `smallwheel fit --effects {effect}` fits a free law of it all the same"
+        )
+    elif name in measurements.channels:
+        why = f"'{name}' is what was measured, no setting"
+    elif name in measurements.labels or name in TEXTS:
+        why = f"'{name}' is text, expected a column of numbers"
+    elif free:
+        why = f"the table has no column '{name}' of numbers: {nearest(name, free)}"
+    else:
+        why = f"the table has no column '{name}' of numbers, nor any but the known settings"
+    raise EffectError(f"effect '{effect}' cannot be added: {why}")
 
 
 def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competitor]:

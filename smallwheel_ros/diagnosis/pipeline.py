@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +19,8 @@ from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
 from smallwheel_ros.diagnosis.search import Budget, Search, search
-from smallwheel_ros.diagnosis.verdict import Verdict, decide
+from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
+from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import (
@@ -31,6 +34,12 @@ from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from smallwheel_ros.model_file import CalibratedModel
 
 _LISTED = 5  # families whose held-out error is worked out for the ranking
 
@@ -46,17 +55,17 @@ class Step:
     errors: CvErrors
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Result):
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
-    search and verdict are None, and steps empty, where the data is insufficient.
+    search and decision are None, and steps empty, where the data is insufficient.
     """
 
     document: dict[str, Any]
     problem: Problem
     search: Search | None = None
-    verdict: Verdict | None = None
+    decision: Verdict | None = None
     steps: tuple[Step, ...] = ()
 
     @property
@@ -64,9 +73,70 @@ class Diagnosis:
         """The table."""
         return self.problem.measurements
 
+    @property
+    def verdict(self) -> Word:
+        """missing_effect, adequate, unknown_effect, indistinguishable or insufficient_data."""
+        word: Word = self.document["verdict"]
+        return word
+
+    @property
+    def missing_effects(self) -> list[str]:
+        """Effects that are missing, the clearest first."""
+        return list(self.document["missing_effects"])
+
+    @property
+    def candidates(self) -> list[str]:
+        """Effects of which one is missing, and this data cannot tell which."""
+        return list(self.document["candidates"])
+
+    @cached_property
+    def fit(self) -> FitResult:
+        """The base with everything that the verdict names, fitted to all runs and channels."""
+        return self.fitted(-1) if self.steps else self.problem.result()
+
+    @property
+    def model(self) -> CalibratedModel:
+        """The model with everything that the verdict names."""
+        return self.fit.model
+
     def fitted(self, step: int) -> FitResult:
         """The model of a step fitted to all runs and channels, for people and for model files."""
-        return self.problem.result(self.steps[step].model.fit)
+        held_out = self.document["steps"][step]["held_out_rmse"]
+        return replace(self.problem.result(self.steps[step].model.fit), held_out=held_out)
+
+    def headline(self) -> str:
+        """The verdict in a sentence."""
+        return verdict_sentences(self.document)[0]
+
+    def text(self) -> str:
+        """As `smallwheel diagnose` prints it."""
+        return diagnosis_text(self.document)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel diagnose --json` writes it."""
+        return dict(written.plain(self.document))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The effects, the most probable first."""
+        names = ("effect", "kind", "status", "probability", "p_value", "reduction", "reason")
+        return [{name: row.get(name) for name in names} for row in self.document["ranking"]]
+
+    def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
+        """Draw the held-out error after each step. channel: the first that was measured if not given."""
+        from smallwheel_ros.pictures.diagnosis import errors_of_steps, floors_of
+        from smallwheel_ros.pictures.fit import error_steps
+
+        steps, floors = errors_of_steps(self.document), floors_of(self.document)
+        return error_steps(axes_or_new(ax), steps, channel, floors)
+
+    def _writers(self) -> dict[str, Writer]:
+        def page(path: Path) -> None:
+            from smallwheel_ros.report.diagnosis_pictures import report_page
+            from smallwheel_ros.report.page import write_page
+
+            write_page(path, report_page(self))
+
+        return picture_writers(self.plot) | {".yaml": self.model.save, ".html": page}
 
 
 def diagnose(

@@ -20,6 +20,22 @@ _SAID = {
 
 def diagnosis_text(document: Mapping[str, Any]) -> str:
     """The document for people, in the order in which one asks."""
+    lines = verdict_sentences(document)
+    lines += ["", *_steps(document), *_regions(document), *_ranking(document), *_blind(document)]
+    if document["next_measurements"]:
+        lines += ["", "What to measure next"]
+        for proposal in document["next_measurements"]:
+            power = proposal.get("expected_power")
+            chance = "" if power is None else f" (chance to decide {100 * power:.0f} %)"
+            lines.append(f"  {proposal['text']}{chance}")
+    for title, key in (("Warnings", "warnings"), ("Notes", "notes")):
+        if document.get(key):
+            lines += ["", title, *[f"  {text}" for text in document[key]]]
+    return "\n".join(lines)
+
+
+def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
+    """The verdict, what speaks for it, and how sure it is."""
     lines = [
         _SAID[document["verdict"]].format(
             named=listed(document["missing_effects"], "and"),
@@ -38,17 +54,7 @@ def diagnosis_text(document: Mapping[str, Any]) -> str:
     p = document["lack_of_fit"]["p_value"]
     if p is not None:
         lines.append(f"Chance of such errors if nothing were missing: p = {p:.2g}.")
-    lines += ["", *_steps(document), *_regions(document), *_ranking(document), *_blind(document)]
-    if document["next_measurements"]:
-        lines += ["", "What to measure next"]
-        for proposal in document["next_measurements"]:
-            power = proposal.get("expected_power")
-            chance = "" if power is None else f" (chance to decide {100 * power:.0f} %)"
-            lines.append(f"  {proposal['text']}{chance}")
-    for title, key in (("Warnings", "warnings"), ("Notes", "notes")):
-        if document.get(key):
-            lines += ["", title, *[f"  {text}" for text in document[key]]]
-    return "\n".join(lines)
+    return lines
 
 
 def _steps(document: Mapping[str, Any]) -> list[str]:

@@ -10,7 +10,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -125,10 +125,28 @@ def _check(form: type[Effect], origin: str) -> None:
 
 
 @dataclass(frozen=True)
-class Registry:
-    """Families of effects by id, each a tuple of forms of which the first is the default."""
+class Registry(Mapping[str, type[Effect]]):
+    """Families of effects by id, each a tuple of forms of which the first is the default.
+
+    As a mapping it gives the default form of each: `registry["slip_sinkage"]`.
+    """
 
     known: Families = field(default_factory=dict)
+
+    def __getitem__(self, id: str) -> type[Effect]:
+        return self.form(id)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.families)
+
+    def __len__(self) -> int:
+        return len(self.known)
+
+    def __contains__(self, id: object) -> bool:
+        return id in self.known
+
+    def __repr__(self) -> str:
+        return f"<effects: {', '.join(self)}>"
 
     @property
     def families(self) -> dict[str, Forms]:
@@ -184,6 +202,14 @@ class Registry:
         for forms in user.values():
             _add(known, forms, origin)
         return Registry(known)
+
+
+def load(path: str | Path) -> Registry:
+    """All effects with those of a Python file, which is run: name only a file that you trust.
+
+    Raises EffectError where the file is missing, does not run, or defines no usable effect.
+    """
+    return default_registry().with_file(path)
 
 
 def load_effects(path: str | Path) -> Families:
@@ -295,6 +321,24 @@ def effect_class(
 ) -> type[Effect]:
     """Give one form of a family, the default one where none is named."""
     return _with(user).form(family, form)
+
+
+def as_effect(given: Effect | type[Effect] | str) -> Effect:
+    """An effect given as such, as its class, or by its id or `id/form`; numbers at their defaults.
+
+    Raises EffectError where it is none of these.
+    """
+    if isinstance(given, Effect):
+        return given
+    if isinstance(given, type) and issubclass(given, Effect):
+        return given()
+    if not isinstance(given, str):
+        raise EffectError(
+            f"found {type(given).__name__}, expected an effect, its class or its id, like "
+            "'slip_sinkage'"
+        )
+    id, _, form = given.partition("/")
+    return default_registry().effect(id, form or None)
 
 
 def effect(id: str, form: str | None = None, **values: float) -> Effect:

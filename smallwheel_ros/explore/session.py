@@ -15,7 +15,6 @@ from smallwheel_ros.diagnosis.held_out import with_pull
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, Problem
-from smallwheel_ros.fitting.files import calibrated
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import write_model
@@ -141,7 +140,7 @@ class Session:
         view = self.view(names)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "model.yaml")
-            write_model(path, calibrated(view.fit, self.measurements, view.after.rmse()))
+            write_model(path, replace(view.fit, held_out=view.after.rmse()).model)
             return path.read_bytes()
 
     def _view(self, names: tuple[str, ...]) -> View:

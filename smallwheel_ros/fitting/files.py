@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -25,16 +24,9 @@ Array = NDArray[np.float64]
 _LEAST = np.array([0.10, 0.05, 0.05])
 
 
-def calibrated(
-    fit: FitResult,
-    measurements: Measurements,
-    held_out: Mapping[str, float] | None = None,
-    date: str | None = None,
-) -> CalibratedModel:
-    """The fit as it is written to a model file. held_out: held-out RMSE by channel, m or N.
-
-    date: ISO; today where None.
-    """
+def calibrated(fit: FitResult, date: str | None = None) -> CalibratedModel:
+    """The fit as it is written to a model file. date: ISO; today where None."""
+    measurements, held_out = fit.measurements, fit.held_out
     provenance: dict[str, object] = {
         "data": measurements.source,
         "sha256": measurements.sha256,
@@ -52,7 +44,7 @@ def calibrated(
         if name.rsplit(".", 1)[1] not in STRENGTH_PARAMETERS or fit.covariance[i, i] > 0.0
     ]
     names = tuple(fit.names[i] for i in keep)
-    return CalibratedModel(fit.model, names, fit.covariance[np.ix_(keep, keep)], provenance)
+    return CalibratedModel(fit.bare, names, fit.covariance[np.ix_(keep, keep)], provenance)
 
 
 def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:
@@ -98,11 +90,11 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
     return priors
 
 
-def base_of(known: CalibratedModel, measurements: Measurements) -> Base:
+def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
     """A model file as the model to fit to these rows.
 
     Soils and effects are refitted within the file's covariance, where it has one and was not made
-    from this data.
+    from this data. An effect's number of which it says nothing stays as it is; free: it is fitted.
     """
     model = known.model
     return Base(
@@ -110,20 +102,22 @@ def base_of(known: CalibratedModel, measurements: Measurements) -> Base:
         thrust_form=model.thrust_form,
         soils=tuple(_matched(model, measurements).values()),
         priors=soil_priors(known, measurements),
-        parts=tuple(_part(effect, known, measurements) for effect in model.effects),
+        parts=tuple(_part(effect, known, measurements, free) for effect in model.effects),
     )
 
 
-def _part(effect: Effect, known: CalibratedModel, measurements: Measurements) -> EffectPart:
+def _part(
+    effect: Effect, known: CalibratedModel, measurements: Measurements, unknown_free: bool
+) -> EffectPart:
     """An effect whose numbers are within the deviations that the file states.
 
-    A number without one stays where it is, as near as a fit can hold it.
+    A number without one stays where it is, as near as a fit can hold it, or is free.
     """
     priors, values = {}, dict(effect.values())
     for p in effect.parameters():
         std = known.standard_deviation(f"{effect.id}.{p.name}")
         wide = p.bounds[1] - p.bounds[0]
-        free = _fitted_to(known, measurements)
+        free = _fitted_to(known, measurements) or (unknown_free and std is None)
         deviation = wide if free else max(std or 0.0, 1e-4 * wide)
         priors[p.name] = Prior(float(values[p.name]), deviation, *p.bounds)
     return part_of(effect, priors)

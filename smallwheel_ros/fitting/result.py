@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.display import shown_value, words
 from smallwheel_ros.fitting.constants import DETERMINED
+from smallwheel_ros.fitting.document import fit_document, fit_text
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.variance import settings_repeated
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.tables import plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from smallwheel_ros.model_file import CalibratedModel
 
 Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]
@@ -56,18 +67,21 @@ class FittedParameter:
         return f"{self.owner}.{self.name}"
 
 
-@dataclass(frozen=True)
-class FitResult:
+@dataclass(frozen=True, repr=False)
+class FitResult(Result):
     """A fitted model.
 
+    bare: without its uncertainty, which `model` has. measurements: what it was fitted to.
     names, covariance: of the parameters that the data has a say in, in the numbers that the fit works
     with (`parameters`), shape (parameters,) * 2. noise: repeatability of one row, by channel.
     run_scatter: deviations of what differs from run to run: `ln k` of the soil, and each channel's
     own, relative. errors: measured less predicted in sample, by channel, shape (rows,). outliers: rows
-    that were left out. evidence: ln of the probability of the data under the model.
+    that were left out. evidence: ln of the probability of the data under the model. held_out: RMSE on
+    runs left out of the fit, by channel, m or N; empty where it was not worked out.
     """
 
-    model: Model
+    bare: Model
+    measurements: Measurements
     parameters: tuple[FittedParameter, ...]
     names: tuple[str, ...]
     covariance: Array
@@ -77,6 +91,56 @@ class FitResult:
     outliers: NDArray[np.intp]
     evidence: float
     notes: tuple[str, ...]
+    held_out: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def model(self) -> CalibratedModel:
+        """The model with the covariance of its parameters and where it came from."""
+        from smallwheel_ros.fitting.files import calibrated
+
+        return calibrated(self)
+
+    def headline(self) -> str:
+        """How many parameters, and how far off on runs that were left out."""
+        known = sum(p.status == "determined" for p in self.parameters)
+        errors = ", ".join(
+            f"{words(name)} {shown_value(name, v)}" for name, v in self.held_out.items()
+        )
+        said = f"; held-out error: {errors}" if errors else ""
+        return (
+            f"{self.bare.headline()}, {known} of {len(self.parameters)} parameters determined{said}"
+        )
+
+    def text(self) -> str:
+        """As `smallwheel fit` prints it."""
+        return fit_text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel fit --json` writes it."""
+        return dict(plain(fit_document(self)))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The parameters."""
+        return [
+            {
+                "of": p.owner,
+                "parameter": p.name,
+                "value": p.value,
+                "std": p.std,
+                "unit": p.unit,
+                "status": p.status,
+            }
+            for p in self.parameters
+        ]
+
+    def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
+        """Draw measured over predicted in sample. channel: the first that was measured if not given."""
+        from smallwheel_ros.pictures.fit import measured_over_predicted
+
+        return measured_over_predicted(axes_or_new(ax), self, channel)
+
+    def _writers(self) -> dict[str, Writer]:
+        return picture_writers(self.plot) | self.model._writers()
 
     @property
     def residuals(self) -> Mapping[str, Array]:
@@ -96,7 +160,7 @@ class FitResult:
 
     def predict(self, conditions: Conditions) -> Prediction:
         """What the fitted model says of other conditions."""
-        return predict(self.model, conditions)
+        return predict(self.bare, conditions)
 
 
 def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
@@ -169,6 +233,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     kept = covariance[np.ix_(used, used)]
     return FitResult(
         model,
+        points.measurements,
         tuple(parameters),
         tuple(fit.vector.free[j].name for j in used),
         kept,

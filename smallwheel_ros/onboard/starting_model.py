@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.registry import load_effects
+from smallwheel_ros.effects.registry import load
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.model_file import read_model
 from smallwheel_ros.physics.soil import Soil, SoilError, nearest, soil
@@ -65,8 +65,8 @@ def read_starting_models(model_file: str | None, effects_file: str | None) -> St
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
         return StartingModels()
-    user = load_effects(Path(effects_file).expanduser()) if effects_file else None
-    model = read_model(Path(model_file).expanduser(), user).model
+    effects = load(Path(effects_file).expanduser()) if effects_file else None
+    model = read_model(Path(model_file).expanduser(), effects).model
     if model.geometry != "contact_integral":
         raise StartingModelError(
             f"{model_file}: geometry is {model.geometry}, expected contact_integral: the estimate on"

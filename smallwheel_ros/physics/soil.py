@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,9 +148,33 @@ SOILS: dict[str, Soil] = {
 }
 
 
-def soil(name: str) -> Soil:
-    """The soil of that name from the library. Raises SoilError that lists what exists."""
-    try:
-        return SOILS[name]
-    except KeyError:
-        raise SoilError(f"no soil '{name}': {nearest(name, list(SOILS))}") from None
+class SoilLibrary(Mapping[str, Soil]):
+    """The soils of the library: `soil("dry_sand")`, `soil["dry_sand"]`, `list(soil)`.
+
+    Raises SoilError that lists what exists where a name is not known.
+    """
+
+    def __call__(self, name: str) -> Soil:
+        """The soil of that name."""
+        try:
+            return SOILS[name]
+        except (KeyError, TypeError):
+            raise SoilError(f"no soil '{name}': {nearest(str(name), list(SOILS))}") from None
+
+    def __getitem__(self, name: str) -> Soil:
+        return self(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in SOILS
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(SOILS)
+
+    def __len__(self) -> int:
+        return len(SOILS)
+
+    def __repr__(self) -> str:
+        return f"<soils: {', '.join(SOILS)}>"
+
+
+soil = SoilLibrary()

@@ -77,34 +77,28 @@ def _residual(comparison: Comparison, result: ModelResult, channel: str) -> tupl
     return comparison.residual(result, channel, held_out), held_out
 
 
+def all_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Every picture of the comparison by name."""
+    found: dict[str, Figure | None] = {
+        "resistance_ratio": resistance_ratio(comparison.measurements)
+    }
+    if comparison.channels:
+        found["errors"] = error_bars(comparison)
+    for channel in comparison.channels:
+        found[f"{channel}_measured_predicted"] = measured_against_predicted(comparison, channel)
+        found[f"{channel}_residuals"] = residuals(comparison, channel)
+    return {name: figure for name, figure in found.items() if figure is not None}
+
+
 def error_bars(comparison: Comparison) -> Figure:
     """Held-out and in-sample RMSE of each model beside each other, with the noise floor."""
     channels = comparison.channels
     height = 1.1 + 0.42 * len(comparison.models)
     figure = new_figure(max(3.6 * len(channels), 5.0), height)
     panels = figure.subplots(1, len(channels), squeeze=False, sharey=True)[0]
-    names = [result.contender.name for result in comparison.models]
-    at = np.arange(len(names))
     for axes, channel in zip(panels, channels, strict=True):
-        shown = display(channel, CHANNEL_UNITS[channel])
-        for i, (result, colour) in enumerate(
-            zip(comparison.models, _colours(comparison), strict=True)
-        ):
-            inside = comparison.score(result, channel)
-            outside = comparison.score(result, channel, held_out=True)
-            if outside is not None:
-                error = shown.scale * (outside.rmse_std or 0.0)
-                axes.barh(i - 0.17, shown.scale * outside.rmse, 0.34, color=colour, xerr=error,
-                          error_kw={"elinewidth": 0.9, "ecolor": INK})  # fmt: skip
-            if inside is not None:
-                axes.barh(i + 0.17, shown.scale * inside.rmse, 0.34, color=colour, alpha=0.4)
-        floor = comparison.noise[channel].value
-        if floor is not None:
-            axes.axvline(shown.scale * floor, color=INK, linewidth=1.0, linestyle="--")
-        style(axes, f"RMSE of {shown.label}")
-        axes.set_yticks(at, [_plain(name) for name in names])
-        axes.invert_yaxis() if axes is panels[0] else None
-        axes.set_xlim(left=0.0)
+        draw_errors(axes, comparison, channel)
+    panels[0].invert_yaxis()
     figure.suptitle(
         "solid: held out, with its standard error   pale: in sample   dashed: noise floor",
         fontsize=8.5,
@@ -113,6 +107,27 @@ def error_bars(comparison: Comparison) -> Figure:
         ha="left",
     )
     return figure
+
+
+def draw_errors(axes: Axes, comparison: Comparison, channel: str) -> None:
+    """Held-out (solid) and in-sample (pale) RMSE of one channel, a bar for each model."""
+    shown = display(channel, CHANNEL_UNITS[channel])
+    for i, (result, colour) in enumerate(zip(comparison.models, _colours(comparison), strict=True)):
+        inside = comparison.score(result, channel)
+        outside = comparison.score(result, channel, held_out=True)
+        if outside is not None:
+            error = shown.scale * (outside.rmse_std or 0.0)
+            axes.barh(i - 0.17, shown.scale * outside.rmse, 0.34, color=colour, xerr=error,
+                      error_kw={"elinewidth": 0.9, "ecolor": INK})  # fmt: skip
+        if inside is not None:
+            axes.barh(i + 0.17, shown.scale * inside.rmse, 0.34, color=colour, alpha=0.4)
+    floor = comparison.noise[channel].value
+    if floor is not None:
+        axes.axvline(shown.scale * floor, color=INK, linewidth=1.0, linestyle="--")
+    style(axes, f"RMSE of {shown.label}")
+    names = [_plain(result.contender.name) for result in comparison.models]
+    axes.set_yticks(range(len(names)), names)
+    axes.set_xlim(left=0.0)
 
 
 def measured_against_predicted(comparison: Comparison, channel: str) -> Figure:

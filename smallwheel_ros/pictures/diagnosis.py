@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from smallwheel_ros.display import display, number, words
+from smallwheel_ros.display import display, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, style
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, style
+from smallwheel_ros.pictures.fit import error_steps
 
 _STATUS_COLOURS = {
     "significant": COLOURS[2],
@@ -31,35 +32,27 @@ def staircase(document: Mapping[str, Any]) -> Figure | None:
     channels = [name for name in CHANNEL_UNITS if any(name in s["held_out_rmse"] for s in steps)]
     if not channels:
         return None
-    names = ["base model" if s["added"] is None else f"+ {words(s['added'])}" for s in steps]
     figure = new_figure(max(len(channels) * max(3.4, 0.9 * len(steps) + 1.6), 4.2), 2.9)
     panels = figure.subplots(1, len(channels), squeeze=False)[0]
-    at = np.arange(len(steps))
+    errors = errors_of_steps(document)
     for axes, channel in zip(panels, channels, strict=True):
-        shown = display(channel, CHANNEL_UNITS[channel])
-        errors = [s["held_out_rmse"].get(channel) for s in steps]
-        heights = np.array([np.nan if e is None else e * shown.scale for e in errors])
-        axes.bar(at, heights, 0.62, color=[GREY] + [COLOURS[2]] * (len(steps) - 1))
-        for x, height in zip(at, heights, strict=True):
-            if np.isfinite(height):
-                axes.annotate(number(height), (x, height), (0, 3), textcoords="offset points",
-                              ha="center", fontsize=8.5, color=INK,
-                              bbox={"fc": "white", "ec": "none", "pad": 0.2})  # fmt: skip
-        floor = (document.get("channels") or {}).get(channel, {}).get("noise_floor")
-        top = float(np.nanmax([*heights, (floor or 0.0) * shown.scale]))
-        right = len(steps) - 0.5
-        if floor is not None:
-            axes.axhline(floor * shown.scale, color=INK, linewidth=1.0, linestyle="--")
-            level = floor * shown.scale
-            axes.annotate(f"noise floor\n{number(level)}", (right, level), (4, 3),
-                          textcoords="offset points", fontsize=8, color=INK)  # fmt: skip
-            right += 0.95
-        axes.set_xlim(-0.55, right)
-        style(axes, "", f"held-out RMSE [{shown.unit}]", words(channel))
-        axes.grid(visible=False, axis="x")
-        axes.set_xticks(at, [fill(_plain(name), 12) for name in names])
-        axes.set_ylim(0.0, 1.25 * top or 1.0)
+        error_steps(axes, errors, channel, floors_of(document))
     return figure
+
+
+def errors_of_steps(document: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
+    """Held-out error by channel after each step, by the step's name."""
+    found: dict[str, dict[str, float | None]] = {}
+    for step in document.get("steps") or []:
+        name = "base model" if step["added"] is None else f"+ {words(step['added'])}"
+        found[fill(name, 12)] = dict(step["held_out_rmse"])
+    return found
+
+
+def floors_of(document: Mapping[str, Any]) -> dict[str, float | None]:
+    """Noise floor by channel."""
+    channels = document.get("channels") or {}
+    return {name: channel.get("noise_floor") for name, channel in channels.items()}
 
 
 def ranking_bars(document: Mapping[str, Any]) -> Figure | None:

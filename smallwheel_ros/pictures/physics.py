@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -54,39 +55,50 @@ def plot_prediction(table: PredictionTable, path: Path) -> None:
 
     Bands are one standard deviation. A wheel sunk to its axle is left out.
     """
+    panels = [p for p in _PANELS if getattr(table.result.prediction, p[0]) is not None]
+    figure = new_figure(3.4 * len(panels), 3.2)
+    axes = figure.subplots(1, len(panels), squeeze=False)[0]
+    for panel, shown in zip(axes, panels, strict=True):
+        drawn = draw_prediction(panel, table, *shown, legend=panel is axes[0])
+    if drawn > _MOST_CURVES:
+        figure.suptitle(f"the first {_MOST_CURVES} of {drawn} curves", fontsize=8)
+    save(figure, path)
+
+
+def draw_prediction(
+    axes: Axes,
+    table: PredictionTable,
+    quantity: str,
+    title: str,
+    factor: float,
+    *,
+    legend: bool = True,
+) -> int:
+    """Draw one quantity on axes, as `plot_prediction` says; returns how many curves there are."""
     sizes = {name: np.unique(v).size for name, v in table.settings.items()}
     along = max(sizes, key=lambda name: sizes[name])
     others = [name for name in table.varied if name != along]
     prediction = table.result.prediction
-    panels = [p for p in _PANELS if getattr(prediction, p[0]) is not None]
-    figure = new_figure(3.4 * len(panels), 3.2)
-    axes = figure.subplots(1, len(panels), squeeze=False)[0]
     keys = np.stack([table.settings[n] for n in others]) if others else np.zeros((1, sizes[along]))
     curves = np.unique(keys, axis=1).T if others else np.zeros((1, 1))
+    std = table.result.standard_deviation.get(quantity)
     for number, curve in enumerate(curves[:_MOST_CURVES]):
         rows = np.all(keys == curve[:, None], axis=0) if others else np.ones(keys.shape[1], bool)
         rows &= ~prediction.immobilised
         label = ", ".join(f"{n} {v:g}" for n, v in zip(others, curve, strict=False))
         colour = COLOURS[number % len(COLOURS)]
-        x = table.settings[along][rows]
-        for panel, (quantity, _, factor) in zip(axes, panels, strict=True):
-            y = getattr(prediction, quantity)[rows] * factor
-            mark = {"marker": "o"} if x.size == 1 else {}
-            look = _STYLES[number % len(_STYLES)]  # curves may lie on each other
-            panel.plot(x, y, color=colour, linestyle=look, label=label, **mark)
-            std = table.result.standard_deviation.get(quantity)
-            if std is not None:
-                band = std[rows] * factor
-                panel.fill_between(x, y - band, y + band, color=colour, alpha=0.2, linewidth=0)
+        x, y = table.settings[along][rows], getattr(prediction, quantity)[rows] * factor
+        mark = "o" if x.size == 1 else ""
+        look = _STYLES[number % len(_STYLES)]  # curves may lie on each other
+        axes.plot(x, y, color=colour, linestyle=look, label=label, marker=mark)
+        if std is not None:
+            band = std[rows] * factor
+            axes.fill_between(x, y - band, y + band, color=colour, alpha=0.2, linewidth=0)
     unit = UNITS.get(along, "1")
-    axis = along.replace("_", " ") + (f" [{unit}]" if unit != "1" else "")
-    for panel, (_, title, _) in zip(axes, panels, strict=True):
-        style(panel, axis, title)
-    if others:
-        axes[0].legend(**_LEGEND)
-    if len(curves) > _MOST_CURVES:
-        figure.suptitle(f"the first {_MOST_CURVES} of {len(curves)} curves", fontsize=8)
-    save(figure, path)
+    style(axes, along.replace("_", " ") + (f" [{unit}]" if unit != "1" else ""), title)
+    if others and legend:
+        axes.legend(**_LEGEND)
+    return len(curves)
 
 
 def plot_effect(family: tuple[type[Effect], ...], path: Path) -> None:

@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.mobility import Status
+from smallwheel_ros.physics.soil import nearest
 from smallwheel_ros.replay.summary import Event
+from smallwheel_ros.results import ResultError
 
 Array = NDArray[np.float64]
 Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
@@ -236,6 +238,20 @@ def _draw_pull(axes: Axes, name: str, values: Mapping[str, Array]) -> None:
         axes.set_ylim(min(low - room, -1.0), high + room)
     axes.set_ylabel("drawbar pull [N]")
     axes.set_title(name.replace("_", " "), fontsize=10, loc="left")
+
+
+def draw_estimates(axes: Axes, table: pd.DataFrame, quantity: str) -> None:
+    """One column of the estimates over time, a curve for each wheel. Raises ResultError."""
+    numbers = [str(name) for name in table.select_dtypes("number").columns]
+    if quantity not in numbers:
+        raise ResultError(f"no column '{quantity}' in the estimates: {nearest(quantity, numbers)}")
+    for wheel, rows in table.groupby("wheel"):
+        shown = rows.iloc[:: max(1, len(rows) // _POINTS)]
+        axes.plot(shown["time"], shown[quantity], linewidth=1.0, label=str(wheel).replace("_", " "))
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(quantity.replace("_", " "))
+    axes.grid(alpha=0.25)
+    axes.legend(fontsize=8)
 
 
 def slip_over_time(courses: Courses) -> Figure | None:

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.replay.folder import FILES, files_in
 from smallwheel_ros.replay.inputs import Input, Missing
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
+from smallwheel_ros.replay.text import summary_text
+from smallwheel_ros.results import Result, Writer, axes_or_new, pandas, picture_writers
 from smallwheel_ros.tables import plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
 
 SCHEMA = 1
 
 
-@dataclass
-class Replayed:
+@dataclass(repr=False)
+class Replayed(Result):
     """What came of a replay.
 
     Attributes
@@ -35,6 +44,8 @@ class Replayed:
         Of the topics of the estimates in the new bag.
     left_out
         Topics and types that are not in the new bag, since nobody knows the type.
+    place
+        What keeps a folder that is only for this result; it goes when the result does.
     """
 
     spec: ReplaySpec
@@ -53,6 +64,50 @@ class Replayed:
     messages_read: int = 0
     prefix: str = ""
     left_out: list[Key] = field(default_factory=list)
+    place: TemporaryDirectory[str] | None = None
+
+    def headline(self) -> str:
+        """How far the drive was, and how many estimates it gave."""
+        seconds, metres = (self.end - self.start) / SECOND, self.summary.travel
+        state = "" if self.state == "complete" else f", {self.state.replace('_', ' ')}"
+        count = self.summary.statuses.total()
+        return f"{self.spec.bag.name}: {seconds:.1f} s, {metres:.1f} m, {count} estimates{state}"
+
+    def text(self) -> str:
+        """As `smallwheel replay` prints it."""
+        return summary_text(self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As replay.json and `smallwheel replay --json` have it."""
+        return self.document(files_in(self.spec.folder))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """How well the measured sinkage of each wheel was met."""
+        return [
+            {"wheel": name, **counts, "sinkage_rms": self.summary.rms(name)}
+            for name, counts in self.summary.wheels.items()
+        ]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Every estimate, one row each, SI units, as in estimates.csv."""
+        frame: pd.DataFrame = pandas().read_csv(self.spec.folder / FILES["estimates_csv"])
+        return frame
+
+    def plot(self, ax: Axes | None = None, quantity: str = "sinkage_predicted") -> Axes:
+        """Draw a column of the estimates over time, one curve for each wheel."""
+        from smallwheel_ros.pictures.replay import draw_estimates
+
+        axes = axes_or_new(ax)
+        draw_estimates(axes, self.to_frame(), quantity)
+        return axes
+
+    def _writers(self) -> dict[str, Writer]:
+        def page(path: Path) -> None:
+            from smallwheel_ros.report.replay_report import write_replay_report
+
+            write_replay_report(self, path)
+
+        return picture_writers(self.plot) | {".html": page}
 
     def document(self, files: dict[str, str]) -> dict[str, Any]:
         """Return the summary of the replay; SI units, times in s since the bag's beginning.

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
-
 from matplotlib.figure import Figure
 
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.display import listed
-from smallwheel_ros.output import OutputError, write_bytes
 from smallwheel_ros.pictures.comparison import resistance_ratio
 from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase, unknown_curves
 from smallwheel_ros.report.diagnosis_report import diagnosis_report
@@ -68,19 +64,3 @@ def report_page(diagnosis: Diagnosis) -> str:
         )
         pictures["data"] = [Picture(ratio, caption)]
     return diagnosis_report(diagnosis.document, pictures, source=diagnosis.measurements.source)
-
-
-def write_pictures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
-    """Write every picture as PNG. Raises OutputError where it cannot."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made: {error.strerror or error}") from None
-    written = []
-    for name, figure in figures(diagnosis).items():
-        picture = io.BytesIO()
-        figure.savefig(picture, format="png", dpi=150)
-        path = folder / f"{name}.png"
-        write_bytes(path, picture.getvalue())
-        written.append(path)
-    return written

@@ -1,0 +1,489 @@
+"""The functions of `import smallwheel_ros as sw`; the commands of the same names print what they return.
+
+Wherever data is asked for, a path, a DataFrame of pandas or what `read` returned will do; wherever a
+model is, a `Model`, a model file's path, a soil of the library or its name, or a result that has a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace as changed
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.comparison import compare as compare_models
+from smallwheel_ros.compare.contenders import STANDARD, Contender
+from smallwheel_ros.diagnosis.apply import Added, add_effect
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting import Base, FitResult, Problem
+from smallwheel_ros.fitting.files import base_of
+from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.model_file import CalibratedModel, as_calibrated, read_model
+from smallwheel_ros.physics.soil import Soil, nearest, soil
+from smallwheel_ros.prediction import PredictionTable, on_one_soil, predict_table
+from smallwheel_ros.ranges import parse_range
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from smallwheel_ros.replay.result import Replayed
+    from smallwheel_ros.replay.spec import Copy
+
+    Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
+    AnyModel: TypeAlias = Model | Soil | FitResult | Diagnosis | Added | str | PathLike[str]
+    AnyEffect: TypeAlias = Effect | type[Effect] | str
+    OwnEffects: TypeAlias = Registry | str | PathLike[str] | None
+    Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
+
+_MODELS = "a Model, a model file, a soil or a result that has a model"
+
+
+class ArgumentError(SmallwheelError):
+    """An argument of a public function that is of another kind than it takes."""
+
+
+def read(
+    data: Data,
+    *,
+    map: Mapping[str, str] | None = None,
+    sheet: str | int | None = None,
+    diameter: float | None = None,
+    width: float | None = None,
+) -> Measurements:
+    """Read a table of measurements: a file, or a DataFrame of pandas.
+
+    Parameters
+    ----------
+    data
+        CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
+    map
+        By the name of a quantity, the header of its column: ``{"load": "Fz"}``.
+    sheet
+        Of a spreadsheet, by name or number.
+    diameter, width
+        Of the wheel (m), for all rows, where the table has no such column.
+
+    Raises
+    ------
+    MeasurementsError
+        That names file, row, column, what was found and what was expected.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> data = sw.read("rig.csv")
+    >>> data.channels.keys()
+    dict_keys(['sinkage', 'resistance'])
+    """
+    if isinstance(data, Measurements):
+        return data
+    if isinstance(data, (str, PathLike)):
+        return read_measurements(Path(data), diameter=diameter, width=width)
+    raise ArgumentError(
+        f"data: found {_kind(data)}, expected a file, a DataFrame or what sw.read returned"
+    )
+
+
+def fit(
+    data: Data,
+    effects: AnyEffect | Iterable[AnyEffect] = (),
+    model: AnyModel | None = None,
+    *,
+    geometry: Geometry | None = None,
+) -> FitResult:
+    """Calibrate soil and effects on measurements.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    effects
+        To fit with the soil: ids (``"slip_sinkage"``, or with a form ``"slip_sinkage/hyperbolic"``),
+        classes, effects with numbers to start from, or a Python file with effects of your own, which
+        is run.
+    model
+        To start from: soils and effects are refitted within what it says of its own uncertainty;
+        an effect of which it says nothing is fitted freely.
+    geometry
+        ``contact_integral`` (the default) or ``closed_form``, where there is no model.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> fitted = sw.fit("rig.csv", effects="slip_sinkage")
+    >>> fitted.model.effects[0].id
+    'slip_sinkage'
+    >>> again = sw.fit("rig.csv", model=sw.Model("dry_sand") + sw.effects.slip_sinkage)
+    >>> sorted(again.held_out)
+    ['resistance', 'sinkage']
+    """
+    measurements = read(data)
+    if model is None:
+        base = Base(geometry=geometry or "contact_integral")
+    elif geometry is None:
+        base = base_of(_model(model), measurements, free=True)
+    else:
+        raise ArgumentError(
+            "model and geometry: found both, expected one: a model has its geometry"
+        )
+    parts = [part_of(effect) for effect in _effects(effects, measurements)]
+    problem = Problem.of(measurements, changed(base, parts=(*base.parts, *parts)))
+    errors = problem.held_out()
+    return changed(problem.result(), held_out={} if errors is None else errors.rmse())
+
+
+def compare(
+    data: Data,
+    models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel] = (),
+    *,
+    effects: OwnEffects = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Comparison:
+    """Compare models with measurements: error held out and in sample, by channel, soil and wheel.
+
+    Bekker's law, that of Meirion-Griffith & Spenko and the contact integral are fitted to the data.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    models
+        Further ones, which stand as they are; by name, if you like.
+    effects
+        A Python file with effects of your own that a model file names, or `sw.effects.load` of it.
+    progress
+        Told how many of how many fits are done.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> found = sw.compare("rig.csv", {"sand": "dry_sand"})
+    >>> [model.contender.name for model in found.models]
+    ['bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
+    """
+    measurements, user = read(data), _registry(effects)
+    return compare_models(measurements, _contenders(models, user), progress=progress or _no_fits)
+
+
+def diagnose(
+    data: Data,
+    model: AnyModel | None = None,
+    *,
+    effects: OwnEffects = None,
+    without: str | Collection[str] = (),
+    can: Mapping[str, Sequence[float]] | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Say which physical effect a model of the measurements is missing, as far as they can tell.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    model
+        What is in the model already; the contact integral and nothing else if not given.
+    effects
+        A Python file with effects of your own that compete too, or `sw.effects.load` of it.
+    without
+        Ids of effects that do not compete; ``"unknown"`` for curves without a name.
+    can
+        By setting (SI), the levels that you can set, for the measurements to make next.
+    seed
+        Of the simulations behind the p-values: the same seed gives the same result.
+    progress
+        Told each step in words.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> found = sw.diagnose("rig.csv")
+    >>> found.verdict, found.missing_effects
+    ('missing_effect', ['slip_sinkage'])
+    """
+    measurements, base, known, out = start_of(data, model, effects, without)
+    return diagnose_data(
+        measurements,
+        base,
+        registry=known,
+        seed=seed,
+        without=out,
+        limits={name: list(map(float, levels)) for name, levels in (can or {}).items()},
+        progress=progress or _no_steps,
+    )
+
+
+def add(
+    effect: AnyEffect,
+    model: AnyModel | None = None,
+    data: Data | None = None,
+    *,
+    effects: OwnEffects = None,
+    without: str | Collection[str] = (),
+    seed: int = 0,
+) -> Added:
+    """Add one effect to a model, fit it with the soil, and compare the held-out errors.
+
+    Parameters
+    ----------
+    effect
+        Its id or class; the form that fits best is taken.
+    model
+        To add it to; the contact integral and nothing else if not given.
+    data
+        The measurements.
+    effects, without, seed
+        As in `diagnose`, which is asked whether the effect is recommended.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> added = sw.add("slip_sinkage", data="rig.csv")
+    >>> added.recommended
+    True
+    """
+    if data is None:
+        raise ArgumentError("data: found nothing, expected the measurements to fit the effect to")
+    wanted = effect if isinstance(effect, str) else getattr(effect, "id", None)
+    if not isinstance(wanted, str):
+        raise ArgumentError(f"effect: found {_kind(effect)}, expected an effect's id or class")
+    measurements, base, known, out = start_of(data, model, effects, without)
+    return add_effect(wanted, base, measurements, registry=known, without=out, seed=seed)
+
+
+def predict(
+    model: AnyModel,
+    *,
+    load: Setting,
+    diameter: Setting,
+    width: Setting,
+    slip: Setting | None = None,
+    soil: str | None = None,
+    effects: OwnEffects = None,
+    **others: Setting,
+) -> PredictionTable:
+    """Predict sinkage, resistance and drawbar pull of a wheel, for every combination of the settings.
+
+    Parameters
+    ----------
+    model
+        The model or soil.
+    load, diameter, width, slip
+        N, m, m and 1: a number, several, or a text as on the command line, ``"20:140:10"`` or
+        ``"17 cm"``. Without slip there is no thrust.
+    soil
+        Which soil of a model that has several.
+    effects
+        A Python file with effects of your own that a model file names, or `sw.effects.load` of it.
+    others
+        Further columns that an effect needs, in SI units: ``speed=0.1``.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> table = sw.predict("dry_sand", load=[40, 80], diameter=0.2, width=0.1, slip=0.2)
+    >>> [f"{1e3 * row['sinkage']:.1f} mm" for row in table.rows()]
+    ['6.7 mm', '11.5 mm']
+    """
+    given = {"load": load, "diameter": diameter, "width": width}
+    given |= {} if slip is None else {"slip": slip}
+    settings = {name: _levels(name, value) for name, value in (given | others).items()}
+    name = "the model" if not isinstance(model, (str, PathLike)) else str(model)
+    return predict_table(on_one_soil(_model(model, _registry(effects)), soil, name), settings)
+
+
+def replay(
+    bag: str | PathLike[str],
+    config: str | PathLike[str] | None = None,
+    output: str | PathLike[str] | None = None,
+    *,
+    remaps: Mapping[str, str] | None = None,
+    clock: bool = True,
+    copy: Copy = "all",
+    progress: Callable[[int, int], None] | None = None,
+) -> Replayed:
+    """Give a recorded drive to the estimator that the node runs.
+
+    Parameters
+    ----------
+    bag
+        A rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag.
+    config
+        The node's parameter file; if not given, what `smallwheel init` finds in the bag.
+    output
+        Folder for tables, bag and report; if not given, a temporary one that goes with the result.
+    remaps
+        By the node's name of an input, the bag's topic: ``{"odom": "/rover/odom"}``.
+    clock
+        Judge stamps by the times of recording; otherwise only by each other.
+    copy
+        Topics that go into the new bag beside the estimates: ``all``, ``used`` or ``none``.
+    progress
+        Told how many of how many messages are done.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> drive = sw.replay("drive", config="rover.yaml", output="out")
+    >>> drive.state
+    'complete'
+    """
+    # Kept apart: replay brings the readers of bags and the estimator, which nothing else here needs.
+    from smallwheel_ros.replay.inputs import read_remaps
+    from smallwheel_ros.replay.one import replay as replay_bag
+    from smallwheel_ros.replay.spec import ReplaySpec
+
+    place = TemporaryDirectory(prefix="smallwheel-") if output is None else None
+    folder = Path(place.name if place is not None else cast(Any, output))
+    spec = ReplaySpec(
+        Path(bag),
+        Path(cast(Any, config)),
+        folder,
+        read_remaps(f"{name}:={topic}" for name, topic in (remaps or {}).items()),
+        clock,
+        copy,
+    )
+    result = replay_bag(spec, progress=progress or _no_messages)
+    result.place = place
+    return result
+
+
+def start_of(
+    data: Data,
+    model: AnyModel | None = None,
+    effects: OwnEffects = None,
+    without: str | Collection[str] = (),
+) -> tuple[Measurements, Base, Registry, tuple[str, ...]]:
+    """What a diagnosis starts from: table, model to fit, effects, and those that do not compete."""
+    measurements, known = read(data), _registry(effects)
+    base = Base() if model is None else base_of(_model(model, known), measurements)
+    return measurements, base, known, _ids(without, known)
+
+
+def _no_fits(done: int, needed: int) -> None:
+    """Nobody wants to know."""
+
+
+def _no_steps(step: str) -> None:
+    """Nobody wants to know."""
+
+
+def _no_messages(done: int, needed: int) -> None:
+    """Nobody wants to know."""
+
+
+def _kind(value: object) -> str:
+    return "nothing" if value is None else type(value).__name__
+
+
+def _registry(own: OwnEffects) -> Registry:
+    if own is None:
+        return default_registry()
+    if isinstance(own, Registry):
+        return own
+    if isinstance(own, (str, PathLike)):
+        return default_registry().with_file(Path(own))
+    raise ArgumentError(
+        f"effects: found {_kind(own)}, expected a Python file or what sw.effects.load returns"
+    )
+
+
+def _ids(without: str | Collection[str], known: Registry) -> tuple[str, ...]:
+    names = (without,) if isinstance(without, str) else tuple(without)
+    for name in names:
+        if name != "unknown":
+            known.family(name)
+    return names
+
+
+def _model(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
+    if isinstance(given, (FitResult, Diagnosis, Added)):
+        return given.model
+    if isinstance(given, Model):
+        return as_calibrated(given)
+    if isinstance(given, Soil) or (isinstance(given, str) and given in soil):
+        return CalibratedModel(Model(given))
+    if isinstance(given, str) and not Path(given).suffix and not Path(given).exists():
+        raise ArgumentError(
+            f"model: '{given}' is neither a file nor a soil: {nearest(given, list(soil))}"
+        )
+    if isinstance(given, (str, PathLike)):
+        return read_model(Path(given), known)
+    raise ArgumentError(f"model: found {_kind(given)}, expected {_MODELS}")
+
+
+def _effects(given: AnyEffect | Iterable[AnyEffect], measurements: Measurements) -> list[Effect]:
+    """Effects to start a fit from: what only scales is set from the data where it is not given."""
+    listed = [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
+    known, made = default_registry(), []
+    for one in listed:
+        if isinstance(one, str) and one.endswith(".py"):
+            known = known.with_file(one)
+    for one in listed:
+        if isinstance(one, str) and not one.endswith(".py"):
+            id, _, form = one.partition("/")
+            one = known.form(id, form or None)
+        if isinstance(one, type) and issubclass(one, Effect):
+            made.append(one.suited_to(measurements.conditions))
+        elif isinstance(one, Effect):
+            made.append(one)
+        elif not isinstance(one, str):
+            raise ArgumentError(f"effects: found {_kind(one)}, expected ids or classes of effects")
+    return made
+
+
+def _listed(name: str, given: Any) -> list[Any]:
+    try:
+        return list(given)
+    except TypeError:
+        raise ArgumentError(f"{name}: found {_kind(given)}, expected one or several") from None
+
+
+def _contenders(
+    models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel], known: Registry
+) -> list[Contender]:
+    """One contender for each model, each under a name of its own."""
+    if isinstance(models, Mapping):
+        named = [(str(name), model) for name, model in models.items()]
+    else:
+        single = isinstance(models, (str, PathLike, Model, Soil, FitResult, Diagnosis, Added))
+        named = [("", model) for model in ([models] if single else _listed("models", models))]
+    found: list[Contender] = []
+    for name, given in named:
+        read_one, taken = _model(given, known), [*STANDARD, *(c.name for c in found)]
+        file = str(given) if isinstance(given, (str, PathLike)) else ""
+        name = name or Path(file).stem or "model"
+        if name in taken:
+            name = file if file and file not in taken else f"{name}_{len(taken) + 1}"
+        effects = ", ".join(effect.id for effect in read_one.effects) or "no effects"
+        about = f"{'model file ' + file if file else 'model'}: {read_one.geometry}, {effects}"
+        digest = str(read_one.provenance.get("sha256", ""))
+        found.append(Contender(name, about, read_one.model, file, digest))
+    return found
+
+
+def _levels(name: str, value: Setting) -> Any:
+    """Values of a setting in SI units, shape (values,)."""
+    if isinstance(value, str):
+        from smallwheel_ros.measurements.columns import unit_of
+
+        return parse_range(name, value, unit_of(name) or None)
+    try:
+        levels = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name}: found {value!r}, expected a number or several") from None
+    if not levels.size:
+        raise ArgumentError(f"{name}: found no value, expected a number or several")
+    return levels
