@@ -11,47 +11,35 @@ from dataclasses import replace as changed
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-from numpy.typing import ArrayLike
-
+from smallwheel_ros.arguments import (
+    ArgumentError,
+    contenders_of,
+    effects_of,
+    ids_of,
+    kind,
+    levels_of,
+    model_of,
+    registry_of,
+)
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.comparison import compare as compare_models
-from smallwheel_ros.compare.contenders import STANDARD, Contender
 from smallwheel_ros.diagnosis.apply import Added, add_effect
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
-from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.measurements.table import Measurements, read_measurements
-from smallwheel_ros.model import Geometry, Model
-from smallwheel_ros.model_file import CalibratedModel, as_calibrated, read_model
-from smallwheel_ros.physics.soil import Soil, nearest, soil
+from smallwheel_ros.model import Geometry
 from smallwheel_ros.prediction import PredictionTable, on_one_soil, predict_table
-from smallwheel_ros.ranges import parse_range
 
 if TYPE_CHECKING:
-    import pandas as pd
-
+    from smallwheel_ros.arguments import AnyEffect, AnyModel, Data, OwnEffects, Setting
     from smallwheel_ros.replay.result import Replayed
     from smallwheel_ros.replay.spec import Copy
-
-    Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
-    AnyModel: TypeAlias = Model | Soil | FitResult | Diagnosis | Added | str | PathLike[str]
-    AnyEffect: TypeAlias = Effect | type[Effect] | str
-    OwnEffects: TypeAlias = Registry | str | PathLike[str] | None
-    Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
-
-_MODELS = "a Model, a model file, a soil or a result that has a model"
-
-
-class ArgumentError(SmallwheelError):
-    """An argument of a public function that is of another kind than it takes."""
 
 
 def read(
@@ -92,7 +80,7 @@ def read(
     if isinstance(data, (str, PathLike)):
         return read_measurements(Path(data), diameter=diameter, width=width)
     raise ArgumentError(
-        f"data: found {_kind(data)}, expected a file, a DataFrame or what sw.read returned"
+        f"data: found {kind(data)}, expected a file, a DataFrame or what sw.read returned"
     )
 
 
@@ -133,12 +121,12 @@ def fit(
     if model is None:
         base = Base(geometry=geometry or "contact_integral")
     elif geometry is None:
-        base = base_of(_model(model), measurements, free=True)
+        base = base_of(model_of(model), measurements, free=True)
     else:
         raise ArgumentError(
             "model and geometry: found both, expected one: a model has its geometry"
         )
-    parts = [part_of(effect) for effect in _effects(effects, measurements)]
+    parts = [part_of(effect) for effect in effects_of(effects, measurements)]
     problem = Problem.of(measurements, changed(base, parts=(*base.parts, *parts)))
     errors = problem.held_out()
     return changed(problem.result(), held_out={} if errors is None else errors.rmse())
@@ -173,8 +161,8 @@ def compare(
     >>> [model.contender.name for model in found.models]
     ['bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
     """
-    measurements, user = read(data), _registry(effects)
-    return compare_models(measurements, _contenders(models, user), progress=progress or _no_fits)
+    measurements, user = read(data), registry_of(effects)
+    return compare_models(measurements, contenders_of(models, user), progress=progress or _unheard)
 
 
 def diagnose(
@@ -221,7 +209,7 @@ def diagnose(
         seed=seed,
         without=out,
         limits={name: list(map(float, levels)) for name, levels in (can or {}).items()},
-        progress=progress or _no_steps,
+        progress=progress or _unheard,
     )
 
 
@@ -258,7 +246,7 @@ def add(
         raise ArgumentError("data: found nothing, expected the measurements to fit the effect to")
     wanted = effect if isinstance(effect, str) else getattr(effect, "id", None)
     if not isinstance(wanted, str):
-        raise ArgumentError(f"effect: found {_kind(effect)}, expected an effect's id or class")
+        raise ArgumentError(f"effect: found {kind(effect)}, expected an effect's id or class")
     measurements, base, known, out = start_of(data, model, effects, without)
     return add_effect(wanted, base, measurements, registry=known, without=out, seed=seed)
 
@@ -299,9 +287,9 @@ def predict(
     """
     given = {"load": load, "diameter": diameter, "width": width}
     given |= {} if slip is None else {"slip": slip}
-    settings = {name: _levels(name, value) for name, value in (given | others).items()}
+    settings = {name: levels_of(name, value) for name, value in (given | others).items()}
     name = "the model" if not isinstance(model, (str, PathLike)) else str(model)
-    return predict_table(on_one_soil(_model(model, _registry(effects)), soil, name), settings)
+    return predict_table(on_one_soil(model_of(model, registry_of(effects)), soil, name), settings)
 
 
 def replay(
@@ -355,7 +343,7 @@ def replay(
         clock,
         copy,
     )
-    result = replay_bag(spec, progress=progress or _no_messages)
+    result = replay_bag(spec, progress=progress or _unheard)
     result.place = place
     return result
 
@@ -367,123 +355,10 @@ def start_of(
     without: str | Collection[str] = (),
 ) -> tuple[Measurements, Base, Registry, tuple[str, ...]]:
     """What a diagnosis starts from: table, model to fit, effects, and those that do not compete."""
-    measurements, known = read(data), _registry(effects)
-    base = Base() if model is None else base_of(_model(model, known), measurements)
-    return measurements, base, known, _ids(without, known)
+    measurements, known = read(data), registry_of(effects)
+    base = Base() if model is None else base_of(model_of(model, known), measurements)
+    return measurements, base, known, ids_of(without, known)
 
 
-def _no_fits(done: int, needed: int) -> None:
-    """Nobody wants to know."""
-
-
-def _no_steps(step: str) -> None:
-    """Nobody wants to know."""
-
-
-def _no_messages(done: int, needed: int) -> None:
-    """Nobody wants to know."""
-
-
-def _kind(value: object) -> str:
-    return "nothing" if value is None else type(value).__name__
-
-
-def _registry(own: OwnEffects) -> Registry:
-    if own is None:
-        return default_registry()
-    if isinstance(own, Registry):
-        return own
-    if isinstance(own, (str, PathLike)):
-        return default_registry().with_file(Path(own))
-    raise ArgumentError(
-        f"effects: found {_kind(own)}, expected a Python file or what sw.effects.load returns"
-    )
-
-
-def _ids(without: str | Collection[str], known: Registry) -> tuple[str, ...]:
-    names = (without,) if isinstance(without, str) else tuple(without)
-    for name in names:
-        if name != "unknown":
-            known.family(name)
-    return names
-
-
-def _model(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
-    if isinstance(given, (FitResult, Diagnosis, Added)):
-        return given.model
-    if isinstance(given, Model):
-        return as_calibrated(given)
-    if isinstance(given, Soil) or (isinstance(given, str) and given in soil):
-        return CalibratedModel(Model(given))
-    if isinstance(given, str) and not Path(given).suffix and not Path(given).exists():
-        raise ArgumentError(
-            f"model: '{given}' is neither a file nor a soil: {nearest(given, list(soil))}"
-        )
-    if isinstance(given, (str, PathLike)):
-        return read_model(Path(given), known)
-    raise ArgumentError(f"model: found {_kind(given)}, expected {_MODELS}")
-
-
-def _effects(given: AnyEffect | Iterable[AnyEffect], measurements: Measurements) -> list[Effect]:
-    """Effects to start a fit from: what only scales is set from the data where it is not given."""
-    listed = [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
-    known, made = default_registry(), []
-    for one in listed:
-        if isinstance(one, str) and one.endswith(".py"):
-            known = known.with_file(one)
-    for one in listed:
-        if isinstance(one, str) and not one.endswith(".py"):
-            id, _, form = one.partition("/")
-            one = known.form(id, form or None)
-        if isinstance(one, type) and issubclass(one, Effect):
-            made.append(one.suited_to(measurements.conditions))
-        elif isinstance(one, Effect):
-            made.append(one)
-        elif not isinstance(one, str):
-            raise ArgumentError(f"effects: found {_kind(one)}, expected ids or classes of effects")
-    return made
-
-
-def _listed(name: str, given: Any) -> list[Any]:
-    try:
-        return list(given)
-    except TypeError:
-        raise ArgumentError(f"{name}: found {_kind(given)}, expected one or several") from None
-
-
-def _contenders(
-    models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel], known: Registry
-) -> list[Contender]:
-    """One contender for each model, each under a name of its own."""
-    if isinstance(models, Mapping):
-        named = [(str(name), model) for name, model in models.items()]
-    else:
-        single = isinstance(models, (str, PathLike, Model, Soil, FitResult, Diagnosis, Added))
-        named = [("", model) for model in ([models] if single else _listed("models", models))]
-    found: list[Contender] = []
-    for name, given in named:
-        read_one, taken = _model(given, known), [*STANDARD, *(c.name for c in found)]
-        file = str(given) if isinstance(given, (str, PathLike)) else ""
-        name = name or Path(file).stem or "model"
-        if name in taken:
-            name = file if file and file not in taken else f"{name}_{len(taken) + 1}"
-        effects = ", ".join(effect.id for effect in read_one.effects) or "no effects"
-        about = f"{'model file ' + file if file else 'model'}: {read_one.geometry}, {effects}"
-        digest = str(read_one.provenance.get("sha256", ""))
-        found.append(Contender(name, about, read_one.model, file, digest))
-    return found
-
-
-def _levels(name: str, value: Setting) -> Any:
-    """Values of a setting in SI units, shape (values,)."""
-    if isinstance(value, str):
-        from smallwheel_ros.measurements.columns import unit_of
-
-        return parse_range(name, value, unit_of(name) or None)
-    try:
-        levels = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
-    except (TypeError, ValueError):
-        raise ArgumentError(f"{name}: found {value!r}, expected a number or several") from None
-    if not levels.size:
-        raise ArgumentError(f"{name}: found no value, expected a number or several")
-    return levels
+def _unheard(*progress: object) -> None:
+    """Nobody wants to know how far it is."""

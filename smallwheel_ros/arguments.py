@@ -1,0 +1,150 @@
+"""What users may give to a public function, and what the library makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from smallwheel_ros.compare.contenders import STANDARD, Contender
+from smallwheel_ros.diagnosis.apply import Added
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting import FitResult
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Model
+from smallwheel_ros.model_file import CalibratedModel, as_calibrated
+from smallwheel_ros.physics.soil import Soil, nearest, soil
+from smallwheel_ros.ranges import parse_range
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
+    AnyModel: TypeAlias = Model | Soil | FitResult | Diagnosis | Added | str | PathLike[str]
+    AnyEffect: TypeAlias = Effect | type[Effect] | str
+    OwnEffects: TypeAlias = Registry | str | PathLike[str] | None
+    Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
+
+_MODELS = "a Model, a model file, a soil or a result that has a model"
+
+
+class ArgumentError(SmallwheelError):
+    """An argument of a public function that is of another kind than it takes."""
+
+
+def kind(value: object) -> str:
+    """What was given, by the name of its type."""
+    return "nothing" if value is None else type(value).__name__
+
+
+def registry_of(own: OwnEffects) -> Registry:
+    """All effects, with those of your own. Raises ArgumentError, EffectError."""
+    if own is None:
+        return default_registry()
+    if isinstance(own, Registry):
+        return own
+    if isinstance(own, (str, PathLike)):
+        return default_registry().with_file(Path(own))
+    raise ArgumentError(
+        f"effects: found {kind(own)}, expected a Python file or what sw.effects.load returns"
+    )
+
+
+def ids_of(without: str | Collection[str], known: Registry) -> tuple[str, ...]:
+    """Ids of effects, `unknown` among them. Raises EffectError for one that does not exist."""
+    names = (without,) if isinstance(without, str) else tuple(without)
+    for name in names:
+        if name != "unknown":
+            known.family(name)
+    return names
+
+
+def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
+    """The model that was given, with what is known of its uncertainty. known: effects of a model file.
+
+    Raises ArgumentError, ModelFileError.
+    """
+    if isinstance(given, (FitResult, Diagnosis, Added)):
+        return given.model
+    if isinstance(given, Model):
+        return as_calibrated(given)
+    if isinstance(given, Soil) or (isinstance(given, str) and given in soil):
+        return CalibratedModel(Model(given))
+    if isinstance(given, str) and not Path(given).suffix and not Path(given).exists():
+        raise ArgumentError(
+            f"model: '{given}' is neither a file nor a soil: {nearest(given, list(soil))}"
+        )
+    if isinstance(given, (str, PathLike)):
+        return read_model(Path(given), known)
+    raise ArgumentError(f"model: found {kind(given)}, expected {_MODELS}")
+
+
+def effects_of(given: AnyEffect | Iterable[AnyEffect], measurements: Measurements) -> list[Effect]:
+    """Effects to start a fit from: what only scales is set from the data where it is not given."""
+    listed = [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
+    known, made = default_registry(), []
+    for one in listed:
+        if isinstance(one, str) and one.endswith(".py"):
+            known = known.with_file(one)
+    for one in listed:
+        if isinstance(one, str) and not one.endswith(".py"):
+            id, _, form = one.partition("/")
+            one = known.form(id, form or None)
+        if isinstance(one, type) and issubclass(one, Effect):
+            made.append(one.suited_to(measurements.conditions))
+        elif isinstance(one, Effect):
+            made.append(one)
+        elif not isinstance(one, str):
+            raise ArgumentError(f"effects: found {kind(one)}, expected ids or classes of effects")
+    return made
+
+
+def _listed(name: str, given: Any) -> list[Any]:
+    try:
+        return list(given)
+    except TypeError:
+        raise ArgumentError(f"{name}: found {kind(given)}, expected one or several") from None
+
+
+def contenders_of(
+    models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel], known: Registry
+) -> list[Contender]:
+    """One contender for each model, each under a name of its own."""
+    if isinstance(models, Mapping):
+        named = [(str(name), model) for name, model in models.items()]
+    else:
+        single = isinstance(models, (str, PathLike, Model, Soil, FitResult, Diagnosis, Added))
+        named = [("", model) for model in ([models] if single else _listed("models", models))]
+    found: list[Contender] = []
+    for name, given in named:
+        read_one, taken = model_of(given, known), [*STANDARD, *(c.name for c in found)]
+        file = str(given) if isinstance(given, (str, PathLike)) else ""
+        name = name or Path(file).stem or "model"
+        if name in taken:
+            name = file if file and file not in taken else f"{name}_{len(taken) + 1}"
+        effects = ", ".join(effect.id for effect in read_one.effects) or "no effects"
+        about = f"{'model file ' + file if file else 'model'}: {read_one.geometry}, {effects}"
+        digest = str(read_one.provenance.get("sha256", ""))
+        found.append(Contender(name, about, read_one.model, file, digest))
+    return found
+
+
+def levels_of(name: str, value: Setting) -> Any:
+    """Values of a setting in SI units, shape (values,)."""
+    if isinstance(value, str):
+        return parse_range(name, value, unit_of(name) or None)
+    try:
+        levels = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name}: found {value!r}, expected a number or several") from None
+    if not levels.size:
+        raise ArgumentError(f"{name}: found no value, expected a number or several")
+    return levels
