@@ -14,13 +14,13 @@ from smallwheel_ros.compare.contenders import STANDARD, Contender
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel, as_calibrated
+from smallwheel_ros.model_file import CalibratedModel, as_calibrated, read_model
 from smallwheel_ros.physics.soil import Soil, nearest, soil
 from smallwheel_ros.ranges import parse_range
 

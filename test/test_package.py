@@ -62,7 +62,9 @@ def test_lock_file_pins_every_package_that_is_asked_for(repository: Path) -> Non
 
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    asked = names("\n".join(project["dependencies"] + [p for extra in extras.values() for p in extra]))
+    asked = names(
+        "\n".join(project["dependencies"] + [p for extra in extras.values() for p in extra])
+    )
     asked |= names((repository / "tools" / "environment.in").read_text())
     lines = (repository / "tools" / "environment.lock").read_text().splitlines()
     pinned = [line for line in lines if line and not line.startswith("#")]

@@ -8,11 +8,11 @@ strength comes from shear tests (`shear`, `strength`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smallwheel_ros.fitting.files import base_of, calibrated
+from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.points import FittingError
@@ -77,12 +77,12 @@ def fit_lab(
         start = base or (Base() if known is None else base_of(known, measurements))
         problem = Problem.of(measurements, start)
         fitter, own = fit_points(problem.points, problem.vector)
-        fit = result_of(fitter, own, problem.outliers)
         errors = problem.held_out()
         held_out = {} if errors is None else errors.rmse()
+        fit = replace(result_of(fitter, own, problem.outliers), held_out=held_out)
         laws, notes = _laws(measurements, problem, fitter, own)
         agree = agreements(measurements, start)
-        model = _keep_strength(calibrated(fit, measurements, held_out), known)
+        model = _keep_strength(fit.model, known)
     elif known is None:
         raise StrengthError(f"{tests.source if tests else ''}: {_NO_MODEL}")
     else:
