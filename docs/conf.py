@@ -24,6 +24,7 @@ extensions = [
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
 default_role = "code"
+highlight_language = "text"
 
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath", "deflist"]
@@ -61,7 +62,13 @@ html_theme_options = {
 }
 
 
+def skip_member(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what a named tuple says of its fields; the text of its class has them."""
+    return True if (getattr(obj, "__doc__", None) or "").startswith("Alias for field") else None
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.connect("autodoc-skip-member", skip_member)
     # Before napoleon, which has the default priority of 500.
     app.connect("autodoc-process-docstring", plain_docstrings.process, priority=400)

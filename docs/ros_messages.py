@@ -1,4 +1,4 @@
-"""The directive `message NAME`: a message of this package as tables, from its definition in msg/."""
+"""The directive `message NAME`: a message of this package, from its definition in msg/."""
 
 from __future__ import annotations
 
@@ -13,30 +13,43 @@ FIELD = re.compile(r"(\S+)\s+(\w+(?:\s*=\s*\S+)?)\s*(?:#\s*(.*))?$")
 UNIT = re.compile(r"\[([^]]+)\]\s*")
 
 
-def _row(kind: str, name: str, remark: str) -> str:
-    unit = UNIT.search(remark)
-    cells = (f"`{name}`", kind, unit[1] if unit else "", UNIT.sub("", remark, count=1))
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def _item(kind: str, name: str, remark: str) -> str:
+    """One field as an item of a list: name, type, unit, and what is said of it."""
+    unit = UNIT.match(remark)
+    rest = UNIT.sub("", remark, count=1).strip()
+    return f"- `{name}` {kind}{f', {unit[1]}' if unit else ''}{f': {rest}' if rest else ''}"
+
+
+def _block(comment: list[str], fields: list[tuple[str, str, str]]) -> list[str]:
+    """Fields that one comment is about; with a single one the comment is its text."""
+    if len(fields) == 1:
+        kind, name, remark = fields[0]
+        return ["", _item(kind, name, " ".join([remark, *comment]).strip())]
+    return ["", *comment, "", *(_item(*field) for field in fields)]
 
 
 def as_markdown(definition: str) -> list[str]:
-    """Comments as text, lines of `----` as headings in bold, each block of fields as a table."""
+    """Headings, comments and fields of a definition, in its order."""
     found: list[str] = []
-    in_table = False
-    for line in definition.splitlines():
-        field = FIELD.match(line)
-        if field and not line.startswith("#"):
-            if not in_table:
-                found += ["", "| field | type | unit | |", "| --- | --- | --- | --- |"]
-            found.append(_row(field[1], field[2], field[3] or ""))
-            in_table = True
+    comment: list[str] = []
+    fields: list[tuple[str, str, str]] = []
+    for line in [*definition.splitlines(), ""]:
+        field = None if line.startswith("#") else FIELD.match(line)
+        if field:
+            fields.append((field[1], field[2], field[3] or ""))
             continue
+        if fields:
+            found += _block(comment, fields)
+            comment, fields = [], []
         text = line.lstrip("#").strip()
-        if in_table or not text:
-            found.append("")
-        in_table = False
-        found.append(f"**{text.strip('- ')}**\n" if text.startswith("----") else text)
-    return "\n".join(found).splitlines()
+        if text.startswith("----"):
+            found += ["", f"**{text.strip('- ')}**"]
+        elif text:
+            comment.append(text)
+        else:  # a paragraph that is about no field
+            found += ["", *comment]
+            comment = []
+    return found
 
 
 class Message(SphinxDirective):
@@ -45,7 +58,7 @@ class Message(SphinxDirective):
     required_arguments = 1
 
     def run(self) -> list[Any]:
-        """Give the nodes of its text and tables."""
+        """Give the nodes of its text."""
         file = FOLDER / f"{self.arguments[0]}.msg"
         self.env.note_dependency(str(file))
         lines = as_markdown(file.read_text(encoding="utf-8"))
