@@ -27,6 +27,10 @@ COMMANDS = {
     ),
     "compare": ("commands.bench:compare", "Models against measurements, side by side."),
     "diagnose": ("commands.bench:diagnose", "Find which physical effect a model is missing."),
+    "learn": (
+        "commands.learn:learn_command",
+        "Learn a law that no known effect explains, into a file.",
+    ),
     "fit": (
         "commands.bench:fit",
         "Calibrate soil and effects on measurements, write a model file.",

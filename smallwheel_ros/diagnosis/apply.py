@@ -264,6 +264,8 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
         if change.worse:
             rises = " and ".join(change.worse)
             return False, f"named, but the held-out error of {rises} rises; not recommended alone"
+        if any(f"{effect} was learnt" in note for note in document["notes"]):
+            return True, "named, but it was learnt from this very data: other data must judge it"
         return True, ""
     if effect in document["candidates"]:
         others = ", ".join(c for c in document["candidates"] if c != effect)
@@ -272,7 +274,6 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
     if document["missing_effects"]:
         named = ", ".join(document["missing_effects"])
         return False, f"the data speaks for {named} (this one {chance:.2f}); not recommended"
-    return (
-        False,
-        f"probability {chance:.2f}, p {document['lack_of_fit']['p_value']:.2g}; not recommended",
-    )
+    p = document["lack_of_fit"]["p_value"]
+    tested = "" if p is None else f", p {p:.2g}"
+    return False, f"probability {chance:.2f}{tested}; not recommended"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -99,11 +99,16 @@ def channels(problem: Problem, errors: CvErrors, floors: Mapping[str, float]) ->
 
 
 def ranking(
-    found: Search, verdict: Verdict, errors: Mapping[str, CvErrors], base: CvErrors
+    found: Search,
+    verdict: Verdict,
+    errors: Mapping[str, CvErrors],
+    base: CvErrors,
+    learnt: Collection[str] = (),
 ) -> list[Entry]:
     """Every effect that competed or could not, the most probable first.
 
-    errors: held-out errors of families alone, where they were worked out.
+    errors: held-out errors of families alone, where they were worked out. learnt: families that were
+    learnt from this data, and have no p.
     """
     field, chance = found.field, verdict.probabilities
     listed = [
@@ -117,6 +122,9 @@ def ranking(
     alike = {} if found.screen is None else _alike(found.screen)
     rows = [_row(found, verdict, n, errors.get(n), base) for n in listed]
     for row in rows:
+        if row["effect"] in learnt:
+            row["p_value"] = None
+            row["reason"] += "; it was learnt from this data"
         row["confounded_with"] = alike.get(row["effect"], [])
     blind = [name for name in sorted(field.blocked) if not name.startswith("unknown:")]
     return rows + [_blocked(field, name, "") for name in blind]

@@ -257,6 +257,7 @@ def _document(
     points, fitter = judged.points, judged.fitter
     base = steps[0].errors
     best = (verdict.best if verdict.named else found.ordered[0]).fit
+    learnt = _learnt_here(found, problem.measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, problem.measurements)
     return written.head(problem, verdict.word, "; ".join(verdict.reasons)) | {
@@ -264,11 +265,14 @@ def _document(
         "candidates": list(verdict.rivals),
         "unknown": list(verdict.unknown),
         "channels": written.channels(problem, base, expected_error(fitter, best)),
-        "lack_of_fit": {"p_value": found.p, "probability_of_none": found.probabilities[()]},
+        "lack_of_fit": {
+            "p_value": None if learnt & {*verdict.named} else found.p,
+            "probability_of_none": found.probabilities[()],
+        },
         "where_it_fails": where_it_fails(
             points, base, fitter.level, seed, certain=found.p <= ALARM
         ),
-        "ranking": written.ranking(found, verdict, _alone(judged, found, verdict), base),
+        "ranking": written.ranking(found, verdict, _alone(judged, found, verdict), base, learnt),
         "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
         "run_scatter": best.scatter.as_dict(fitter.variance),
         "residuals_left": left,
@@ -280,10 +284,23 @@ def _document(
         "notes": [
             *problem.result(steps[-1].model.fit).notes,
             *problem.measurements.notes,
+            *(
+                f"{name} was learnt from this very data, so it has no p here: other data must judge it"
+                for name in sorted(learnt)
+            ),
             *([f"after the best explanation {worst}"] if worst else []),
             *_about_pull(problem, found, steps[-1].errors, seed),
         ],
     }
+
+
+def _learnt_here(found: Search, measurements: Measurements) -> frozenset[str]:
+    """Families with a law that was learnt from this very table: it cannot speak for them."""
+    return frozenset(
+        c.family
+        for c in found.field.competitors
+        if c.effect is not None and c.effect.learnt_from == measurements.sha256 != ""
+    )
 
 
 def _alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErrors]:

@@ -175,6 +175,9 @@ class Effect:
     same_as: ClassVar[str] = ""
     # A rule of contact in place of numbers: a model takes it over when the effect is added.
     geometry: ClassVar[str] = ""
+    # SHA-256 of the table that the law was learnt from, "" where it is published: that table cannot
+    # speak for it.
+    learnt_from: ClassVar[str] = ""
     # Known physics of this package is applied wherever its columns are there: never a discovery.
     known_physics: ClassVar[bool] = False
     _drivers_stated: ClassVar[bool] = False
@@ -238,6 +241,10 @@ class Effect:
 
     def objection(self, conditions: Conditions) -> str:
         """Say why this form cannot be used on these rows, "" where it can."""
+        return ""
+
+    def caution(self, conditions: Conditions) -> str:
+        """Say where these rows are beyond what the effect is known for, "" where they are not."""
         return ""
 
     @classmethod

@@ -122,6 +122,10 @@ def _check(form: type[Effect], origin: str) -> None:
             f"{where} overrides no stage, so it does nothing; expected one of the methods of "
             "Effect, like modulus_factor or sinkage"
         )
+    try:
+        form()
+    except EffectError as error:
+        raise EffectError(f"{where}: {error}") from None
 
 
 @dataclass(frozen=True)

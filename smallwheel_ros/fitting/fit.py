@@ -109,7 +109,10 @@ class Fitter:
 
     def of_runs(self, training: Points) -> Fitter:
         """A fitter of some of the runs, under the same levels and repeatability."""
-        keep = np.isin(self.points.run, np.unique(training.run))
+        return self.of_values(training, np.isin(self.points.run, np.unique(training.run)))
+
+    def of_values(self, training: Points, keep: NDArray[np.bool_]) -> Fitter:
+        """A fitter of some of the values, `points.take(keep)`, under the same."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
         return Fitter(training, self.level[keep], part, self._law)

@@ -1,0 +1,166 @@
+"""Worlds that hide a law from `smallwheel learn`, with a truth of their own.
+
+    python benchmarks/learn_worlds.py --world tanh_slip --seeds 10        rates, one line a table
+
+The truth shares no code with the model: the load that a wheel's front arc carries is a sum over
+angles, the sinkage is found by bisection, the resistance is the sum of the pressure's horizontal
+component, and a law acts on pressure, wheel or outcome as its line below says. Columns that act
+on nothing (the battery's voltage always, and whatever the law does not use) are in every table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+
+_ANGLES = (np.arange(400) + 0.5) / 400.0
+_BISECTIONS = 60
+_ABSOLUTE = {"sinkage": 0.1e-3, "resistance": 0.1}  # noise beside the relative one, m and N
+LIMITS = {"load": (20.0, 150.0), "slip": (0.0, 0.6), "moisture": (0.04, 0.18),
+          "temperature": (280.0, 315.0), "battery": (11.0, 12.6)}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """A law: what it changes, each a function of the columns, and what a right answer is.
+
+    stages: those of the model that say the same; drivers: columns, in one of these sets.
+    """
+
+    drivers: tuple[frozenset[str], ...]
+    stages: frozenset[str]
+    stiffness: Callable[[Columns], Array] | None = None
+    deeper: Callable[[Columns], Array] | None = None
+    diameter: Callable[[Columns], Array] | None = None
+    drag: Callable[[Columns, Array], Array] | None = None
+
+
+def _of(*columns: str) -> tuple[frozenset[str], ...]:
+    return (frozenset(columns),)
+
+
+_K, _Z, _R, _D = (frozenset({s}) for s in "kzRD")
+LAWS: dict[str, Hidden] = {
+    "nothing": Hidden((), frozenset()),
+    "tanh_slip": Hidden(_of("slip"), _Z, deeper=lambda c: 1.0 + 0.5 * np.tanh(4.0 * c["slip"])),
+    "moisture_optimum": Hidden(
+        _of("moisture"), _K, stiffness=lambda c: 1.0 - 93.8 * (c["moisture"] - 0.1) ** 2
+    ),
+    "temperature_rate": Hidden(
+        _of("temperature", "speed"), _K,
+        stiffness=lambda c: (c["speed"] / 0.07) ** (0.25 * (c["temperature"] - 297.0) / 15.0),
+    ),
+    "speed_threshold": Hidden(
+        _of("speed"), _K, stiffness=lambda c: 1.0 + 3.0 * np.maximum(c["speed"] - 0.15, 0.0)
+    ),
+    "flexible_wheel": Hidden(_of("load"), _D, diameter=lambda c: 1.0 + 0.8 * c["load"] / 100.0),
+    "load_slip": Hidden(
+        _of("load", "slip"), _Z, deeper=lambda c: 1.0 + 0.9 * c["load"] / 100.0 * c["slip"]
+    ),
+    "slip_drag": Hidden(
+        (frozenset({"slip"}), frozenset({"slip", "load"})), _R,
+        drag=lambda c, z: 0.25 * c["slip"] * c["load"],
+    ),
+    # Families of the library, which the search does not have.
+    "slip_sinkage": Hidden(
+        _of("slip"), _Z, deeper=lambda c: (1.0 + c["slip"]) / (1.0 - 0.5 * c["slip"])
+    ),
+    "multipass": Hidden(
+        _of("pass_number"), _K, stiffness=lambda c: c["pass_number"] ** 0.45
+    ),
+    "rate": Hidden(_of("speed"), _K, stiffness=lambda c: (c["speed"] / 0.05) ** 0.15),
+    "bulldozing": Hidden(
+        (frozenset(), frozenset({"sinkage"}), frozenset({"width"})), _R,
+        drag=lambda c, z: 1.2e5 * c["width"] * z**2,
+    ),
+    "width": Hidden(_of("width"), _K, stiffness=lambda c: (c["width"] / 0.08) ** -0.7),
+    "load": Hidden(
+        _of("load"), frozenset({"k", "n"}), stiffness=lambda c: (c["load"] / 70.0) ** 0.35
+    ),
+}  # fmt: skip
+
+
+def _arc(z: Array, d: Array, b: Array, n: Array, modulus: Array) -> tuple[Array, Array]:
+    """Upward and backward component (N) of the pressure on the front of a rigid wheel."""
+    r = 0.5 * d
+    entry = np.arccos(np.clip(1.0 - z / r, -1.0, 1.0))
+    angle = entry * (1.0 - (1.0 - _ANGLES[:, None]) ** 2)  # dense where the pressure begins
+    step = entry * 2.0 * (1.0 - _ANGLES[:, None]) / _ANGLES.size
+    depth = np.maximum(r * (np.cos(angle) - np.cos(entry)), 0.0)
+    stress = modulus * depth**n * b * r * step
+    return (stress * np.cos(angle)).sum(axis=0), (stress * np.sin(angle)).sum(axis=0)
+
+
+def respond(soil: tuple[float, float, float], law: Hidden, c: Columns, firmness: Array) -> Columns:
+    """Sinkage (m) and resistance (N). soil: k, n, m. firmness: factor on k of each row."""
+    k, n, m = soil
+    one = np.ones_like(c["load"])
+    d = c["diameter"] * (law.diameter(c) if law.diameter else one)
+    modulus = k * d**m * firmness * (law.stiffness(c) if law.stiffness else one)
+    low, high = 1e-6 * one, 0.499 * d
+    for _ in range(_BISECTIONS):
+        middle = np.sqrt(low * high)
+        light = _arc(middle, d, c["width"], n * one, modulus)[0] < c["load"]
+        low, high = np.where(light, middle, low), np.where(light, high, middle)
+    z = np.sqrt(low * high) * (law.deeper(c) if law.deeper else one)
+    back = _arc(np.minimum(z, 0.499 * d), d, c["width"], n * one, modulus)[1]
+    return {"sinkage": z, "resistance": back + (law.drag(c, z) if law.drag else 0.0)}
+
+
+def table(
+    world: str,
+    seed: int,
+    part: int = 0,
+    *,
+    runs: int = 32,
+    rows: int = 3,
+    noise: float = 0.03,
+    scatter: float = 0.05,
+    channels: tuple[str, ...] = ("sinkage", "resistance"),
+) -> pd.DataFrame:
+    """A table of a world. part: 0 to learn from, 1 fresh settings. noise 0: the truth itself."""
+    law = LAWS[world]
+    own = np.random.default_rng([seed, 77])
+    n = own.uniform(0.6, 1.1)
+    m = own.uniform(-0.3, 0.3)
+    diameters = own.choice([0.12, 0.16, 0.20, 0.25, 0.30], 3, replace=False)
+    widths = own.choice([0.05, 0.07, 0.09, 0.12], 3, replace=False)
+    # A middling wheel sinks by a tenth of its diameter.
+    reference = {"load": 70.0, "diameter": float(np.median(diameters)),
+                 "width": float(np.median(widths))}  # fmt: skip
+    at = {name: np.array([value]) for name, value in reference.items()}
+    up = _arc(own.uniform(0.05, 0.09) * at["diameter"], at["diameter"], at["width"],
+              np.array([n]), at["diameter"] ** m)[0]  # fmt: skip
+    soil = (float(70.0 / up[0]), n, m)
+    rng = np.random.default_rng([seed, part, 78])
+    kept: list[dict[str, float]] = []
+    for _ in range(100 * runs):
+        run = {name: rng.uniform(*limits) for name, limits in LIMITS.items()}
+        run |= {"speed": float(np.exp(rng.uniform(np.log(0.01), np.log(0.5)))),
+                "pass_number": float(rng.integers(1, 6)),
+                "diameter": float(rng.choice(diameters)), "width": float(rng.choice(widths))}  # fmt: skip
+        c = {name: np.array([value]) for name, value in run.items()}
+        z = respond(soil, law, c, np.ones(1))["sinkage"][0]
+        if 1e-3 < z < 0.3 * run["diameter"]:
+            kept.append(run)
+        if len(kept) == runs:
+            break
+    c = {name: np.repeat([run[name] for run in kept], rows) for name in kept[0]}
+    quiet = noise == 0.0
+    firm = np.exp(rng.normal(0.0, 0.0 if quiet else scatter, runs))
+    true = respond(soil, law, c, np.repeat(firm, rows))
+    found: dict[str, object] = {"run": np.repeat([f"r{i + 1:03d}" for i in range(runs)], rows)}
+    found |= dict(c)
+    for name in channels:
+        spread = 0.0 if quiet else np.hypot(noise * true[name], _ABSOLUTE[name])
+        found[name] = np.maximum(true[name] + spread * rng.normal(size=runs * rows), 1e-5)
+    units = {"load": "N", "diameter": "m", "width": "m", "speed": "m/s", "temperature": "K",
+             "battery": "V", "sinkage": "m", "resistance": "N"}  # fmt: skip
+    return pd.DataFrame(found).rename(columns={k: f"{k} [{u}]" for k, u in units.items()})

@@ -1,0 +1,268 @@
+"""What was learnt as plain values, by contract: what is written as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.diagnosis.document import plain
+from smallwheel_ros.fitting.fit import Fitter
+from smallwheel_ros.fitting.result import expected_error
+from smallwheel_ros.learn.draft import Number, formula, numbers_of
+from smallwheel_ros.learn.drivers import Driver
+from smallwheel_ros.learn.implied import Implied, curve, disagreements, implied
+from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought
+from smallwheel_ros.learn.search import Candidate
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import Conditions
+
+Array = NDArray[np.float64]
+Entry = dict[str, Any]
+
+SCHEMA = 1
+_CURVE = 41  # points of the drafted curve
+_TWO = 2.0  # deviations: the band of a curve, the interval of a constant
+_SHOWN = 40  # tied formulas in the document
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A law over its first driver, other drivers in their middle; arrays of shape (points,).
+
+    factor: of the draft (a shift of n, a resistance in N per carrier). low, high: over all tied laws
+    of that stage and drivers, two deviations each way. tied: their curves.
+    """
+
+    x: Array
+    factor: Array
+    low: Array
+    high: Array
+    tied: tuple[Array, ...]
+
+
+def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
+    """The whole document but `measure_next`, `file` and laws learnt after this one."""
+    settings = 0 if sought.problem is None else np.unique(sought.problem.points.setting).size
+    found: Entry = {
+        "schema": SCHEMA,
+        "verdict": sought.verdict,
+        "reasons": list(sought.reasons),
+        "data": {
+            "file": measurements.source,
+            "sha256": measurements.sha256,
+            "rows": len(measurements),
+            "runs": int(measurements.runs.size),
+            "settings": int(settings),
+        },
+        "search": _search(sought),
+        "held_out": {},
+        "law": None,
+        "places": [],
+        "tied": [],
+        "implied": [],
+        "shape": None,
+        "stage_disagreement": {},
+        "measure_next": None,
+        "file": None,
+        "notes": [*sought.notes, *measurements.notes],
+        "warnings": list(measurements.warnings),
+    }
+    law, fitter = sought.law, sought.fitter
+    if law is None or fitter is None:
+        return dict(plain(found))
+    asks = implied(fitter, law.fit, law.law.place)
+    numbers = numbers_of(fitter, law)
+    found |= {
+        "held_out": held_out(sought),
+        "law": _law(law, numbers, sought, name) if sought.verdict == "law" else None,
+        "places": _places(sought),
+        "tied": [_tied(c, sought.tied[0]) for c in sought.tied[:_SHOWN]],
+        "implied": _implied(asks, law, fitter),
+        "shape": _shape(sought, law),
+        "stage_disagreement": disagreements(fitter, list(sought.tied), law),
+    }
+    return dict(plain(found))
+
+
+def _search(sought: Sought) -> Entry:
+    grid = sought.grid
+    drivers: dict[str, Driver] = {}
+    if grid is not None:
+        drivers = {d.name: d for t in grid.terms for d, _ in t.factors}
+    return {
+        "formulas": 0 if grid is None else sum(grid.allowed(p).size for p in grid.places),
+        "stages": [] if grid is None else list(dict.fromkeys(p.stage for p in grid.places)),
+        "drivers": list(drivers),
+        "p": sought.p,
+        "permutations": PERMUTATIONS if sought.p is not None else 0,
+        "folds": 0 if sought.held_out is None else len(sought.held_out.choices),
+        "folds_agreeing": None if sought.judgement is None else sought.judgement.agreeing,
+        "vault_settings": sought.vault,
+    }
+
+
+def held_out(sought: Sought) -> Entry:
+    """Held-out error of each channel without and with the law, and what the noise leaves; SI."""
+    assert sought.held_out is not None
+    assert sought.fitter is not None
+    assert sought.law is not None
+    floors = expected_error(sought.fitter, sought.law.fit)
+    found = {}
+    for name in sought.held_out.before:
+        size = [float(np.sqrt(np.nanmean(e[name] ** 2)))
+                for e in (sought.held_out.before, sought.held_out.after)]  # fmt: skip
+        found[name] = {"before": size[0], "after": size[1], "floor": floors.get(name)}
+    return found
+
+
+def _law(law: Candidate, numbers: list[Number], sought: Sought, name: str) -> Entry:
+    drivers = {d.name: d for t in law.law.terms for d, _ in t.factors}
+    constants = []
+    for n in numbers:
+        low, high = _interval(n, law, sought)
+        constants.append(
+            {
+                "name": n.name,
+                "value": n.value,
+                "std": n.std,
+                "unit": n.unit,
+                "low": low,
+                "high": high,
+            }
+        )
+    return {
+        "id": name,
+        "stage": law.law.place.stage,
+        "drivers": list(law.law.drivers),
+        "formula": formula(law.law, law.numbers),
+        "constants": constants,
+        "range": {d.name: [d.reference + d.low, d.reference + d.high] for d in drivers.values()},
+    }
+
+
+def _interval(number: Number, law: Candidate, sought: Sought) -> tuple[float, float]:
+    """Two deviations each way, over the draft and the tied laws of its shape at any place."""
+    assert sought.fitter is not None
+    alike = [c for c in sought.tied if [t.kind for t in c.law.terms] == [t.kind for t in law.law.terms]
+             and (not number.strength or c.law.place == law.law.place)
+             and (not number.strength or c.law.link == law.law.link)]  # fmt: skip
+    ends = []
+    for candidate in alike or [law]:
+        j = next(j for j in candidate.fit.vector.places("sought")
+                 if candidate.fit.vector.free[j].field == number.name)  # fmt: skip
+        std = float(np.sqrt(candidate.fit.covariance[j, j]))
+        ends += [float(candidate.fit.theta[j]) + s * _TWO * std for s in (-1.0, 1.0)]
+    return min(ends), max(ends)
+
+
+def _places(sought: Sought) -> list[Entry]:
+    """Stages and drivers that the tied laws have, each once, the best first."""
+    seen = dict.fromkeys((c.law.place.stage, c.law.drivers) for c in sought.tied)
+    return [{"stage": stage, "drivers": list(drivers)} for stage, drivers in seen]
+
+
+def _tied(candidate: Candidate, best: Candidate) -> Entry:
+    return {
+        "formula": formula(candidate.law, candidate.numbers),
+        "stage": candidate.law.place.stage,
+        "drivers": list(candidate.law.drivers),
+        "nats": candidate.score - best.score,
+    }
+
+
+def first_driver(law: Candidate) -> Driver | None:
+    """What the law is drawn over."""
+    return next((d for t in law.law.terms for d, _ in t.factors), None)
+
+
+def _implied(asks: Implied, law: Candidate, fitter: Fitter) -> list[Entry]:
+    """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
+    driver, points = first_driver(law), fitter.points
+    conditions = points.conditions
+    x: Array = np.zeros(len(conditions))
+    if driver is not None and driver.columns:
+        x = driver.values(conditions) + driver.reference
+    run = {int(r): points.runs[points.run[np.flatnonzero(points.row == r)[0]]] for r in asks.row}
+    found = []
+    for i, row in enumerate(asks.row):
+        entry: Entry = {"run": run[int(row)], "x": float(x[row])}
+        for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
+            entry[channel] = entry[key] = None
+            if channel in asks.value and np.isfinite(asks.value[channel][i]):
+                value, std = asks.value[channel][i], asks.std[channel][i]
+                if law.law.place.stage not in ("n", "R"):
+                    value = np.exp(value)
+                    std = value * std
+                entry[channel], entry[key] = float(value), float(std)
+        found.append(entry)
+    return found
+
+
+def shape_of(sought: Sought, law: Candidate) -> Shape | None:
+    """The law over its first driver; None where it follows nothing, or the depth itself."""
+    driver = first_driver(law)
+    if driver is None or not driver.columns or sought.fitter is None or sought.grid is None:
+        return None
+    points = sought.fitter.points
+    used = np.unique(points.row)
+    x = driver.values(points.conditions)[used] + driver.reference
+    near = used[np.argsort(np.abs(x - np.median(x)))[0]]
+    grid = np.linspace(x.min(), x.max(), _CURVE)
+    at = along(points.conditions, int(near), driver, grid)
+    depth = np.full(_CURVE, sought.grid.sinkage[near])
+    same = [
+        c for c in sought.tied if c.law.place == law.law.place and c.law.drivers == law.law.drivers
+    ]
+    value = curve(law.law, law.numbers, at, depth)
+    low, high, tied = value.copy(), value.copy(), []
+    for candidate in [*same, law]:
+        mine = curve(candidate.law, candidate.numbers, at, depth)
+        spread = _TWO * _deviation(candidate, at, depth)
+        low, high = np.minimum(low, mine - spread), np.maximum(high, mine + spread)
+        if candidate is not law:
+            tied.append(_shown(mine, law))
+    return Shape(grid, _shown(value, law), _shown(low, law), _shown(high, law), tuple(tied))
+
+
+def _shown(value: Array, law: Candidate) -> Array:
+    """A factor, where it is one."""
+    return value if law.law.place.stage in ("n", "R") else np.asarray(np.exp(value))
+
+
+def _shape(sought: Sought, law: Candidate) -> Entry | None:
+    shape = shape_of(sought, law)
+    return None if shape is None else {k: v for k, v in asdict(shape).items() if k != "tied"}
+
+
+def _deviation(candidate: Candidate, at: Conditions, depth: Array) -> Array:
+    """Standard deviation of a law's curve, from that of its numbers, shape (points,)."""
+    fit = candidate.fit
+    places = fit.vector.places("sought")
+    numbers = candidate.numbers
+    middle = curve(candidate.law, numbers, at, depth)
+    slopes = []
+    for j in places:
+        name, step = fit.vector.free[j].field, 0.1 * float(np.sqrt(fit.covariance[j, j])) + 1e-12
+        moved = curve(candidate.law, numbers | {name: numbers[name] + step}, at, depth)
+        slopes.append((moved - middle) / step)
+    s = np.array(slopes)
+    return np.asarray(
+        np.sqrt(np.einsum("ip,ij,jp->p", s, fit.covariance[np.ix_(places, places)], s))
+    )
+
+
+def along(conditions: Conditions, row: int, driver: Driver, x: Array) -> Conditions:
+    """One row's conditions with a driver at each of these values, shape (points,)."""
+    one = conditions.take(np.full(x.size, row))
+    columns = {"load": one.load, "diameter": one.diameter, "width": one.width, **one.covariates}
+    now = driver.values(one) + driver.reference
+    # A compound is moved by its first column, to which it is in proportion.
+    first = driver.columns[0]
+    columns[first] = (
+        x if len(driver.columns) == 1 and driver.name == first else columns[first] * x / now
+    )
+    load, diameter, width = (columns.pop(n) for n in ("load", "diameter", "width"))
+    return Conditions(load, diameter, width, one.contact, one.soil, columns)

@@ -1,0 +1,150 @@
+"""The grammar of laws: terms of one driver or of two, and what each costs to describe.
+
+A term has a strength, which enters linearly, and at most one constant of shape, which is tried on a
+grid and freed once the term is chosen.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from smallwheel_ros.effects.drafted import continued
+from smallwheel_ros.learn import shapes
+from smallwheel_ros.learn.drivers import DEPTH, Driver
+from smallwheel_ros.learn.shapes import Shape
+from smallwheel_ros.physics.conditions import Conditions
+
+Array = NDArray[np.float64]
+
+FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
+_CURVED = 4  # levels of a driver from which a shape with a constant is tried
+_SCALES = (0.1, 0.2, 0.35, 0.6, 1.0)  # of a driver's span
+
+
+@dataclass(frozen=True)
+class Term:
+    """A product of shapes, one for each driver; none is the constant 1.
+
+    constant: c of the shape in which it is free, else 1. bounds: of that c. cost: nats that it takes
+    to describe, without its place.
+    """
+
+    factors: tuple[tuple[Driver, Shape], ...]
+    constant: float = 1.0
+    bounds: tuple[float, float] = (0.0, 0.0)
+    cost: float = 0.0
+
+    @property
+    def free(self) -> bool:
+        """Whether its constant is fitted."""
+        return any(shape.constant == "free" for _, shape in self.factors)
+
+    @cached_property
+    def drivers(self) -> frozenset[str]:
+        """Names of its drivers."""
+        return frozenset(driver.name for driver, _ in self.factors)
+
+    @cached_property
+    def columns(self) -> frozenset[str]:
+        """Settings that its drivers are made of."""
+        return frozenset(c for driver, _ in self.factors for c in driver.columns)
+
+    @cached_property
+    def weight(self) -> float:
+        """How many drivers it counts as."""
+        return sum(driver.weight for driver, _ in self.factors)
+
+    @cached_property
+    def kind(self) -> tuple[tuple[str, str], ...]:
+        """What tells it from others, whatever its constant."""
+        return tuple((driver.name, shape.name) for driver, shape in self.factors)
+
+    @property
+    def of_depth(self) -> bool:
+        """Whether it follows the sinkage itself: only the resistance, which comes after, can."""
+        return DEPTH in self.drivers
+
+    def __call__(
+        self,
+        conditions: Conditions,
+        sinkage: Array | None = None,
+        constant: ArrayLike | None = None,
+    ) -> Array:
+        """Its value, shape (rows,). sinkage: m. constant: c, its own where None."""
+        value: Array = np.ones(len(conditions))
+        c = self.constant if constant is None else constant
+        for driver, shape in self.factors:
+            u = driver.values(conditions, sinkage)
+            held = driver.middle if shape.constant == "given" else c
+            value = value * continued(partial(shape, c=held), u, driver.low, driver.high)
+        return value
+
+
+def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
+    """Every term of these drivers. settings: how many were measured."""
+    single = [term for driver in drivers for term in _single(driver)]
+    pairs: list[Term] = []
+    if settings >= FEWEST_FOR_PRODUCTS:
+        for one, other in itertools.combinations(drivers, 2):
+            if not set(one.columns) & set(other.columns):
+                pairs += _products(one, other)
+    constant = 0.5 * np.log(settings)
+    listed = [Term((), cost=constant)]
+    for group in (single, pairs):
+        forms = np.log(max(len({term.kind for term in group}), 1))
+        listed += [replace(t, cost=forms + constant * (1 + t.free)) for t in group]
+    return listed
+
+
+def _plain(driver: Driver) -> list[Shape]:
+    """Shapes without a fitted constant."""
+    if driver.low < 0.0:
+        return [shapes.LINEAR, shapes.SQUARE, shapes.SIZE, shapes.POSITIVE, shapes.NEGATIVE]
+    away = driver.low > 1e-3 * driver.high and not driver.reference
+    more = [shapes.LOGARITHM, shapes.INVERSE] if away else []
+    return [shapes.LINEAR, shapes.SQUARE, shapes.ROOT, *more]
+
+
+def _curved(driver: Driver) -> Shape:
+    """The logarithm, where the driver stays away from zero, else the square."""
+    return shapes.LOGARITHM if shapes.LOGARITHM in _plain(driver) else shapes.SQUARE
+
+
+def _single(driver: Driver) -> Iterator[Term]:
+    for shape in _plain(driver):
+        yield Term(((driver, shape),))
+    if driver.levels < _CURVED:
+        return
+    low, high, span = driver.low, driver.high, driver.span
+
+    def made(shape: Shape, constants: Sequence[float], bounds: tuple[float, float]) -> list[Term]:
+        return [Term(((driver, shape),), float(c), bounds) for c in constants]
+
+    inner = sorted(set(driver.quantiles))
+    yield from made(shapes.HINGE, inner, (low, high))
+    yield from made(shapes.FALLING_HINGE, inner, (low, high))
+    optima = np.linspace(low - 0.1 * span, high + 0.1 * span, 9)
+    yield from made(shapes.OPTIMUM, optima.tolist(), (low - 0.3 * span, high + 0.3 * span))
+    scales = [q * span for q in _SCALES]
+    for shape in (shapes.SATURATION, shapes.DECAY, shapes.LOG_GROWTH):
+        yield from made(shape, scales, (0.03 * span, 3.0 * span))
+    yield from made(shapes.GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
+
+
+def _products(one: Driver, other: Driver) -> Iterator[Term]:
+    for first, second in itertools.product(_plain(one), _plain(other)):
+        yield Term(((one, first), (other, second)))
+    for a, b in ((one, other), (other, one)):
+        inner = (0.25, 0.5, 0.75) if not a.reference else (-0.5, 0.25, 0.5, 0.75, 1.5)
+        for share in inner:
+            for shape in (shapes.LINEAR, _curved(b)):
+                yield Term(
+                    ((a, shapes.OFFSET), (b, shape)), a.low + share * a.span,
+                    (a.low - a.span, a.high + a.span),
+                )  # fmt: skip

@@ -1,0 +1,140 @@
+"""What each setting asks of a place: the factor on k, sinkage, ... that makes its measurement right.
+
+Sinkage and resistance ask apart. Where a law acts at that place, both ask for the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.learn.law import SOUGHT, Law, Place, asked, places_for
+from smallwheel_ros.learn.search import Candidate
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
+
+Array = NDArray[np.float64]
+
+_STEPS = 12  # of a secant, each halving at least what is left
+_FAR = 3.0  # ln factor that no setting may ask for: its measurement says nothing of the place
+_DULL = 0.02  # slope of ln value by ln factor, under which the channel does not show the place
+
+
+@dataclass(frozen=True)
+class Implied:
+    """Shifts that the points ask for: ln factors, of n and resistance as they are.
+
+    value, std: by channel, shape (points,), NaN where a channel does not say. row: of each point in
+    the conditions.
+    """
+
+    row: NDArray[np.intp]
+    value: dict[str, Array]
+    std: dict[str, Array]
+
+    @property
+    def disagreement(self) -> float | None:
+        """Mean squared difference of the channels over its variance; None with one channel."""
+        if len(self.value) < 2:
+            return None
+        a, b = self.value.values()
+        sa, sb = self.std.values()
+        with np.errstate(invalid="ignore"):
+            off = (a - b) ** 2 / (sa**2 + sb**2)
+        known = off[np.isfinite(off)]
+        return float(np.mean(known)) if known.size >= 3 else None
+
+
+def implied(fitter: Fitter, fit: Fit, place: Place) -> Implied:
+    """What each point asks of a place of a model that has no law there.
+
+    fit: the model with its law; the law is taken out and the soil kept, so that what is asked is
+    what the law should be.
+    """
+    points = fitter.points
+    model = fit.model
+    plain = Model(model.soils, model.geometry, _others(model), model.thrust_form)
+    rows = np.unique(points.row)
+    variance = np.diag(
+        fitter.variance.covariance(
+            fit.scatter,
+            fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length),
+        )
+    )
+    value, std = {}, {}
+    for c, name in enumerate(points.channels):
+        mine = np.flatnonzero(points.channel == c)
+        measured = np.full(len(points.conditions), np.nan)
+        spread = measured.copy()
+        measured[points.row[mine]] = points.value[mine]
+        spread[points.row[mine]] = np.sqrt(variance[mine])
+        found, slope = _solve(plain, points.conditions, place, name, measured)
+        with np.errstate(all="ignore"):
+            deviation = np.abs(spread / slope)
+        dull = ~(np.abs(slope) > _DULL * np.abs(measured)) if place.stage != "R" else slope == 0.0
+        bad = dull | ~np.isfinite(found) | ~np.isfinite(deviation)
+        if place.stage != "R":
+            bad |= np.abs(found) > _FAR
+        value[name] = np.where(bad, np.nan, found)[rows]
+        std[name] = np.where(bad, np.nan, deviation)[rows]
+    shown = {n for n, v in value.items() if np.isfinite(v).any()}
+    return Implied(rows, {n: value[n] for n in shown}, {n: std[n] for n in shown})
+
+
+def _others(model: Model) -> tuple[Effect, ...]:
+    return tuple(e for e in model.effects if e.id != SOUGHT)
+
+
+def _solve(
+    model: Model, conditions: Conditions, place: Place, channel: str, measured: Array
+) -> tuple[Array, Array]:
+    """Shift at which each row's prediction is as measured, and the prediction's slope by it."""
+
+    def at(shift: Array) -> Array:
+        predicted = predict(model + asked(place, shift), conditions)
+        return np.asarray(getattr(predicted, channel))
+
+    step = 1.0 if place.stage == "R" else 1e-3
+    shift: Array = np.zeros(measured.size)
+    slope: Array = np.zeros(measured.size)
+    for _ in range(_STEPS):
+        now = at(shift)
+        slope = (at(shift + step) - now) / step
+        with np.errstate(all="ignore"):
+            move = np.where(slope != 0.0, (measured - now) / slope, 0.0)
+        if place.stage != "R":
+            move = np.clip(np.nan_to_num(move), -0.7, 0.7)
+            shift = np.clip(shift + move, -_FAR - 1.0, _FAR + 1.0)
+        else:
+            shift = shift + np.nan_to_num(move)
+        if np.all(np.abs(np.nan_to_num(move)) < 1e-8 * np.maximum(np.abs(shift), 1.0)):
+            break
+    return np.where(np.isfinite(measured), shift, np.nan), slope
+
+
+def disagreements(
+    fitter: Fitter, tied: list[Candidate], best: Candidate
+) -> dict[str, float | None]:
+    """By stage, how much the channels disagree on what they ask of it: 1 where it is that stage.
+
+    Each stage is judged with its own best law's soil where one is known, else with that of `best`.
+    """
+    found: dict[str, float | None] = {}
+    for place in places_for(fitter.points.channels):
+        if place.stage in ("R", "z without resistance") or place.stage in found:
+            continue
+        mine = next((c for c in tied if c.law.place.stage == place.stage), best)
+        found[place.stage] = implied(fitter, mine.fit, place).disagreement
+    return found
+
+
+def curve(law: Law, numbers: dict[str, float], conditions: Conditions, sinkage: Array) -> Array:
+    """ln factor (or shift) of a law over conditions, shape (rows,)."""
+    eta = law.eta(numbers, conditions, sinkage)
+    if law.place.stage in ("n", "R"):
+        return eta
+    return np.log(law.factor(eta))

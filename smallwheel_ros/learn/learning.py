@@ -1,0 +1,197 @@
+"""Laws one after the other, and all that is said of them: `learn`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from smallwheel_ros.diagnosis.candidate import FAILURES
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting import Base
+from smallwheel_ros.fitting.constants import TIE
+from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.learn.document import document
+from smallwheel_ros.learn.draft import (
+    class_text,
+    default_name,
+    file_name_problem,
+    file_text,
+    numbers_of,
+)
+from smallwheel_ros.learn.next_setting import measure_next
+from smallwheel_ros.learn.pipeline import Progress, Sought, seek, silent, without_effects
+from smallwheel_ros.learn.tangent import Yardstick
+from smallwheel_ros.learn.text import learnt_text, summary
+from smallwheel_ros.measurements.table import Measurements
+
+
+class LearnError(SmallwheelError):
+    """Something that is asked of `learn` and makes no sense."""
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What was learnt. document: as the JSON. source: the file of the laws, None without any.
+
+    sought: each search, the last one without a law where fewer than asked for were found.
+    """
+
+    document: dict[str, Any]
+    source: str | None
+    sought: tuple[Sought, ...]
+    measurements: Measurements
+
+    @property
+    def verdict(self) -> str:
+        """law, unstable, weak, nothing or refused."""
+        return str(self.document["verdict"])
+
+    def __str__(self) -> str:
+        return learnt_text(self.document)
+
+
+def learn(
+    measurements: Measurements,
+    base: Base | None = None,
+    *,
+    registry: Registry | None = None,
+    without: Collection[str] = (),
+    name: str | None = None,
+    most: int = 1,
+    seed: int = 0,
+    limits: Mapping[str, Sequence[float]] | None = None,
+    progress: Progress = silent,
+) -> Learnt:
+    """Learn a law that a model lacks from measurements, as far as they can tell.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    base
+        What the model has already; the contact integral and nothing else where None.
+    registry
+        Published effects that a law is held against; those of the library where None.
+    without
+        Ids of effects that are taken out of the model, and that the law is not held against.
+    name
+        Id of the law; made of what it follows where None. A second law has `_2` after it.
+    most
+        Laws to learn, one after the other, each with those before it in the model.
+    seed
+        The same seed gives the same answer, to the byte.
+    limits
+        By setting (SI), the levels that the user can set, for what to measure next.
+    progress
+        Told each step in words, how many are done, and of how many (0: not known).
+
+    Raises
+    ------
+    LearnError
+        Where name or most make no sense.
+    """
+    known = registry or default_registry()
+    if name is not None and (problem := file_name_problem(name) or _taken(name, known)):
+        raise LearnError(f"the name of a law: {problem}")
+    if most < 1:
+        raise LearnError(f"most is {most}, expected the number of laws to learn: 1 or more")
+    model = without_effects(base or Base(), without)
+    searches: list[Sought] = []
+    documents: list[dict[str, Any]] = []
+    classes: list[str] = []
+    for number in range(1, most + 1):
+        sought = seek(measurements, model, seed=seed, progress=progress)
+        id = _id(sought, name, number, known)
+        said = document(measurements, sought, id)
+        searches.append(sought)
+        documents.append(said)
+        if sought.law is not None and sought.fitter is not None:
+            progress("what to measure next", 0, 1)
+            said["measure_next"] = measure_next(
+                sought.fitter, sought.law, sought.tied, limits or {}
+            )
+        if sought.verdict != "law":
+            break
+        assert sought.law is not None
+        assert sought.fitter is not None
+        said["notes"] += _published(sought, known, without)
+        written = class_text(
+            sought.law.law, numbers_of(sought.fitter, sought.law), id, measurements,
+            said["data"]["settings"], len(sought.tied), summary(said),
+        )  # fmt: skip
+        classes.append(written)
+        model = replace(model, parts=(*model.parts, part_of(_effect(written, id))))
+    first = documents[0]
+    first["more"] = [d for d in documents[1:] if d["verdict"] == "law"]
+    first["notes"] += _after_first(documents)
+    about = f"From {Path(measurements.source).name or 'a table'}; learnt, not published."
+    source = file_text(classes, about) if classes else None
+    return Learnt(first, source, tuple(searches), measurements)
+
+
+def _taken(name: str, registry: Registry) -> str:
+    taken = name in registry.families
+    return f"'{name}' is the id of an effect that exists already" if taken else ""
+
+
+def _id(sought: Sought, name: str | None, number: int, registry: Registry) -> str:
+    if name is not None:
+        return name if number == 1 else f"{name}_{number}"
+    made = "learnt" if sought.law is None else default_name(sought.law.law)
+    return made if number == 1 and made not in registry.families else f"{made}_{number}"
+
+
+def _effect(written: str, id: str) -> Effect:
+    """The law as whoever loads its file gets it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "law.py"
+        path.write_text(file_text([written], ""))
+        return load_effects(path)[id][0]()
+
+
+def _after_first(documents: Sequence[Mapping[str, Any]]) -> list[str]:
+    if len(documents) < 2 or documents[-1]["verdict"] == "law":
+        return []
+    return [f"a further law: {documents[-1]['verdict']}; {'; '.join(documents[-1]['reasons'])}"]
+
+
+def _published(sought: Sought, registry: Registry, without: Collection[str]) -> list[str]:
+    """Published effects of the same settings that fit as well as the draft, in words."""
+    law, fitter, base = sought.law, sought.fitter, sought.base
+    assert law is not None
+    assert fitter is not None
+    assert base is not None
+    yardstick = Yardstick(fitter, law.fit)
+    observed, conditions = fitter.points.value, fitter.points.conditions
+    best = yardstick.score(observed - law.fit.predicted) + law.cost
+    present = {p.id for p in base.vector.parts} | {e.id for e in base.vector.fixed} | set(without)
+    forms = [f for id, forms in registry.families.items() for f in forms
+             if id not in present and set(f.drivers) == set(law.law.columns) and f.drivers]  # fmt: skip
+    as_good = []
+    for form in forms:
+        if form.never_acts(conditions) or not form.parameters():
+            continue
+        try:
+            effect = form.suited_to(conditions)
+            if effect.objection(conditions):
+                continue
+            vector = base.vector.with_parts([*base.vector.parts, part_of(effect)])
+            start = vector.begun_at(law.fit.vector, law.fit.theta)
+            fit = fitter.fit(vector, start, law.fit.scatter, turns=0)
+        except FAILURES:
+            continue
+        cost = float(np.log(len(forms)) + 0.5 * len(form.parameters()) * np.log(yardstick.count))
+        score = yardstick.score(observed - fit.predicted) + cost
+        if score < best + TIE:
+            as_good.append(form.id)
+    return [
+        f"the library's {id} fits as well, and is published: `smallwheel add {id}` before this law"
+        for id in dict.fromkeys(as_good)
+    ]

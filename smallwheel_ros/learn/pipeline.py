@@ -1,0 +1,200 @@
+"""From measurements to a law, or to why there is none. Read it from the top; each line has a module.
+
+points -> base -> drivers -> grammar -> tangent of the whole grammar -> refits in the model
+-> description length -> tied laws -> permutations -> folds by setting -> draft
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.fitting import Base, FittingError, Problem
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.learn.chance import chance
+from smallwheel_ros.learn.drivers import drivers_of
+from smallwheel_ros.learn.folds import HeldOut, Judgement, add_errors, judge, nested, vault_of
+from smallwheel_ros.learn.grammar import terms_of
+from smallwheel_ros.learn.law import places_for
+from smallwheel_ros.learn.search import WHOLE, Candidate, Found, Grid, Search
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import predict
+
+Array = NDArray[np.float64]
+
+FEWEST_SETTINGS = 10
+PERMUTATIONS = 199
+SURE = 0.02  # p of a draft
+LOOKED_AT = 0.05  # p up to which held-out errors are worked out at all
+_LEAST_FALL = 0.05  # of the held-out error
+_LEAST_Z = 1.28  # standard errors of the held-out gain: one in ten by chance
+_MAJORITY = 0.5  # of the folds
+
+Progress = Callable[[str, int, int], None]
+
+
+def silent(step: str, done: int, total: int) -> None:
+    """Tell nobody."""
+
+
+@dataclass(frozen=True)
+class Sought:
+    """What one search for a law found.
+
+    verdict: law, unstable, weak, nothing or refused, with reasons in words. fitter, base: of all
+    points. law: the draft, fitted to all points, where there is one; tied: all laws that do as well,
+    the best first. p: of the permutations.
+    """
+
+    verdict: str
+    reasons: tuple[str, ...]
+    problem: Problem | None = None
+    fitter: Fitter | None = None
+    base: Fit | None = None
+    grid: Grid | None = None
+    p: float | None = None
+    law: Candidate | None = None
+    tied: tuple[Candidate, ...] = ()
+    held_out: HeldOut | None = None
+    judgement: Judgement | None = None
+    vault: int = 0
+    notes: tuple[str, ...] = field(default=())
+
+
+def seek(
+    measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = silent
+) -> Sought:
+    """Search for one law that a model lacks. The same seed gives the same answer."""
+    try:
+        problem = Problem.of(measurements, base).judged
+        reason = _too_little(problem.points)
+        if reason:
+            return Sought("refused", (reason,), problem)
+        fitter, fit = problem.fitter, problem.fit
+    except FittingError as error:
+        return Sought("refused", (str(error),))
+    points = problem.points
+    depth = predict(fit.model, points.conditions).true_sinkage
+    drivers, notes = drivers_of(points, depth)
+    if not [d for d in drivers if d.columns]:
+        why = "; ".join(notes) or "nothing was varied"
+        return Sought("refused", (f"there is nothing that a law could follow: {why}",), problem)
+    settings = np.unique(points.setting).size
+    terms = terms_of(drivers, settings)
+    values = np.column_stack([term(points.conditions, depth) for term in terms])
+    grid = Grid(tuple(terms), places_for(points.channels), depth, values)
+    sought = Sought("nothing", (), problem, fitter, fit, grid, notes=tuple(notes))
+
+    apart = vault_of(points, seed)
+    open_fitter, open_fit = fitter, fit
+    if apart.any():
+        open_fitter = fitter.of_values(points.take(~apart), ~apart)
+        open_fit = open_fitter.fit(fit.vector, fit.theta, fit.scatter)
+    progress("permuting", 0, 1)
+    p = chance(Search(open_fitter, open_fit, grid), PERMUTATIONS, np.random.default_rng([seed, 0]))
+    progress("searching", 0, 1)
+    found = Search(open_fitter, open_fit, grid).run(WHOLE)
+    sought = replace(sought, p=p)
+    draft = found.draft
+    if draft is None or p > LOOKED_AT or found.gain <= 0.0:
+        return replace(sought, reasons=(_nothing(p),))
+    folds = _Counter(progress, "searching without some settings")
+    held_out = nested(open_fitter, open_fit, grid, seed, folds.one)
+    judgement = judge(held_out, draft.law, open_fitter, draft.fit)
+    verdict, reasons = _decide(p, judgement)
+    if apart.any():
+        verdict, reasons = _opened(verdict, reasons, held_out, points.take(apart), found)
+    law = _final(fitter, draft, seed)
+    return replace(
+        sought, verdict=verdict, reasons=reasons, law=law, tied=_with(law, found), held_out=held_out,
+        judgement=judgement, vault=int(np.unique(points.setting[apart]).size),
+    )  # fmt: skip
+
+
+class _Counter:
+    """Counts folds for the progress; their number is known when the first is done."""
+
+    def __init__(self, progress: Progress, step: str) -> None:
+        self._progress, self._step, self._done = progress, step, 0
+
+    def one(self) -> None:
+        self._done += 1
+        self._progress(self._step, self._done, 0)
+
+
+def _too_little(points: Points) -> str:
+    settings = np.unique(points.setting).size
+    if settings == 1:
+        return "every run has the same setting: a law needs something that was varied"
+    if settings < FEWEST_SETTINGS:
+        return f"{settings} settings, and a law needs {FEWEST_SETTINGS} or more"
+    if points.run_count < FEWEST_SETTINGS:
+        return (
+            f"{points.run_count} runs, and a law needs {FEWEST_SETTINGS} or more: settings of one run "
+            "share its soil"
+        )
+    return ""
+
+
+def _nothing(p: float) -> str:
+    return f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
+
+
+def _decide(p: float, judgement: Judgement) -> tuple[str, tuple[str, ...]]:
+    """The verdict, and what speaks against a law."""
+    against = []
+    if p > SURE:
+        against.append(f"such a gain comes by chance with p {p:.2g}, and a law needs {SURE:g}")
+    if judgement.reduction <= _LEAST_FALL:
+        against.append("on settings that the search never saw the error hardly falls")
+    elif judgement.z <= _LEAST_Z:
+        against.append("the fall of the error on settings never seen is within its standard error")
+    if against:
+        return "weak", tuple(against)
+    if judgement.agreeing < _MAJORITY:
+        share = f"{100 * judgement.agreeing:.0f} %"
+        return "unstable", (f"only {share} of the folds choose what it follows",)
+    return "law", ()
+
+
+def _opened(
+    verdict: str, reasons: tuple[str, ...], held_out: HeldOut, left: Points, found: Found
+) -> tuple[str, tuple[str, ...]]:
+    """The verdict after the vault was opened; its errors join those of the folds."""
+    draft = found.draft
+    assert draft is not None
+    add_errors(held_out.before, left, found.base.model)
+    add_errors(held_out.after, left, draft.fit.model)
+    worse = []
+    for name in left.channels:
+        rows = np.concatenate(
+            [r for r, c in zip(left.rows, left.channel, strict=True) if left.channels[c] == name]
+        )
+        size = [float(np.mean(e[name][rows] ** 2)) for e in (held_out.before, held_out.after)]
+        worse += [name] if size[1] > size[0] else []
+    if verdict == "law" and len(worse) == len(left.channels):
+        return "unstable", (*reasons, "on the settings in the vault the error does not fall")
+    return verdict, reasons
+
+
+def _final(fitter: Fitter, draft: Candidate, seed: int) -> Candidate:
+    """The draft, fitted to all points with the scatter."""
+    fit = fitter.fit(draft.fit.vector, draft.fit.theta, draft.fit.scatter)
+    return replace(draft, fit=fit)
+
+
+def _with(law: Candidate, found: Found) -> tuple[Candidate, ...]:
+    return tuple(law if c.law.key == law.law.key else c for c in found.tied)
+
+
+def without_effects(base: Base, ids: Collection[str]) -> Base:
+    """The base without these effects."""
+    return replace(
+        base,
+        effects=tuple(e for e in base.effects if e.id not in ids),
+        parts=tuple(p for p in base.parts if p.id not in ids),
+    )

@@ -1,0 +1,87 @@
+"""The picture of a learnt law: what each setting asks for, and the law through it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from smallwheel_ros.display import display, number, words
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, style
+from smallwheel_ros.pictures.smoothing import smooth
+
+Array = NDArray[np.float64]
+
+_CHANNELS = {"sinkage": ("std", 0), "resistance": ("resistance_std", 1)}
+_AXES = {"n": "added to n", "R": "added resistance over what carries it"}
+_FEWEST = 8  # points from which a smooth is drawn
+
+
+def learnt_picture(document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Figure | None:
+    """Factor against driver: settings with deviations, law black, tied laws grey, smooth dashed.
+
+    tied: curves of tied laws over the document's `shape`. k is fitted anew for each law, so curves
+    and points are drawn relative to the law at the middle of the range. None where the law is not
+    one of a single setting.
+    """
+    shape, law = document["shape"], document["law"]
+    places = document["places"]
+    if shape is None or not places or len(places[0]["drivers"]) != 1:
+        return None
+    stage, driver = places[0]["stage"], places[0]["drivers"][0]
+    if law is not None:
+        stage, driver = law["stage"], law["drivers"][0]
+    shown = display(driver, unit_of(driver))
+    figure = new_figure(6.4, 4.3)
+    axes = figure.subplots()
+    x = np.array(shape["x"]) * shown.scale
+    axes.axvspan(x[0], x[-1], color="#f2f4f7", zorder=0)
+    axes.fill_between(x, shape["low"], shape["high"], color="#d9dde3", linewidth=0, zorder=1)
+    middle = len(x) // 2
+    for curve in tied:
+        aligned = np.asarray(curve) + _shift(np.array(shape["factor"]), curve, middle)
+        axes.plot(x, aligned, color=GREY, linewidth=1.0, zorder=2)
+    points: list[tuple[float, float]] = []
+    for channel, (deviation, colour) in _CHANNELS.items():
+        mine = [e for e in document["implied"] if e[channel] is not None]
+        if not mine:
+            continue
+        at = np.array([e["x"] for e in mine]) * shown.scale
+        value = np.array([e[channel] for e in mine])
+        axes.errorbar(at, value, [e[deviation] for e in mine], fmt="o", markersize=3.5,
+                      elinewidth=0.8, color=COLOURS[colour], alpha=0.8, zorder=3,
+                      label=f"{words(channel)} asks for")  # fmt: skip
+        points += list(zip(at.tolist(), value.tolist(), strict=True))
+    if len(points) >= _FEWEST:
+        free = np.array(points)
+        line = smooth(free[:, 0], free[:, 1], np.arange(len(points)))
+        axes.plot(line.x, line.y, color=INK, linewidth=1.0, linestyle="--", zorder=4,
+                  label="free smooth")  # fmt: skip
+    name = "drafted law" if law is not None else "best formula"
+    axes.plot(x, shape["factor"], color="black", linewidth=1.8, zorder=5, label=name)
+    if tied:
+        axes.plot([], [], color=GREY, linewidth=1.0, label=f"{len(tied)} tied")
+    label = _AXES.get(stage, f"factor on {stage}")
+    style(axes, shown.label, label, "" if law is None else law["formula"].replace("$", r"\$"))
+    axes.legend(fontsize=8.5, frameon=False)
+    inside = [v for _, v in points] + [*shape["low"], *shape["high"]]
+    low, high = np.quantile(inside, [0.01, 0.99])
+    axes.set_ylim(low - 0.25 * (high - low), high + 0.25 * (high - low))
+    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
+    if stages:
+        said = ", ".join(
+            f"{k} {number(v, 2)}" for k, v in sorted(stages.items(), key=lambda s: s[1])
+        )
+        figure.text(0.02, 0.012, f"sinkage and resistance disagree about each stage by: {said} "
+                    "(1: noise)", fontsize=8, color=INK)  # fmt: skip
+        figure.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
+    return figure
+
+
+def _shift(law: Array, curve: Array, middle: int) -> float:
+    """What brings a tied curve onto the law at the middle of the range."""
+    return float(law[middle] - curve[middle])

@@ -1,0 +1,268 @@
+"""A law that the library lacks: drafted where the data can tell, and refused where it cannot."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.learn_worlds import table
+from smallwheel_ros.cli import main
+from smallwheel_ros.effects.base import EffectError
+from smallwheel_ros.effects.drafted import Drafted, continued
+from smallwheel_ros.effects.registry import load_effects
+from smallwheel_ros.fitting import Base, Problem
+from smallwheel_ros.learn import LearnError, Learnt, learn
+from smallwheel_ros.learn.chance import chance
+from smallwheel_ros.learn.drivers import drivers_of
+from smallwheel_ros.learn.grammar import terms_of
+from smallwheel_ros.learn.law import places_for
+from smallwheel_ros.learn.learning import seek
+from smallwheel_ros.learn.pipeline import SURE
+from smallwheel_ros.learn.search import Grid, Search
+from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
+
+COLUMNS = ["run", "load [N]", "diameter [m]", "width [m]", "slip", "sinkage [m]", "resistance [N]"]
+
+
+def rig(world: str, seed: int = 1, part: int = 0, runs: int = 24) -> pd.DataFrame:
+    return table(world, seed, part, runs=runs)[COLUMNS]
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("learn") / "rig.csv"
+    rig("tanh_slip").to_csv(path, index=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def data(path: Path) -> Measurements:
+    return read_measurements(path)
+
+
+@pytest.fixture(scope="module")
+def learnt(data: Measurements) -> Learnt:
+    return learn(data, name="slip_law", limits={"slip": [0.0, 0.3, 0.6]})
+
+
+@pytest.fixture(scope="module")
+def law(learnt: Learnt, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    assert learnt.source is not None
+    path = tmp_path_factory.mktemp("law") / "law.py"
+    path.write_text(learnt.source)
+    return path
+
+
+def test_a_hidden_law_is_drafted_with_its_stage_and_driver(learnt: Learnt) -> None:
+    document = learnt.document
+    assert document["verdict"] == "law"
+    assert document["law"]["stage"] == "z"
+    assert document["law"]["drivers"] == ["slip"]
+    # Truth: z (1 + 0.5 tanh 4 i), so a factor of 1.48 from slip 0 to 0.5.
+    x, factor = (np.array(document["shape"][k]) for k in ("x", "factor"))
+    found = np.interp(0.5, x, factor) / np.interp(0.02, x, factor)
+    assert found == pytest.approx((1 + 0.5 * np.tanh(2.0)) / (1 + 0.5 * np.tanh(0.08)), rel=0.06)
+    for error in document["held_out"].values():
+        assert error["after"] < 0.5 * error["before"]
+        assert error["after"] < 1.5 * error["floor"]
+
+
+def test_the_document_has_what_was_promised(learnt: Learnt) -> None:
+    document = json.loads(json.dumps(learnt.document, allow_nan=False))
+    assert set(document) >= {
+        "schema", "verdict", "reasons", "data", "search", "held_out", "law", "places", "tied", "implied",
+        "shape", "stage_disagreement", "measure_next", "file",
+    }  # fmt: skip
+    assert set(document["data"]) >= {"file", "sha256", "rows", "runs", "settings"}
+    wanted = {"formulas", "stages", "drivers", "p", "permutations", "folds"}
+    assert set(document["search"]) >= wanted
+    assert set(document["law"]) >= {"id", "stage", "drivers", "formula", "constants", "range"}
+    assert all({"name", "value", "std", "unit"} <= set(c) for c in document["law"]["constants"])
+    assert document["tied"][0]["nats"] == 0.0
+    assert len(document["implied"]) == 24
+    # The stage at which the law acts is the one on which the channels agree.
+    disagree = document["stage_disagreement"]
+    assert disagree["z"] < 3.0 < disagree["k"]
+
+
+def test_the_file_predicts_what_the_search_did(
+    learnt: Learnt, law: Path, data: Measurements
+) -> None:
+    effect = load_effects(law)["slip_law"][0]()
+    candidate = learnt.sought[0].law
+    assert candidate is not None
+    fitted = candidate.fit.model
+    loaded = Model(fitted.soils, fitted.geometry, (effect,), fitted.thrust_form)
+    ours, theirs = (predict(model, data.conditions) for model in (fitted, loaded))
+    np.testing.assert_array_equal(theirs.sinkage, ours.sinkage)
+    np.testing.assert_array_equal(theirs.resistance, ours.resistance)
+
+
+def test_beyond_its_range_a_law_says_so_and_goes_on_straight(law: Path) -> None:
+    effect = load_effects(law)["slip_law"][0]()
+    assert isinstance(effect, Drafted)
+    inside = Conditions.of(load=60, diameter=0.2, width=0.1, slip=[0.1, 0.4])
+    assert effect.caution(inside) == ""
+    slip = np.array([0.8, 0.9, 1.0])
+    beyond = Conditions.of(load=60, diameter=0.2, width=0.1, slip=slip)
+    assert re.search(r"slip 1 \(learnt from 0\.\d+ to 0\.\d+\).*a guess", effect.caution(beyond))
+    grown = np.asarray(effect.sinkage(np.ones(3), beyond))
+    assert grown[2] > grown[0]
+    assert np.diff(np.log(grown)) == pytest.approx([np.diff(np.log(grown))[0]] * 2, rel=1e-6)
+
+
+@given(
+    u=st.lists(st.floats(-50, 50), min_size=1, max_size=6),
+    low=st.floats(-5, 5),
+    span=st.floats(0.1, 10),
+)
+def test_a_shape_is_itself_inside_and_straight_outside(
+    u: list[float], low: float, span: float
+) -> None:
+    x, high = np.array(u), low + span
+    found = continued(np.sinh, x, low, high)
+    inside = (x >= low) & (x <= high)
+    np.testing.assert_array_equal(found[inside], np.sinh(x[inside]))
+    edge = np.clip(x, low, high)
+    tangent = np.sinh(edge) + np.cosh(edge) * (x - edge)
+    size = np.cosh(max(abs(low), abs(high))) * (1.0 + np.abs(x - edge))
+    assert np.all(np.abs(found - tangent) <= 1e-3 * span * size + 1e-9)
+
+
+def test_nothing_hidden_is_said_to_be_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "plain.csv"
+    rig("nothing", seed=3).to_csv(path, index=False)
+    result = learn(read_measurements(path))
+    assert result.verdict == "nothing"
+    assert result.source is None
+    assert result.document["law"] is None
+    assert result.document["search"]["p"] > SURE
+
+
+def _few(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[frame["run"].isin(sorted(set(frame["run"]))[:8])]
+
+
+def _one_setting(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.assign(**{c: frame[c].iloc[0] for c in COLUMNS[1:5]})
+
+
+def _two_values(frame: pd.DataFrame) -> pd.DataFrame:
+    """Twelve settings of the columns together, and each column with two values."""
+    code = np.arange(len(frame)) // 3
+    bits = [(code >> i) % 2 for i in range(4)]
+    values = [(40.0, 90.0), (0.15, 0.3), (0.05, 0.1), (0.1, 0.4)]
+    pairs = zip(COLUMNS[1:5], bits, values, strict=True)
+    return frame.assign(**{c: np.where(bit, v[1], v[0]) for c, bit, v in pairs})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_few, "8 settings, and a law needs 10"),
+        (_one_setting, "every run has the same setting"),
+        (_two_values, "slip has 2 values"),
+    ],
+)  # fmt: skip
+def test_too_little_is_refused_with_the_reason(change: object, said: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "rig.csv", tmp_path / "law.py"
+    change(rig("tanh_slip")).to_csv(path, index=False)  # type: ignore[operator]
+    arguments = ["learn", str(path), "-o", str(out), "--json", str(tmp_path / "r.json")]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    document = json.loads((tmp_path / "r.json").read_text())
+    assert document["verdict"] == "refused"
+    assert any(said in reason for reason in document["reasons"])
+    assert not out.exists()
+
+
+def test_columns_that_no_law_can_follow_are_said(tmp_path: Path) -> None:
+    frame = rig("nothing", seed=3).assign(operator="Anna", rain=1.5)
+    frame["shift"] = np.arange(len(frame)) % 6 // 3
+    path = tmp_path / "rig.csv"
+    frame.to_csv(path, index=False)
+    sought = seek(read_measurements(path), Base())
+    assert sought.grid is not None
+    drivers = {d.name for t in sought.grid.terms for d, _ in t.factors}
+    assert not drivers & {"operator", "rain", "shift"}
+    assert any("shift has 2 values" in note for note in sought.notes)
+
+
+def test_runs_are_permuted_whole(data: Measurements) -> None:
+    """Points of one run share its errors: without that, a run's own offset would pass for a law."""
+    problem = Problem.of(data).judged
+    sought = Search(problem.fitter, problem.fit, _small_grid(problem))
+    assert chance(sought, 19, np.random.default_rng(0)) == 1 / 20
+
+
+def _small_grid(problem: Problem) -> Grid:
+    points = problem.points
+    depth = predict(problem.fit.model, points.conditions).true_sinkage
+    drivers = [d for d in drivers_of(points, depth)[0] if d.name == "slip"]
+    terms = terms_of(drivers, 24)
+    values = np.column_stack([t(points.conditions, depth) for t in terms])
+    return Grid(tuple(terms), places_for(points.channels), depth, values)
+
+
+def test_where_it_was_learnt_a_law_has_no_p(law: Path, path: Path, tmp_path: Path) -> None:
+    def diagnosed(table: Path) -> dict[str, object]:
+        out = tmp_path / "diagnosis.json"
+        arguments = ["diagnose", str(table), "--effects", str(law), "--json", str(out)]
+        result = CliRunner().invoke(main, [*arguments, "--without", "slip_sinkage"])
+        assert result.exit_code == 0, result.output
+        return dict(json.loads(out.read_text()))
+
+    here = diagnosed(path)
+    row = next(r for r in here["ranking"] if r["effect"] == "slip_law")  # type: ignore[attr-defined]
+    assert here["missing_effects"] == ["slip_law"]
+    assert row["p_value"] is None
+    assert "learnt from this data" in row["reason"]
+    assert here["lack_of_fit"]["p_value"] is None  # type: ignore[index]
+    fresh = tmp_path / "fresh.csv"
+    rig("tanh_slip", part=1).to_csv(fresh, index=False)
+    there = diagnosed(fresh)
+    row = next(r for r in there["ranking"] if r["effect"] == "slip_law")  # type: ignore[attr-defined]
+    assert there["missing_effects"] == ["slip_law"]
+    assert row["p_value"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("version = 1", "version = 7", "a file of version 7, expected 1: learn it again"),
+        ("version = 1\n", "\n", "a file of version 0, expected 1"),
+        ('valid = {"slip"', 'valid = {"slip": 3, "load"', "expected a lowest and a highest value"),
+        ("parameter(0.", "parameter(-90.", "expected"),
+        ("return sinkage", "return sink age", "line"),
+        ("parameter(0.", "parameter('much', 0.", "line"),
+    ],
+)
+def test_a_law_file_that_is_nonsense_says_so_in_one_message(
+    old: str, new: str, said: str, law: Path, tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.py"
+    text = law.read_text()
+    assert old in text
+    broken.write_text(text.replace(old, new, 1))
+    with pytest.raises(EffectError, match=re.escape(said)) as raised:
+        load_effects(broken)
+    assert str(broken) in str(raised.value)
+    assert "Traceback" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("Slip Law", "small letters"), ("slip_sinkage", "exists already")]
+)
+def test_a_name_that_is_none_is_refused(name: str, said: str, data: Measurements) -> None:
+    with pytest.raises(LearnError, match=said):
+        learn(data, name=name)
