@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from test_onboard import messages_of, settings_of
 
-from smallwheel_ros.onboard.digging_in import DiggingInAlarm
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import DiggingInRules
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.watches import DiggingInAlarm
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 

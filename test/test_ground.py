@@ -12,9 +12,9 @@ from test_onboard import messages_of, settings_of
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.estimator.soil_estimator import Outcome, UpdateResult
 from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
-from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces
 from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.watches import FilterHealth
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 

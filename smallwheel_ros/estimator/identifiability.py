@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_covariance import DETERMINED, LawCovariance, modulus_row
+from smallwheel_ros.estimator.law_estimate import DETERMINED, LawCovariance, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
 
 Array = NDArray[np.float64]

@@ -129,7 +129,7 @@ class LawFilter:
     @property
     def most_likely(self) -> ExtendedKalmanFilter:
         """The filter of the greatest weight."""
-        return self._bank[int(np.argmax(self._weights))].kalman
+        return self._bank[self._best].kalman
 
     @property
     def wheels(self) -> int:
@@ -286,7 +286,7 @@ class LawFilter:
         """Mean and covariance of the soil's numbers (`LawModel.soil`)."""
         self.version += 1
         weights = np.exp([member.log_weight for member in self._bank])
-        self._weights = weights / weights.sum()
+        self._weights, self._best = weights / weights.sum(), int(np.argmax(weights))
         model = self.model
         soils = [model.soil(model.mean + member.kalman.x) for member in self._bank]
         self.mean: Array = np.sum(
@@ -324,7 +324,7 @@ class LawFilter:
     ) -> float:
         """How likely segments are of a law as in `reopen`, linearised about it."""
         kalman = ExtendedKalmanFilter(len(self.mean), 1)
-        kalman.x, kalman.P = self._with_law(self._bank[int(np.argmax(self._weights))], law)
+        kalman.x, kalman.P = self._with_law(self._bank[self._best], law)
         total = 0.0
         for segment, wheel in segments:
             x = self.model.mean + kalman.x

@@ -111,17 +111,18 @@ class LawModel:
     def soil(self, x: Array) -> tuple[Array, Array]:
         """From what is shown to the soil: the same numbers with ln z_ref and n, and the Jacobian."""
         y, jacobian = x.copy(), np.eye(len(x))
-        shown = math.exp(x[U])
-        share = 1.0 - x[ZERO] / shown
+        u, half, zero = float(x[U]), float(x[N]) + 0.5, float(x[ZERO])
+        shown = math.exp(u)
+        share = 1.0 - zero / shown
         bounded = max(share, _LEAST_SHARE)
-        y[U] = x[U] + math.log(bounded)
-        y[N] = min(max((x[N] + 0.5) * bounded - 0.5, _N_RANGE[0]), _N_RANGE[1])
+        y[U] = u + math.log(bounded)
+        y[N] = min(max(half * bounded - 0.5, _N_RANGE[0]), _N_RANGE[1])
         jacobian[N, N] = bounded
         if share == bounded:
             jacobian[U, U] = 1.0 / share
             jacobian[U, ZERO] = -1.0 / (shown * share)
-            jacobian[N, U] = (x[N] + 0.5) * (1.0 - share)
-            jacobian[N, ZERO] = -(x[N] + 0.5) / shown
+            jacobian[N, U] = half * (1.0 - share)
+            jacobian[N, ZERO] = -half / shown
         return y, jacobian
 
     def shown(self, y: Array) -> Array:
@@ -135,11 +136,12 @@ class LawModel:
 
     def law(self, y: Array) -> tuple[Array, Array]:
         """Ln pressure at the reference sinkage and diameter, n and m; and their Jacobian by y."""
-        log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, y[U], y[N])
+        u, n, m = y[:LAW].tolist()
+        log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, u, n)
         jacobian = np.eye(LAW, len(y))
         jacobian[0, :LAW] = by_sinkage, by_exponent + _LOG_REFERENCE_SINKAGE, -self._across
-        pressure = log_modulus + y[N] * _LOG_REFERENCE_SINKAGE - y[M] * self._across
-        return np.array([pressure, y[N], y[M]]), jacobian
+        pressure = log_modulus + n * _LOG_REFERENCE_SINKAGE - m * self._across
+        return np.array([pressure, n, m]), jacobian
 
     def h(self, x: Array, segment: Segment, passes: float, wheel: int) -> Shown:
         """What the sensor of a wheel shows. wheel: its place among the zeros."""
@@ -161,7 +163,8 @@ class LawModel:
         return shown
 
     def _of_soil(self, y: Array, segment: Segment, passes: float) -> Shown:
-        load = segment.load * math.exp(-y[LOAD_SCALE] - y[DELAY] * segment.load_rate)
+        u, n, m, passed, scale, digs, delay = y[: DELAY + 1].tolist()
+        load = segment.load * math.exp(-scale - delay * segment.load_rate)
         observe = observation(
             self.effects,
             load,
@@ -171,25 +174,23 @@ class LawModel:
             segment.slip,
             segment.speed,
         )
-        log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, y[U], y[N])
+        log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, u, n)
         across = observe.diameter_log - self._across
-        pressure = log_modulus + y[N] * _LOG_REFERENCE_SINKAGE + across * y[M]
-        static = observe(pressure, y[N])
+        static = observe(log_modulus + n * _LOG_REFERENCE_SINKAGE + across * m, n)
         slip = 0.0 if segment.slip is None else max(segment.slip, 0.0)
-        rut = math.exp(passes * y[PASS])
-        digging = max(1.0 + y[SLIP] * slip, _LEAST_SLIP_FACTOR)
-        factor = rut * digging
+        rut = math.exp(passes * passed)
+        factor = rut * max(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
+        value, by_load = static.value * factor, static.by_load * factor
+        by_pressure = static.by_pressure * factor
         row = np.zeros(len(y))
-        row[U] = static.by_pressure * by_sinkage
-        row[N] = static.by_exponent + static.by_pressure * (by_exponent + _LOG_REFERENCE_SINKAGE)
-        row[M] = static.by_pressure * across
-        row[LOAD_SCALE] = -static.by_load
-        row[DELAY] = -static.by_load * segment.load_rate
-        row *= factor
-        value = static.value * factor
+        row[U] = by_pressure * by_sinkage
+        row[N] = static.by_exponent * factor + by_pressure * (by_exponent + _LOG_REFERENCE_SINKAGE)
+        row[M] = by_pressure * across
+        row[LOAD_SCALE] = -by_load
+        row[DELAY] = -by_load * segment.load_rate
         row[PASS] = passes * value
         row[SLIP] = static.value * rut * slip
-        return Shown(value, row, static.by_load * factor)
+        return Shown(value, row, by_load)
 
     def bounded(self, x: Array) -> Array:
         """Keep the shown exponent where the law can be computed."""

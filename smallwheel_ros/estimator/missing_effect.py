@@ -142,11 +142,8 @@ class MissingEffectWatch:
         self._over = 0
         self.scores: tuple[EffectScore, ...] = ()
         self.alarm: MissingEffect | None = None
-
-    @property
-    def missed_variance(self) -> float:
-        """Variance of ln k to be allowed for while an effect is suspected that the model has not."""
-        return 0.0 if self.alarm is None else self.alarm.log_modulus_std**2
+        # Variance of ln k to be allowed for while an effect is suspected that the model has not.
+        self.missed_variance = 0.0
 
     def add(self, segment: Segment) -> bool:
         """Take a segment of a rolling wheel; True when a test is due."""
@@ -177,6 +174,7 @@ class MissingEffectWatch:
             self.alarm = _describe(self.scores, since, n)
         elif best.statistic < _CLEAR:
             self.alarm = None
+        self.missed_variance = 0.0 if self.alarm is None else self.alarm.log_modulus_std**2
 
 
 def _describe(scores: Sequence[EffectScore], distance: float, n: float) -> MissingEffect:

@@ -156,6 +156,7 @@ class PointPressure(NamedTuple):
     slope_exponent: float
 
 
+@lru_cache(maxsize=64)  # all wheels ask for that of one soil
 def point_pressure(
     load: float, diameter: float, width: float, log_sinkage: float, exponent: float
 ) -> PointPressure:
@@ -174,7 +175,7 @@ def point_pressure(
         if ratio <= shape.limit:
             break
     value, slope, by_exponent = 0.0, 0.0, 0.0
-    for c, off in terms(shape, exponent):  # not kept: a filter hardly comes to one exponent again
+    for c, off in terms(shape, exponent):
         slope = slope * ratio + value
         value = value * ratio + c
         by_exponent = by_exponent * ratio + off

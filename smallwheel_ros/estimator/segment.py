@@ -71,7 +71,7 @@ class SegmentCollector:
 
     def __init__(self, length: float, sinkage_std: float, load_std: float, ahead: float) -> None:
         self._length, self._ahead = length, ahead
-        self._sinkage_noise = sinkage_std**2
+        self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
         self._load_noise = load_std**2  # of ln load
         self._noise_readings = _TOLD_READINGS
         self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
@@ -80,16 +80,10 @@ class SegmentCollector:
         self._start = 0.0
         self._last: SinkageMeasurement | None = None
 
-    @property
-    def reading_variance(self) -> float:
-        """Variance of one reading of sinkage as learnt, m^2."""
-        return self._sinkage_noise
-
     def add(self, given: SinkageMeasurement) -> Segment | None:
         """Take a reading; return the segment that it closes, if any."""
-        closed = None
-        path = given.own_path
-        if self._closes(given):
+        closed, path = None, given.own_path
+        if self._closes(path):
             closed = self._close()
             self._rows, self._log_loads = [], 0.0
         if not self._rows:
@@ -122,14 +116,14 @@ class SegmentCollector:
         """
         total, count = self._log_loads, len(self._rows)
         if new is not None:
-            if self._closes(new):
+            if self._closes(new.own_path):
                 total, count = 0.0, 0
             total, count = total + math.log(new.load), count + 1
         return self._calibrated(total / count, count)
 
-    def _closes(self, given: SinkageMeasurement) -> bool:
-        """Whether a reading is behind the end of this stretch."""
-        return bool(self._rows) and given.own_path - self._start >= self._length
+    def _closes(self, path: float) -> bool:
+        """Whether a reading there is behind the end of this stretch."""
+        return bool(self._rows) and path - self._start >= self._length
 
     def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
         """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""
@@ -145,7 +139,7 @@ class SegmentCollector:
         time, distance, sinkage, log_load, slip, speed, pitch = np.array(self._rows).T
         self._learn_noise(sinkage, log_load)
         middle = float(np.median(sinkage))
-        deviation = math.sqrt(self._sinkage_noise) + float(np.median(np.abs(sinkage - middle)))
+        deviation = math.sqrt(self.reading_variance) + float(np.median(np.abs(sinkage - middle)))
         kept = np.abs(sinkage - middle) <= _KEPT * deviation
         count = int(kept.sum())
         mean_log_load = float(log_load.mean())
@@ -159,7 +153,7 @@ class SegmentCollector:
             place=float(distance.mean()) + self._ahead,
             # A mean of equal numbers may be off in its last digit.
             sinkage=middle if stuck else float(sinkage[kept].mean()),
-            sinkage_variance=self._sinkage_noise / count,
+            sinkage_variance=self.reading_variance / count,
             load=load,
             load_variance=load_variance,
             load_rate=_slope(time, log_load),
@@ -178,10 +172,12 @@ class SegmentCollector:
         if sinkage.size < 3:
             return
         weight = min(1.0, sinkage.size / (self._noise_readings + sinkage.size))
-        self._sinkage_noise += weight * (_noise(sinkage, self._sinkage_noise) - self._sinkage_noise)
+        self.reading_variance += weight * (
+            _noise(sinkage, self.reading_variance) - self.reading_variance
+        )
         self._load_noise += weight * (_noise(log_load, self._load_noise) - self._load_noise)
         # A sensor that shows whole steps, or one number, is not for that without noise.
-        self._sinkage_noise = max(self._sinkage_noise, 1e-10)
+        self.reading_variance = max(self.reading_variance, 1e-10)
         self._noise_readings = min(self._noise_readings + sinkage.size, _NOISE_MEMORY)
 
     def _learn_loads(self, mean: float, count: int) -> None:

@@ -24,8 +24,7 @@ from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.estimator.law_covariance import LawCovariance
-from smallwheel_ros.estimator.law_estimate import law_estimate
+from smallwheel_ros.estimator.law_estimate import LawCovariance, LawEstimate, law_estimate
 from smallwheel_ros.estimator.law_filter import MODEL_ERROR, LawFilter, WheelPlace
 from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.missing_effect import (
@@ -106,6 +105,9 @@ class SoilEstimator:
                     f"is: {', '.join(_COVARIATES)}"
                 )
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
+        start = [prior.log_reference_pressure, prior.n, prior.m]
+        deviations = [prior.log_reference_pressure_std, prior.n_std, prior.m_std]
+        self._prior_mean, self._prior = np.array(start), np.diag(np.square(deviations))
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self.reset()
@@ -119,6 +121,7 @@ class SoilEstimator:
         self._distance = 0.0
         self.outliers = 0
         self.refused: dict[str, int] = {}
+        self._said: tuple[object, LawEstimate] | None = None
 
     # -- in
 
@@ -196,10 +199,10 @@ class SoilEstimator:
 
         Raises ArithmeticError or ValueError for one that the model has no sinkage for.
         """
-        expected, log_load = self._expected(given, wheel)
+        law = self._law_under(wheel)
+        expected, log_load = self._expected(given, wheel, law)
         more = expected.by_load * log_load
         shown, true = expected.shown + more, expected.sinkage + more
-        law = self._law_under(wheel)
         noise = wheel.collector.reading_variance
         spread = expected.shown_variance + noise + law.scatter.additive
         variance = expected.sinkage_variance
@@ -218,9 +221,11 @@ class SoilEstimator:
             raise ArithmeticError("its uncertainty has no bounds")
         return UpdateResult(outcome, reason, message, true, variance, miss, spread, square)
 
-    def _expected(self, given: SinkageMeasurement, wheel: WheelTrack) -> tuple[Expected, float]:
+    def _expected(
+        self, given: SinkageMeasurement, wheel: WheelTrack, law: LawFilter
+    ) -> tuple[Expected, float]:
         """What was expected of a reading, and by how much its ln load is above that of it."""
-        law, place = self._law_under(wheel), wheel.place
+        place = wheel.place
         load, load_variance = wheel.collector.load(given)
         log_load, known = math.log(load), wheel.expected
         if known is not None and known.holds(law.version, log_load, given):
@@ -308,14 +313,9 @@ class SoilEstimator:
     def elsewhere(self, wheel: str) -> tuple[str, ...]:
         """Name the wheels that are on another soil than this one: just before or after a border."""
         known, behind = self._wheels.get(wheel), self._soils.is_behind
-        if known is None:
+        if known is None or not self._soils.changes:
             return ()
         return tuple(n for n, w in self._wheels.items() if behind(w) is not behind(known))
-
-    def on_newest_soil(self, wheel: str) -> bool:
-        """Whether a wheel is on the soil that a wheel came to last, or was never measured."""
-        known = self._wheels.get(wheel)
-        return known is None or not self._soils.is_behind(known)
 
     def load(self, wheel: str) -> tuple[float, float] | None:
         """Load of a wheel without its noise (N), and variance of its logarithm; None: not measured."""
@@ -327,34 +327,32 @@ class SoilEstimator:
 
         wheel: return the soil that this wheel is on, where it has been measured.
         """
-        prior = LawCovariance.of(
-            np.diag(
-                np.square(
-                    [self.prior.log_reference_pressure_std, self.prior.n_std, self.prior.m_std]
-                )
-            )
-        )
         found = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
-        if found is None:
-            start = [self.prior.log_reference_pressure, self.prior.n, self.prior.m]
-            mean, covariance, variety = np.array(start), prior.array(), self._soils.variety
-        else:
-            mean, covariance = found[0].law()
-            variety = found[1]
-        spread = LawCovariance.of(covariance).with_more(self._watch.missed_variance)
-        reference = self.settings.reference_sinkage, self.settings.reference_diameter
-        law = law_estimate(mean.tolist(), spread, prior, reference)
+        law, variety = (None, self._soils.variety) if found is None else found
         return SoilEstimate(
-            *law,
-            *reference,
+            *self._in_terms_of_the_field(law),
+            self.settings.reference_sinkage,
+            self.settings.reference_diameter,
             variety,
-            self.accepted,
+            self._soils.accepted,
             self.outliers,
             dict(self.refused),
-            self.soil_changes,
+            self._soils.changes,
             self._distance,
             self._watch.alarm,
         )
+
+    def _in_terms_of_the_field(self, law: LawFilter | None) -> LawEstimate:
+        """A law, None: the prior's; worked out anew only where it has changed."""
+        missed = self._watch.missed_variance
+        state = law, 0 if law is None else law.version, missed
+        if self._said is None or self._said[0] != state:
+            prior = LawCovariance.of(self._prior)
+            mean, covariance = (self._prior_mean, self._prior) if law is None else law.law()
+            spread = LawCovariance.of(covariance).with_more(missed)
+            reference = self.settings.reference_sinkage, self.settings.reference_diameter
+            self._said = state, law_estimate(mean.tolist(), spread, prior, reference)
+        return self._said[1]
 
     def predict(
         self,

@@ -104,7 +104,7 @@ class TractionEstimator:
         """
         force, pull = sample.specific_force or 0.0, sample.pull or Quantity(0.0, 0.0)
         numbers = (sample.slip, force, sample.torque or 0.0, pull.value, pull.standard_deviation)
-        if not np.isfinite(numbers).all():
+        if not all(map(math.isfinite, numbers)):
             return
         if soil != self._soil:
             self._change(soil)

@@ -147,6 +147,15 @@ class TractionFilter:
         self.kalman.P[:STRENGTH, :] = self.kalman.P[:, :STRENGTH] = 0.0
         self.kalman.P[:STRENGTH, :STRENGTH] = covariance
 
+    @property
+    def other_share(self) -> tuple[float, float]:
+        """Resistance that the law does not give, over load, and its standard deviation."""
+        return float(self.kalman.x[OTHER]), math.sqrt(self.kalman.P[OTHER, OTHER])
+
+    def variance(self, row: Array) -> float:
+        """Of a quantity with these slopes by the state, shape (size,)."""
+        return float(row @ self.kalman.P @ row)
+
     # -- prediction
 
     def move(self, distance: float, forward: bool) -> None:
@@ -212,10 +221,10 @@ class TractionFilter:
         kalman = self.kalman
         value, row = predicted
         surprise = (measured - value) ** 2 / _SURPRISE**2
-        if surprise > float(row @ kalman.P @ row) + noise:
+        if surprise > self.variance(row) + noise:
             self._open()
             # What no grip explains counts as little as it is likely.
-            noise += max(surprise - float(row @ kalman.P @ row) - noise, 0.0)
+            noise += max(surprise - self.variance(row) - noise, 0.0)
         kalman.update(
             np.array([measured]),
             lambda _: row[None],
@@ -240,38 +249,32 @@ class TractionFilter:
         exact_slip: the slip has neither the error of measured ones nor the part of rolling, so that
         thrust depends on the sinkage by the length alone.
         """
-        x, contact = self.kalman.x, wheel.contact
+        x, contact = self.kalman.x.tolist(), wheel.contact
         cell = GRIP + self.cell_of[wheel.order]
-        own, _ = point_contact_length(contact.sinkage, contact.diameter)
+        if length is None:
+            length, _ = point_contact_length(contact.sinkage, contact.diameter)
         factor = contact.thrust_factor * math.exp(x[cell])
-        rolling = contact.sinkage / contact.diameter
-        slip = wheel.slip
-        if not exact_slip:
-            slip += x[ROLLING] * rolling + x[SLIP]
+        rolling = 0.0 if exact_slip else contact.sinkage / contact.diameter
+        slip = wheel.slip if exact_slip else wheel.slip + x[ROLLING] * rolling + x[SLIP]
         push = point_thrust(
             contact.load,
-            min(max(float(slip), -1.0), 1.0),
-            own if length is None else length,
+            min(max(slip, -1.0), 1.0),
+            length,
             contact.width,
-            float(x[COHESION]),
-            float(x[FRICTION]),
+            x[COHESION],
+            x[FRICTION],
             math.exp(x[SHEAR]),
         )
+        value, by_slip = factor * push.value, factor * push.by_slip
         row = np.zeros(len(x))
-        row[COHESION], row[FRICTION], row[SHEAR] = (
-            factor * push.by_cohesion,
-            factor * push.by_friction,
-            factor * push.by_log_shear,
-        )
-        row[cell] = factor * push.value
+        row[COHESION] = factor * push.by_cohesion
+        row[FRICTION] = factor * push.by_friction
+        row[SHEAR] = factor * push.by_log_shear
+        row[cell] = value
         if not exact_slip:
-            row[SLIP], row[ROLLING] = factor * push.by_slip, factor * push.by_slip * rolling
+            row[SLIP], row[ROLLING] = by_slip, by_slip * rolling
         return Thrust(
-            factor * push.value,
-            row,
-            factor * push.by_slip,
-            factor * push.by_load * contact.load,
-            factor * push.by_length,
+            value, row, by_slip, factor * push.by_load * contact.load, factor * push.by_length
         )
 
     def _net(self, wheel: WheelStep) -> tuple[float, Array]:

@@ -108,7 +108,7 @@ class WheelTrack:
         self.at = given.distance + self.ahead
         slip = _known(given.slip)
         if slip is not None:
-            self.slip, self.slip_at = slip, given.own_path
+            self.slip, self.slip_at = slip, self.path
         self.recent.append(given.sinkage)
         return closed
 

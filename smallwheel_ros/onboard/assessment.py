@@ -14,14 +14,12 @@ from smallwheel_ros.estimator.soil_estimator import (
     UpdateResult,
 )
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
-from smallwheel_ros.onboard.digging_in import DiggingInAlarm
-from smallwheel_ros.onboard.health import FilterHealth
 from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.joint_watch import JointWatch
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
 from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
+from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth, JointWatch
 from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
@@ -90,10 +88,8 @@ class Assessor:
             update = self._update(instant, instant.load, instant.sinkage)
             self.health.add(update)
         name = instant.wheel.name
-        soil = own = self.estimator.estimate()
+        soil, own = self.estimator.estimate(), self.estimator.estimate(name)
         elsewhere = self.estimator.elsewhere(name)
-        if not self.estimator.on_newest_soil(name):
-            own = self.estimator.estimate(name)
         if instant.load is not None:
             try:
                 carried = self._carried(instant, instant.load)

@@ -7,8 +7,9 @@ and strength, load and slip.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 
@@ -25,8 +26,7 @@ from smallwheel_ros.physics.point_thrust import point_contact_length
 from smallwheel_ros.physics.wheel import Quantity
 
 _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
-_BY_LOAD = np.array([0.0, 0.0, 0.0, 1.0])  # slopes of ln load by the law and ln load
-_LENGTHS = np.geomspace(1e-3, 0.5 * math.pi, 128)  # of the diameter; to the axle
+_LENGTHS = np.geomspace(1e-3, 0.5 * math.pi, 128).astype(np.float64)  # of the diameter; to the axle
 _LEAST_STD = 0.15  # N: resolution of any pull
 # Of the thrust at the reference slip, where strength was told near slip 0.1: other forms of the shear
 # curve; and where no balance has told it, also what single wheels have of their own.
@@ -119,14 +119,31 @@ def wheel_forces(
 
     Raises MobilityError if the forces are not finite.
     """
-    forces = _without_slip(on, traction.now)
+    load = on.load.value
+    thrust = pull = energy = margin = None
+    share, unsure = 0.0, 0.0  # resistance that the law does not give, over load
     if on.wheel.contact == ROLLING:  # a pressed wheel does not shear the soil along a path
+        share, unsure = traction.now.other_share
         if slip is not None:
-            forces = _pulls(on, forces, traction, slip, time, torque)
+            thrust, pull, energy = _pulls(on, traction, slip, share, time, torque)
         margin = Quantity(-1.0, 0.0)  # nothing can be held
         if reference is not None:
             margin = _margin(reference, traction.reserve, reference_slip)
-        forces = replace(forces, margin=margin)
+    more, whole = (unsure * load) ** 2, on.resistance.value + share * load
+    of_other = on.variance(by_other=1.0, by_log_load=share * load) + more
+    # Over the load, whose own deviation counts in both.
+    of_ratio = on.variance(0.0, 1.0, 1.0, share * load - whole) + more
+    forces = WheelForces(
+        sinkage=Quantity(on.sinkage, math.sqrt(on.variance(by_sinkage=1.0))),
+        compaction_resistance=Quantity(on.compaction, math.sqrt(on.variance(by_compaction=1.0))),
+        other_resistance=Quantity(on.other + share * load, math.sqrt(of_other)),
+        rolling_resistance_coefficient=Quantity(whole / load, math.sqrt(of_ratio) / load),
+        thrust=thrust,
+        drawbar_pull=pull,
+        probability_drawbar_pull_positive=None if pull is None else probability_positive(pull),
+        margin=margin,
+        energy_per_metre=energy,
+    )
     _check_finite(forces, on)
     return forces
 
@@ -143,81 +160,46 @@ def _check_finite(forces: WheelForces, on: WheelOnSoil) -> None:
             )
 
 
-def _without_slip(on: WheelOnSoil, strength: TractionFilter) -> WheelForces:
-    """Sinkage and resistances; nothing is known of the thrust."""
-    load = on.load.value
-    share, deviation = 0.0, 0.0
-    if on.wheel.contact == ROLLING:
-        share = float(strength.kalman.x[OTHER])
-        deviation = math.sqrt(strength.kalman.P[OTHER, OTHER])
-    by_other = on.by_other + share * load * _BY_LOAD
-    other, whole = on.other + share * load, on.resistance.value + share * load
-    more = (deviation * load) ** 2
-    # Over the load, whose own deviation counts in both.
-    by_ratio = on.by_compaction + by_other - whole * _BY_LOAD
-    return WheelForces(
-        sinkage=on.quantity(on.sinkage, on.by_sinkage),
-        compaction_resistance=on.quantity(on.compaction, on.by_compaction),
-        other_resistance=Quantity(other, math.sqrt(on.variance(by_other) + more)),
-        rolling_resistance_coefficient=Quantity(
-            whole / load, math.sqrt(on.variance(by_ratio) + more) / load
-        ),
-        thrust=None,
-        drawbar_pull=None,
-        probability_drawbar_pull_positive=None,
-    )
-
-
 def _pulls(
     on: WheelOnSoil,
-    plain: WheelForces,
     traction: TractionEstimator,
     slip: Quantity,
+    share: float,
     time: float,
     torque: float | None,
-) -> WheelForces:
-    """Forces at the present slip; a torque of this moment is fused with the thrust."""
-    strength = traction.now
+) -> tuple[Quantity, Quantity, Quantity | None]:
+    """Thrust, drawbar pull, energy per metre at the present slip; a torque is fused with the thrust.
+
+    share: resistance that the law does not give, over load.
+    """
+    strength, load = traction.now, on.load.value
     step, averaged = traction.wheel(on.wheel.name, on.contact, slip.value, time)
     push = strength.thrust(step)
     # The error of a mean over a step is in the filter's state.
     own_slip = 0.0 if averaged else (push.by_slip * slip.standard_deviation) ** 2
     noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
-    by_law = _by_law(on, push.by_length, push.by_log_load)
-    share, load = float(strength.kalman.x[OTHER]), on.load.value
-    P = strength.kalman.P
-    thrust, spread = push.value, float(push.row @ P @ push.row) + noise
+    thrust, spread = push.value, strength.variance(push.row) + noise
     net_row = push.row.copy()
     net_row[OTHER] -= load
-    net_spread = float(net_row @ P @ net_row) + noise
+    net_spread = strength.variance(net_row) + noise
     if torque is not None:
         measured, variance = strength.at_rim(step, torque)
         weight = spread / (spread + variance)
         thrust += weight * (measured - thrust)
         net_spread -= weight * spread
         spread -= weight * spread
-    held = on.resistance.value + share * load
-    by_net = by_law - on.by_compaction - on.by_other - share * load * _BY_LOAD
-    net = Quantity(thrust - held, math.sqrt(max(net_spread, 0.0) + on.variance(by_net)))
+    by_sinkage = push.by_length * point_contact_length(on.sinkage, on.wheel.diameter)[1]
+    held = share * load
+    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - held)
+    pull = Quantity(thrust - on.resistance.value - held, math.sqrt(max(net_spread, 0.0) + by_law))
+    by_law = on.variance(by_sinkage, by_log_load=push.by_log_load)
+    deviation = math.sqrt(max(spread, 0.0) + by_law)
     energy = None
     ratio = _rim_over_travel(slip.value)
-    deviation = math.sqrt(max(spread, 0.0) + on.variance(by_law))
     if ratio is not None:
         over = ratio[1] * slip.standard_deviation * thrust
         energy = Quantity(ratio[0] * thrust, math.hypot(ratio[0] * deviation, over))
-    return replace(
-        plain,
-        thrust=Quantity(thrust, deviation),
-        drawbar_pull=net,
-        probability_drawbar_pull_positive=probability_positive(net),
-        energy_per_metre=energy,
-    )
-
-
-def _by_law(on: WheelOnSoil, by_length: float, by_log_load: float) -> Array:
-    """Slopes of the thrust: the law changes the sinkage, and so the length of the contact."""
-    _, slope = point_contact_length(on.sinkage, on.wheel.diameter)
-    return np.asarray(by_log_load * _BY_LOAD + by_length * slope * on.by_sinkage)
+    return Quantity(thrust, deviation), pull, energy
 
 
 def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
@@ -229,19 +211,16 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     """
     load = on.load.value
     step = WheelStep(strength.order[on.wheel.name], on.contact, slip)
-    length, _ = point_contact_length(on.sinkage, on.wheel.diameter)
+    length, by_depth = point_contact_length(on.sinkage, on.wheel.diameter)
     best = _best_length(on, length, strength, slip)
     push = strength.thrust(step, max(length, best), exact_slip=True)
-    row = push.row
-    row[OTHER] -= load
-    share = float(strength.kalman.x[OTHER])
+    push.row[OTHER] -= load
     net = push.value - on.resistance.value
-    by_thrust = _by_law(on, push.by_length if length > best else 0.0, push.by_log_load)
-    by_ratio = by_thrust - on.by_compaction - on.by_other - net * _BY_LOAD
-    spread = float(row @ strength.kalman.P @ row) + on.variance(by_ratio)
+    by_sinkage = push.by_length * by_depth if length > best else 0.0
+    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - net)
     form = _FORM if strength.mass > 0.0 else _FORM_OF_WHEELS
-    spread += (form * push.value) ** 2
-    return Quantity(net / load - share, math.sqrt(max(spread, 0.0)) / load)
+    spread = strength.variance(push.row) + by_law + (form * push.value) ** 2
+    return Quantity(net / load - strength.other_share[0], math.sqrt(max(spread, 0.0)) / load)
 
 
 def _best_length(on: WheelOnSoil, length: float, strength: TractionFilter, slip: float) -> float:
@@ -253,13 +232,30 @@ def _best_length(on: WheelOnSoil, length: float, strength: TractionFilter, slip:
     R/W = l / (D (n + 1) I) with the contact integral I, and rises a little faster where the wheel is
     deep. H rises with l ever more slowly. So the margin never falls on stiffer ground.
     """
-    load, wheel = on.load.value, on.wheel
-    lengths = _LENGTHS * wheel.diameter
-    cohesion, friction, log_shear = strength.kalman.x[:OTHER]
-    limit = wheel.width * lengths * max(cohesion, 0.0) + load * math.tan(friction)
-    x = slip * lengths / math.exp(log_shear)
-    pull = limit * (1.0 + np.expm1(-x) / x) - on.compaction / length * lengths
+    wheel, shear = on.wheel, strength.kalman.x[:OTHER].tolist()
+    lengths, cohesion, friction = _held(wheel.diameter, wheel.width, slip, *shear)
+    pull = cohesion + on.load.value * friction - on.compaction / length * lengths
     return float(lengths[np.argmax(pull)])
+
+
+@lru_cache(maxsize=256)
+def _held(
+    diameter: float,
+    width: float,
+    slip: float,
+    cohesion: float,
+    friction_angle: float,
+    log_shear: float,
+) -> tuple[Array, Array, Array]:
+    """Contact lengths (m), what cohesion holds on them at a slip (N), and friction over load.
+
+    They stay the same until something tells of the strength.
+    """
+    lengths = _LENGTHS * diameter
+    x = slip * lengths / math.exp(log_shear)
+    mobilised = 1.0 + np.expm1(-x) / x
+    held = width * lengths * max(cohesion, 0.0) * mobilised
+    return lengths, held, math.tan(friction_angle) * mobilised
 
 
 def _rim_over_travel(slip: float) -> tuple[float, float] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant, Motion
@@ -65,6 +66,20 @@ class WheelState:
         self.answered = 0
 
 
+class _Vehicle(NamedTuple):
+    """The vehicle at a stamp (ns); None where not known.
+
+    middle: speed (m/s), yaw rate (rad/s) and variance of the speed by the velocity sensor.
+    specific_force: see `Instant`, positive forward. paths: of the vehicle, then of the wheels, m.
+    """
+
+    stamp: int
+    motion: Motion | None
+    middle: tuple[float, float, float] | None
+    specific_force: float | None
+    paths: Sequence[float]
+
+
 class SensorBuffer:
     """Recent values of all streams of a vehicle; wheels go by their number.
 
@@ -109,6 +124,7 @@ class SensorBuffer:
         self._start = (self.distance, *(state.path for state in self.wheels))
         self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
         self._pressed_path = 0.0
+        self._vehicle: _Vehicle | None = None  # at the instant that was asked for last
 
     def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
@@ -125,6 +141,7 @@ class SensorBuffer:
             if stream is self._velocity:
                 values = self._middle(values, self._motion(stamp))[:2]
             self._travel.move(stamp, *values[:4])
+        self._vehicle = None
         return fault
 
     def instant(self, order: int, stamp: int, measured: Sequence[float]) -> Instant:
@@ -133,21 +150,25 @@ class SensorBuffer:
         measured: its sinkage (m) and variance (m^2, not known where it is not over 0), if any.
         """
         state, noise, gap = self.wheels[order], self.settings.noise, self._gap
+        vehicle = self._vehicle
+        if vehicle is None or vehicle.stamp != stamp:
+            vehicle = self._vehicle = self._at(stamp)
+        motion = vehicle.motion
         load, pull = state.load.at(stamp, gap), state.drawbar_pull.at(stamp, gap)
+        torque = state.torque.at(stamp, gap)
         carried = state.static_load
         if load is not None:
             carried = Quantity(load[0], math.hypot(noise.load, noise.load_relative * load[0]))
-        motion = self._motion(stamp)
         speed, rim, slip = None, None, None
         if state.wheel.contact == ROLLING:
-            speed, rim, slip = self._moves(state, stamp, motion)
+            speed, rim, slip = self._moves(state, vehicle)
         sinkage = None
         if measured:
             value, variance = measured
             known = math.isfinite(variance) and variance > 0
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(value, deviation)
-        self._advance(state, order, stamp, sinkage)
+        self._advance(state, order, vehicle, sinkage)
         return Instant(
             state.wheel,
             stamp,
@@ -163,28 +184,36 @@ class SensorBuffer:
             None if pull is None else Quantity(pull[0], noise.drawbar_pull),
             0.0 if motion is None else motion.pitch,
             rim,
-            self._specific_force(stamp, motion, speed),
-            _signed(state.torque.at(stamp, gap), speed),
+            _signed(vehicle.specific_force, speed),
+            _signed(None if torque is None else torque[0], speed),
         )
 
-    def _specific_force(
-        self, stamp: int, motion: Motion | None, speed: float | None
-    ) -> float | None:
-        """What the wheels pull per mass along the travel, m/s^2: of slope, and of gaining speed."""
+    def _at(self, stamp: int) -> _Vehicle:
+        """What all wheels have in common at an instant."""
+        motion, velocity = self._motion(stamp), self._velocity.at(stamp, self._gap)
+        middle: tuple[float, float, float] | None = None
+        if self.settings.velocity is VelocitySource.TOPIC:
+            middle = None if velocity is None else self._middle(velocity, motion)
+            series = self._velocity
+        else:
+            series = self._odometry
+        force = self._specific_force(stamp, motion, series)
+        return _Vehicle(stamp, motion, middle, force, self._travel.at(stamp) or self._start)
+
+    def _specific_force(self, stamp: int, motion: Motion | None, speeds: Stream) -> float | None:
+        """What the wheels pull per mass, m/s^2, positive forward: of slope, and of gaining speed."""
         measured = self._imu.at(stamp, self._gap)
         if measured is not None and math.isnan(measured[0]):
-            return _signed(measured[1:], speed)  # an accelerometer feels both
-        by_topic = self.settings.velocity is VelocitySource.TOPIC
-        series = self._velocity if by_topic else self._odometry
-        now, before = series.at(stamp, self._gap), series.at(stamp - _GAINING, self._gap)
-        if now is None or before is None:
-            return None
+            return measured[1]  # an accelerometer feels both
         slope: float | None = None if measured is None else measured[0]
         if not self.settings.with_imu and motion is not None and self._pitches:
             slope = -GRAVITY * math.sin(motion.pitch)
         if slope is None:
             return None
-        return _signed((slope + (now[0] - before[0]) / (_GAINING / SECOND),), speed)
+        now, before = speeds.at(stamp, self._gap), speeds.at(stamp - _GAINING, self._gap)
+        if now is None or before is None:
+            return None
+        return slope + (now[0] - before[0]) / (_GAINING / SECOND)
 
     def _motion(self, stamp: int) -> Motion | None:
         values = self._odometry.at(stamp, self._gap)
@@ -203,23 +232,22 @@ class SensorBuffer:
         return speed + yaw_rate * self.settings.velocity_lateral_position, yaw_rate, variance
 
     def _moves(
-        self, state: WheelState, stamp: int, motion: Motion | None
+        self, state: WheelState, vehicle: _Vehicle
     ) -> tuple[float | None, float | None, Quantity | None]:
         """Speed of a wheel's place over ground, of its rim, and its slip; None where not known."""
         wheel, noise, source = state.wheel, self.settings.noise, self.settings.velocity
-        lateral = wheel.lateral_position
+        lateral, motion = wheel.lateral_position, vehicle.motion
         if source is VelocitySource.TOPIC:
-            measured = self._velocity.at(stamp, self._gap)
-            if measured is None:
+            if vehicle.middle is None:
                 return None, None, None
-            middle, yaw_rate, variance = self._middle(measured, motion)
+            middle, yaw_rate, variance = vehicle.middle
         elif motion is None:
             return None, None, None
         else:
             middle, yaw_rate = motion.speed, motion.yaw_rate
             variance = motion.speed_variance + motion.yaw_rate_variance * lateral**2
         speed = middle - yaw_rate * lateral
-        turning = state.wheel_speed.at(stamp, self._gap)
+        turning = state.wheel_speed.at(vehicle.stamp, self._gap)
         if turning is None or source is VelocitySource.NONE:
             return speed, None, None
         rim = turning[0] * wheel.diameter / 2
@@ -230,20 +258,19 @@ class SensorBuffer:
         )
         return speed, rim, slip
 
-    def _advance(self, state: WheelState, order: int, stamp: int, sinkage: Quantity | None) -> None:
+    def _advance(
+        self, state: WheelState, order: int, vehicle: _Vehicle, sinkage: Quantity | None
+    ) -> None:
         """Paths so far (m), which never fall."""
         if sinkage is not None and state.wheel.contact == PRESSED:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
-        paths = self._travel.at(stamp) or self._start
-        self.distance = max(self.distance, paths[0] + self._pressed_path)
-        state.path = max(state.path, paths[1 + order] + self._pressed_path)
-        state.answered = stamp
+        self.distance = max(self.distance, vehicle.paths[0] + self._pressed_path)
+        state.path = max(state.path, vehicle.paths[1 + order] + self._pressed_path)
+        state.answered = vehicle.stamp
 
 
-def _signed(values: Sequence[float] | None, speed: float | None) -> float | None:
+def _signed(value: float | None, speed: float | None) -> float | None:
     """What is positive forward, as positive along the travel."""
-    if values is None:
-        return None
-    return -values[0] if speed is not None and speed < 0.0 else values[0]
+    return -value if value is not None and speed is not None and speed < 0.0 else value

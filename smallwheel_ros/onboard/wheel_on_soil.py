@@ -1,7 +1,7 @@
-"""Sinkage and motion resistance of one wheel on the soil as it is estimated, with their slopes.
+"""Sinkage and motion resistance of one wheel on the soil as it is estimated, and how sure they are.
 
-Without effects the slopes are worked out by hand, in plain floats, since this runs for every
-measurement; with effects they are differences of the model itself.
+Without effects their slopes by the law are worked out by hand, in plain floats, since this runs for
+every measurement; with effects they are differences of the model itself.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 REFERENCE_SLIP = 0.4
 Array = NDArray[np.float64]
 _STEP = 1e-5  # of central differences: about the cube root of the rounding error
-_NONE: Array = np.zeros(4)
+# Sinkage and resistances, the slopes of `WheelOnSoil`, and the factor on thrust.
+_Found = tuple[tuple[float, float, float], Array, float]
+_BY_LOAD = (0.0, 0.0, 0.0, 1.0)  # slopes of ln load itself
 
 
 class MobilityError(SmallwheelError):
@@ -39,36 +41,42 @@ class MobilityError(SmallwheelError):
 
 @dataclass(frozen=True)
 class WheelOnSoil:
-    """Sinkage (m), compaction and other resistance (N) under a load (N), each with its slopes.
+    """Sinkage (m), compaction and other resistance (N) of a wheel under a load (N).
 
-    Slopes are by ln reference pressure, n, m and ln load, shape (4,); covariance is that of these
-    four. thrust_factor: of the effects on thrust, 1 without.
+    slopes: of these three and of ln load (the rows) by ln reference pressure, n, m and ln load, shape
+    (4, 4). covariance: of the same four rows, by law, the place's deviation of ln k, and load.
+    thrust_factor: of the effects on thrust, 1 without.
     """
 
     wheel: Wheel
     soil: SoilEstimate
     load: Quantity
-    covariance: Array
     sinkage: float
     compaction: float
     other: float
-    by_sinkage: Array
-    by_compaction: Array
-    by_other: Array
+    slopes: Array
+    covariance: list[list[float]]
     thrust_factor: float = 1.0
 
-    def variance(self, slopes: Array) -> float:
-        """Of a quantity with these slopes, by law, the place's deviation of ln k, and load."""
-        return max(float(slopes @ self.covariance @ slopes), 0.0)
-
-    def quantity(self, value: float, slopes: Array) -> Quantity:
-        """A value with its standard deviation."""
-        return Quantity(value, math.sqrt(self.variance(slopes)))
+    def variance(
+        self,
+        by_sinkage: float = 0.0,
+        by_compaction: float = 0.0,
+        by_other: float = 0.0,
+        by_log_load: float = 0.0,
+    ) -> float:
+        """Of a quantity that changes so with sinkage, resistances and ln load."""
+        (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = self.covariance
+        a, b, c, d = by_sinkage, by_compaction, by_other, by_log_load
+        squares = a * a * ss + b * b * cc + c * c * oo + d * d * ww
+        pairs = a * (b * sc + c * so + d * sw) + b * (c * co + d * cw) + c * d * ow
+        return max(squares + 2.0 * pairs, 0.0)
 
     @cached_property
     def resistance(self) -> Quantity:
         """All motion resistance that the model gives, N."""
-        return self.quantity(self.compaction + self.other, self.by_compaction + self.by_other)
+        spread = self.variance(by_compaction=1.0, by_other=1.0)
+        return Quantity(self.compaction + self.other, math.sqrt(spread))
 
     @cached_property
     def contact(self) -> RollingContact:
@@ -114,13 +122,24 @@ def wheel_on_soil(
         raise MobilityError(
             f"wheel {wheel.name}: contact is {wheel.contact!r}, expected {ROLLING} or {PRESSED}"
         )
-    covariance = np.zeros((4, 4))
-    covariance[:3, :3] = soil.log_covariance
-    covariance[0, 0] += scatter**2
-    covariance[3, 3] = (load.standard_deviation / load.value) ** 2
-    given = wheel, soil, load, covariance
     if effects:
-        return _by_differences(*given, slip, speed, effects, strength)
+        found = _by_differences(wheel, soil, load, slip, speed, effects, strength)
+    else:
+        found = _by_hand(wheel, soil, load)
+    if found is None:
+        return None
+    law = np.zeros((4, 4))
+    law[:3, :3] = soil.log_covariance
+    law[0, 0] += scatter**2
+    law[3, 3] = (load.standard_deviation / load.value) ** 2
+    (sinkage, compaction, other), slopes, thrust_factor = found
+    covariance = (slopes @ law @ slopes.T).tolist()
+    return WheelOnSoil(
+        wheel, soil, load, sinkage, compaction, other, slopes, covariance, thrust_factor
+    )
+
+
+def _by_hand(wheel: Wheel, soil: SoilEstimate, load: Quantity) -> _Found | None:
     n, log_depth = soil.n, math.log(soil.reference_sinkage)
     log_size = math.log(wheel.diameter / soil.reference_diameter)
     log_modulus = soil.log_reference_pressure - n * log_depth + soil.m * log_size
@@ -131,28 +150,32 @@ def wheel_on_soil(
         return None
     sinkage, by_load = math.exp(point.log_sinkage), point.slope_load
     by_exponent = point.slope_exponent + by_load * log_depth
-    by_log = np.array([-by_load, by_exponent, -by_load * log_size, by_load])
-    by_sinkage = sinkage * by_log
-    if wheel.contact != ROLLING:
-        return WheelOnSoil(*given, sinkage, 0.0, 0.0, by_sinkage, _NONE, _NONE)
-    # R = b p(z) z/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
-    power = n + 1.0
-    compaction = wheel.width * math.exp(log_modulus + power * point.log_sinkage) / power
-    direct = np.array([1.0, point.log_sinkage - log_depth - 1.0 / power, log_size, 0.0])
-    by_compaction = compaction * (direct + power * by_log)
-    return WheelOnSoil(*given, sinkage, compaction, 0.0, by_sinkage, by_compaction, _NONE)
+    by_log = (-by_load, by_exponent, -by_load * log_size, by_load)  # of ln sinkage
+    compaction, by_compaction = 0.0, (0.0, 0.0, 0.0, 0.0)
+    if wheel.contact == ROLLING:
+        # R = b p(z) z/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
+        power = n + 1.0
+        compaction = wheel.width * math.exp(log_modulus + power * point.log_sinkage) / power
+        by_compaction = (
+            compaction * (1.0 + power * by_log[0]),
+            compaction * (point.log_sinkage - log_depth - 1.0 / power + power * by_log[1]),
+            compaction * (log_size + power * by_log[2]),
+            compaction * power * by_log[3],
+        )
+    slopes = np.array((by_log, by_compaction, (0.0, 0.0, 0.0, 0.0), _BY_LOAD))
+    slopes[0] *= sinkage
+    return (sinkage, compaction, 0.0), slopes, 1.0
 
 
 def _by_differences(
     wheel: Wheel,
     soil: SoilEstimate,
     load: Quantity,
-    covariance: Array,
     slip: float | None,
     speed: float | None,
     effects: Sequence[Effect],
     strength: Strength | None,
-) -> WheelOnSoil | None:
+) -> _Found | None:
     centre = np.array([soil.log_reference_pressure, soil.n, soil.m, math.log(load.value)])
     step = _STEP * np.maximum(np.abs(centre), 1.0)
     rows = np.concatenate([centre[None], centre + np.diag(step), centre - np.diag(step)])
@@ -193,7 +216,7 @@ def _by_differences(
     )
     if wheel.contact != ROLLING:
         table[1:] = 0.0
-    slopes = (table[:, 1:5] - table[:, 5:]) / (2.0 * step)
+    slopes = np.vstack([(table[:, 1:5] - table[:, 5:]) / (2.0 * step), _BY_LOAD])
     factor = 1.0
     if found.thrust is not None and slip and shear and wheel.contact == ROLLING:
         length, _ = point_contact_length(float(found.true_sinkage[0]), wheel.diameter)
@@ -201,16 +224,4 @@ def _by_differences(
         if plain:
             factor = float(found.thrust[0]) / plain
     sinkage, compaction, other = table[:, 0].tolist()
-    return WheelOnSoil(
-        wheel,
-        soil,
-        load,
-        covariance,
-        sinkage,
-        compaction,
-        other,
-        slopes[0],
-        slopes[1],
-        slopes[2],
-        factor,
-    )
+    return (sinkage, compaction, other), slopes, factor
