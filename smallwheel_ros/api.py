@@ -77,11 +77,12 @@ def read(
     """
     if isinstance(data, Measurements):
         return data
-    if isinstance(data, (str, PathLike)):
-        return read_measurements(Path(data), diameter=diameter, width=width)
-    raise ArgumentError(
-        f"data: found {kind(data)}, expected a file, a DataFrame or what sw.read returned"
-    )
+    if not (isinstance(data, (str, PathLike)) or hasattr(data, "columns")):
+        raise ArgumentError(
+            f"data: found {kind(data)}, expected a file, a DataFrame or what sw.read returned"
+        )
+    source = Path(data) if isinstance(data, (str, PathLike)) else data
+    return read_measurements(source, diameter=diameter, width=width, map=map, sheet=sheet)
 
 
 def fit(

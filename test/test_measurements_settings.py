@@ -167,11 +167,20 @@ def test_runs_as_named_in_the_order_of_appearance() -> None:
     assert codes.tolist() == [0, 1, 0, 2]
 
 
-def test_without_names_only_rows_of_exactly_the_same_settings_are_repeats() -> None:
-    slip = [0.1, 0.1 * (1 + 1e-12), 0.101, 0.1]
-    names, codes = runs_of_rows(table(4, slip=slip, torque=[1.0, 2.0, 3.0, 4.0]))
-    assert codes.tolist() == [0, 0, 1, 0]
-    assert names == ("setting 1", "setting 2")
+def test_without_names_rows_of_one_set_point_are_repeats() -> None:
+    """A load cell never reads the same twice: what differs by its noise is one setting."""
+    load = [20.1, 19.8, 20.0, 40.2, 39.7, 60.1]
+    slip = [0.1, 0.11, 0.1, 0.1, 0.1, 0.1]
+    names, codes = runs_of_rows(table(6, load=load, slip=slip, torque=[1.0, 2, 3, 4, 5, 6]))
+    assert codes.tolist() == [0, 0, 0, 1, 1, 2]
+    assert names == ("setting 1", "setting 2", "setting 3")
+
+
+def test_without_names_neighbours_in_a_sweep_are_no_repeats() -> None:
+    sweep = np.linspace(0.0, 0.5, 40)
+    assert runs_of_rows(table(40, slip=sweep))[1].tolist() == list(range(40))
+    # but the same value met twice is
+    assert runs_of_rows(table(80, slip=np.tile(sweep, 2)))[1].tolist() == list(range(40)) * 2
 
 
 @given(st.lists(SETTING, min_size=1, max_size=30))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -45,14 +46,13 @@ def fit(
     output: Path,
     names: str,
     geometry: Geometry,
-    diameter: float | None,
-    width: float | None,
+    how: dict[str, Any],
     json_file: str | None,
 ) -> None:
     """Calibrate soil and effects on the measurements in DATA and write a model file."""
     given = names_of(names)
     check_targets([output, json_file], [data, *(n for n in given if n.endswith(".py"))])
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     result = api.fit(measurements, given, geometry=geometry)
     result.model.save(output)
     show(result, json_file, [output])
@@ -71,8 +71,7 @@ def compare(
     data: Path,
     models: tuple[Path, ...],
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
+    how: dict[str, Any],
     json_file: str | None,
     plots: Path | None,
     html: Path | None,
@@ -86,7 +85,7 @@ def compare(
     """
     check_targets([html, json_file], [data, *models, own])
     check_folder_target(plots)
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     with progress_of_fits() as progress:
         result = api.compare(measurements, models, effects=own, progress=progress)
     written: list[Path] = []
@@ -129,8 +128,7 @@ def diagnose(
     without: str,
     levels: tuple[str, ...],
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
+    how: dict[str, Any],
 ) -> None:
     """Say which physical effect a model of the measurements in DATA is missing.
 
@@ -142,7 +140,7 @@ def diagnose(
     check_targets([json_file, html, output], [data, own])
     check_targets([json_file, html], [model_file])  # -o may replace it
     check_folder_target(plots)
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     can = levels_of(levels, measurements)
     with progress_of_steps("diagnosing") as progress:
         result = api.diagnose(
@@ -188,13 +186,12 @@ def add(
     json_file: str | None,
     without: str,
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
+    how: dict[str, Any],
 ) -> None:
     """Add EFFECT to a model, fit it with the soil, and print the held-out error before and after."""
     check_targets([output, json_file], [data, own])
     check_targets([json_file], [model_file])  # -o may replace it
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     out = names_of(without)
     result = api.add(effect, model_file, measurements, effects=own, without=out)
     result.model.save(output)

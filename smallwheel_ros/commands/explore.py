@@ -8,6 +8,7 @@ import sys
 import threading
 import webbrowser
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -38,8 +39,7 @@ def explore(
     data: Path,
     model_file: Path | None,
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
+    how: dict[str, Any],
     without: str,
     port: int,
     no_browser: bool,
@@ -49,7 +49,7 @@ def explore(
     The data is diagnosed once. Then set and unset effects: the model is fitted anew, and the page
     shows its parameters, its held-out error beside the noise floor, and what is left over a setting.
     """
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     start = api.start_of(measurements, model_file, own, names_of(without))
     with progress_of_steps("diagnosing") as progress:
         session = Session(*start, progress)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 from tqdm import tqdm
@@ -42,18 +43,50 @@ class BenchError(SmallwheelError):
 
 
 def table_options(command: _Command) -> _Command:
-    """Add the options that say how a table is read."""
+    """Add the options that say how a table is read; the command gets them as `how`."""
+
+    @functools.wraps(command)
+    def wrapped(
+        *args: Any,
+        diameter: float | None,
+        width: float | None,
+        mapping: tuple[str, ...],
+        sheet: str | None,
+        **options: Any,
+    ) -> Any:
+        how = {"diameter": diameter, "width": width, "map": _headers(mapping), "sheet": sheet}
+        return command(*args, how=how, **options)
+
     for add in (
+        click.option("--sheet", metavar="NAME", help="Sheet of a workbook, by name or number."),
+        click.option("--map", "mapping", multiple=True, metavar="NAME=HEADER",
+                     help="Which column is what, where its header does not say it: load=F3, or "
+                     "with a unit 'load [kN]=F3'. May be given several times."),
         click.option("--width", type=float, help="Wheel width [m] for all rows."),
         click.option("--diameter", type=float, help="Wheel diameter [m] for all rows."),
-    ):
-        command = add(command)
-    return command
+    ):  # fmt: skip
+        wrapped = add(wrapped)
+    return cast(_Command, wrapped)
 
 
-def read_table(data: Path, diameter: float | None, width: float | None) -> Measurements:
-    """The table, with its warnings on standard error."""
-    measurements = api.read(data, diameter=diameter, width=width)
+def _headers(mapping: tuple[str, ...]) -> dict[str, str]:
+    """Header by our name, of each --map NAME=HEADER. Raises BenchError."""
+    found: dict[str, str] = {}
+    for text in mapping:
+        name, equals, header = (part.strip() for part in text.partition("="))
+        if not (name and equals and header):
+            raise BenchError(f"--map {text}: expected NAME=HEADER, as in --map load=Fz")
+        if name in found:
+            raise BenchError(f"--map {text}: '{name}' is given twice")
+        found[name] = header
+    return found
+
+
+def read_table(data: Path, how: Mapping[str, Any]) -> Measurements:
+    """The table; what was made of it, and its warnings, on standard error. how: as `table_options`."""
+    measurements = api.read(data, **how)
+    for line in measurements.understood:
+        click.echo(f"understood: {line}", err=True)
     for warning in measurements.warnings:
         click.echo(f"warning: {warning}", err=True)
     return measurements

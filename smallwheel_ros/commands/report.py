@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -36,8 +37,7 @@ def report(
     data: Path,
     model_file: Path | None,
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
+    how: dict[str, Any],
     output: Path,
     json_file: str | None,
 ) -> None:
@@ -48,7 +48,7 @@ def report(
     """
     targets = [output, *(Path(name) for name in (json_file,) if name not in (None, "-"))]
     check_targets(targets, [data, model_file, own])
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     models = [] if model_file is None else [model_file]
     with progress_of_fits() as fits:
         comparison = api.compare(measurements, models, effects=own, progress=fits)

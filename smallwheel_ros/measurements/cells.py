@@ -1,28 +1,34 @@
-"""A table as its file has it: columns of cells, where each row stands, and what is too much."""
+"""A table as it was found, a grid of cells, where each row stands, and what is too much."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
 
-Array = NDArray[np.float64]
-
 _LONGEST_SHOWN = 60  # characters of a cell or header that a message repeats
+_MOST_PROBLEMS = 20  # that a message lists: a page of a terminal
+_MOST_ROWS = 10  # that one of them lists
 
 # What a table may ask for. A table of steady measurements has up to 1e5 rows and a few tens of
-# columns; these limits keep the memory that any file can take to about a gigabyte.
+# columns; these limits keep the memory that any file can take to about half a gigabyte.
 MOST_BYTES = 64 * 2**20  # of the file: 13 characters in each of the most cells
 MOST_CELLS = 5_000_000
 # Rows times the longest cell, summed over the columns: what they take as arrays of text, of which
-# NumPy gives each cell the length of the longest (4 bytes a character). The longest way to write a
-# double has 24 characters, so a table of numbers stays below.
-MOST_CHARACTERS = 128_000_000
+# NumPy gives each cell the length of the longest (4 bytes a character).
+MOST_CHARACTERS = 64_000_000
 SMALLER = "split the table, or thin out rows of long records"
+
+
+class Percent(float):
+    """A cell that was shown in per cent, as the share that it is: 0.2 for 20 %."""
+
+
+Cell = str | float  # a text file has texts only; "" is blank
 
 
 def clipped(text: str) -> str:
@@ -31,85 +37,91 @@ def clipped(text: str) -> str:
     return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "..."
 
 
+def shown(cell: Cell) -> str:
+    """Give a cell as a message and a text show it; whole numbers without a decimal point."""
+    if isinstance(cell, str):
+        return clipped(cell)
+    if isinstance(cell, Percent):
+        return f"{100.0 * cell:.10g} %"
+    return f"{cell:.0f}" if cell == round_or_nan(cell) else repr(float(cell))
+
+
+def round_or_nan(value: float) -> float:
+    """The whole number next to it; not finite numbers as they are."""
+    return float(np.round(value))
+
+
+def is_blank(cell: Cell) -> bool:
+    """Whether nothing stands in the cell."""
+    return isinstance(cell, str) and not cell.strip()
+
+
 class MeasurementsError(SmallwheelError):
-    """A table of measurements that cannot be used: names file, line, column, found and expected."""
+    """A table of measurements that cannot be used: names file, row, column, found and expected."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column as it stands in the file: cells as text, or numbers where the file has types."""
+@dataclass
+class Grid:
+    """The rows of a table as a file or a data frame has them, the header among them or above.
 
-    header: str
-    text: Sequence[str] | None  # stripped; "" where blank
-    numbers: Array | None  # NaN where blank, and where the file itself holds NaN
-    blank: NDArray[np.bool_]
-
-    def cell(self, row: int) -> str:
-        """Give the cell as a message shows it."""
-        return clipped(
-            self.text[row] if self.text is not None else repr(float(self._numbers()[row]))
-        )
-
-    def _numbers(self) -> Array:
-        assert self.numbers is not None
-        return self.numbers
-
-    def parsed(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Numbers (NaN where blank) and which cells are neither blank nor a number."""
-        if self.numbers is not None:
-            return self.numbers, np.zeros(self.numbers.size, dtype=bool)
-        assert self.text is not None
-        filled = [cell or "nan" for cell in self.text]
-        try:
-            values = np.array(filled, dtype=np.str_).astype(float)
-            bad = np.zeros(values.size, dtype=bool)
-        except ValueError:
-            values = np.array([_number(cell) for cell in filled])
-            bad = np.isnan(values) & ~np.array([cell.lower() in _NANS for cell in filled])
-        # Python reads 1_000 as a number; in a table it is a slip of the keyboard.
-        bad |= np.array(["_" in cell for cell in filled])
-        return values, bad
-
-    def as_text(self) -> NDArray[np.str_]:
-        """Give the cells as text; whole numbers without a decimal point."""
-        if self.text is not None:
-            return np.array(self.text, dtype=np.str_)
-        numbers = self._numbers()
-        shown = [f"{v:.0f}" if v == round(v) else repr(v) for v in np.nan_to_num(numbers).tolist()]
-        return np.where(self.blank, "", np.array(shown, dtype=np.str_))
-
-
-@dataclass(frozen=True)
-class Table:
-    """The columns of a file, and where each row stands in it."""
+    rows: they may be of different lengths. numbers: of each row, its line or row in the file.
+    place: "line" of a text file, "row" of any other. header: column names where the file keeps
+    them apart from its rows (Parquet, data frames). comma: whether a comma can only be a decimal
+    mark, as cells are separated by something else. said: what was understood on the way.
+    """
 
     source: str
     sha256: str
-    columns: list[Column]
-    line: NDArray[np.intp]
-    place: str  # "line" of a text file, "row" of a Parquet file
-    header_line: int | None = None  # None where the file has no lines
+    rows: list[Sequence[Cell]]
+    numbers: list[int]
+    place: str
+    header: list[str] | None = None
+    comma: bool = False
+    said: list[str] = field(default_factory=list)
 
-    def error(self, message: str, row: int | None = None, column: str | None = None) -> Exception:
-        """Make a MeasurementsError with the place before the message; no row means the header."""
-        where = [self.source]
-        if row is not None:
-            where.append(f"{self.place} {self.line[row]}")
-        elif self.header_line is not None:
-            where.append(f"line {self.header_line}")
+
+@dataclass
+class Problems:
+    """What is wrong with a table, all of it: said at once, by `raise_any`."""
+
+    source: str
+    place: str
+    numbers: NDArray[np.intp]
+    header: int | None = None  # the header's line
+    found: list[str] = field(default_factory=list)
+
+    def add(
+        self, message: str, column: str | None = None, rows: Iterable[int] | None = None
+    ) -> None:
+        """Add a problem of these rows; without rows it is one of the header."""
+        where = []
+        more = ""
+        if rows is not None:
+            lines = [int(self.numbers[row]) for row in rows]
+            where.append(f"{self.place} {lines[0]}")
+            if len(lines) > 1:
+                listed = ", ".join(str(line) for line in lines[1 : _MOST_ROWS + 1])
+                dots = ", ..." if len(lines) > _MOST_ROWS + 1 else ""
+                more = f" (and {len(lines) - 1} more like it: {self.place} {listed}{dots})"
+        elif self.header is not None:
+            where.append(f"{self.place} {self.header}")
         if column is not None:
             where.append(f"column '{clipped(column)}'")
-        return MeasurementsError(f"{', '.join(where)}: {message}")
+        self.found.append((f"{', '.join(where)}: " if where else "") + message + more)
 
-
-_NANS = ("nan", "+nan", "-nan")
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
+    def raise_any(self) -> None:
+        """Raise MeasurementsError with all that was found, if anything was."""
+        if not self.found:
+            return
+        if len(self.found) == 1:
+            first = self.found[0]
+            comma = ", " if first.startswith(("line ", "row ", "column ")) else ": "
+            raise MeasurementsError(f"{self.source}{comma}{first}")
+        lines = [f"{self.source}: {len(self.found)} problems", *self.found[:_MOST_PROBLEMS]]
+        more = len(self.found) - _MOST_PROBLEMS
+        if more > 0:
+            lines.append(f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause")
+        raise MeasurementsError("\n  ".join(lines))
 
 
 def refuse_many_cells(source: str, rows: int, columns: int) -> None:
@@ -121,20 +133,21 @@ def refuse_many_cells(source: str, rows: int, columns: int) -> None:
         )
 
 
-def refuse_long_texts(table: Table) -> None:
+def refuse_long_texts(
+    headers: Sequence[str], columns: Sequence[Sequence[Cell]], problems: Problems
+) -> None:
     """Refuse a table of which one array a column would take too much memory."""
     total = 0
-    for column in table.columns:
-        if column.text is None:
-            continue
-        lengths = [len(cell) for cell in column.text]
-        longest = max(lengths)
+    for header, cells in zip(headers, columns, strict=True):
+        lengths = [len(cell) if isinstance(cell, str) else 0 for cell in cells]
+        longest = max(lengths, default=0)
         total += longest * len(lengths)
         if total > MOST_CHARACTERS:
-            raise table.error(
+            problems.add(
                 f"a cell of {longest} characters in a table of {len(lengths)} rows, expected "
                 f"texts that take at most {MOST_CHARACTERS} characters (rows times the longest "
                 "cell, over all columns): shorten it, or leave the column out",
-                lengths.index(longest),
-                column.header,
+                header,
+                [lengths.index(longest)],
             )
+            problems.raise_any()

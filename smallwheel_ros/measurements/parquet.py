@@ -1,4 +1,4 @@
-"""From a Parquet file's bytes to columns of cells."""
+"""From Parquet files and data frames, whose columns have types, to a grid of cells."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from smallwheel_ros.measurements.cells import (
     MOST_CHARACTERS,
     SMALLER,
-    Column,
+    Cell,
+    Grid,
     MeasurementsError,
-    Table,
     clipped,
     refuse_many_cells,
 )
 
-_MOST_UNPACKED = 2 * MOST_CHARACTERS  # bytes of all columns, as the footer states them
+_MOST_UNPACKED = 4 * MOST_CHARACTERS  # bytes of all columns, as the footer states them
 _TEXTS = ("string", "large_string", "string_view", "binary", "large_binary", "binary_view")
 
 
-def parquet_table(data: bytes, source: str, digest: str) -> Table:
+def parquet_grid(data: bytes, source: str, digest: str) -> Grid:
     """Read a Parquet file; MeasurementsError where it is damaged, too large or no table."""
     try:
         import pyarrow
@@ -30,19 +30,47 @@ def parquet_table(data: bytes, source: str, digest: str) -> Table:
             f"{source}: reading Parquet needs pyarrow: pip install 'smallwheel_ros[parquet]'"
         ) from None
     try:
-        columns = _parquet_columns(pyarrow, data, source)
+        names, columns = _parquet_columns(pyarrow, data, source)
     except MeasurementsError:
         raise
     except Exception as error:  # pyarrow raises many kinds for a damaged file
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise MeasurementsError(f"{source}: a damaged Parquet file: {reason}") from None
-    if not columns or not columns[0].blank.size:
+    return _grid(source, digest, names, columns)
+
+
+def frame_grid(frame: Any) -> Grid:
+    """Take a pandas data frame. NaN, None and NaT are blank, as pandas means them."""
+    source = "data frame"
+    refuse_many_cells(source, *frame.shape)
+    columns: list[list[Cell]] = []
+    for position in range(frame.shape[1]):
+        column = frame.iloc[:, position]
+        blank = column.isna().to_numpy(dtype=bool)
+        if column.dtype.kind in "iuf" and column.dtype.kind != "b":
+            cells: list[Cell] = column.to_numpy(dtype=float, na_value=np.nan).tolist()
+        else:
+            cells = [float(v) if _is_number(v) else str(v) for v in column.tolist()]
+        for row in np.flatnonzero(blank).tolist():
+            cells[row] = ""
+        columns.append(cells)
+    return _grid(source, "", [str(name) for name in frame.columns], columns)
+
+
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, (int, float, np.integer, np.floating))
+    return number and not isinstance(value, (bool, np.bool_))
+
+
+def _grid(source: str, digest: str, names: list[str], columns: list[list[Cell]]) -> Grid:
+    rows = len(columns[0]) if columns else 0
+    if not rows:
         raise MeasurementsError(f"{source}: no rows")
-    line = np.arange(1, columns[0].blank.size + 1, dtype=np.intp)
-    return Table(source, digest, columns, line, "row")
+    lines = list(range(1, rows + 1))
+    return Grid(source, digest, list(zip(*columns, strict=True)), lines, "row", names)
 
 
-def _parquet_columns(pyarrow: Any, data: bytes, source: str) -> list[Column]:
+def _parquet_columns(pyarrow: Any, data: bytes, source: str) -> tuple[list[str], list[list[Cell]]]:
     """Columns of the file, judged by what its footer states before anything is unpacked."""
     buffer = pyarrow.BufferReader(data)
     footer = pyarrow.parquet.read_metadata(buffer)
@@ -61,28 +89,25 @@ def _parquet_columns(pyarrow: Any, data: bytes, source: str) -> list[Column]:
     # Texts stay indices into their different values: a value may stand in each of many rows.
     texts = [field.name for field in schema if str(field.type) in _TEXTS]
     table = pyarrow.parquet.ParquetFile(buffer, read_dictionary=texts).read()
-    return [
-        _parquet_column(pyarrow, str(name), column)
-        for name, column in zip(table.column_names, table.columns, strict=True)
-        if not str(name).startswith("__index_level_")
-    ]
+    kept = [i for i, n in enumerate(table.column_names) if not str(n).startswith("__index_level_")]
+    names = [str(table.column_names[i]) for i in kept]
+    return names, [_parquet_cells(pyarrow, table.column(i)) for i in kept]
 
 
-def _parquet_column(pyarrow: Any, name: str, column: Any) -> Column:
-    blank = np.asarray(column.is_null().to_numpy(), dtype=bool)
+def _parquet_cells(pyarrow: Any, column: Any) -> list[Cell]:
     kind = column.type
     number = pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)
     if number or pyarrow.types.is_decimal(kind):
-        values = column.cast(pyarrow.float64()).to_numpy()
-        return Column(name, None, np.asarray(values, dtype=float), blank)
+        values = column.cast(pyarrow.float64()).to_pylist()
+        return ["" if value is None else value for value in values]
     if not pyarrow.types.is_dictionary(kind):
         column = column.dictionary_encode()
-    cells: list[str] = []
+    cells: list[Cell] = []
     for chunk in column.chunks:
         # One text for all the rows that it stands in.
-        values = ["" if v is None else str(v).strip() for v in chunk.dictionary.to_pylist()]
-        cells += ["" if i is None else values[i] for i in chunk.indices.to_pylist()]
-    return Column(name, cells, None, np.array([not cell for cell in cells], dtype=bool))
+        texts = ["" if v is None else str(v).strip() for v in chunk.dictionary.to_pylist()]
+        cells += ["" if i is None else texts[i] for i in chunk.indices.to_pylist()]
+    return cells
 
 
 def _refuse_kind(pyarrow: Any, field: Any, source: str) -> None:

@@ -1,16 +1,23 @@
-"""The columns of a file's table, its cells as checked numbers in SI units."""
+"""The columns of a grid: which quantity each is, and its cells as checked numbers in SI units."""
 
 from __future__ import annotations
 
-import difflib
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Column, MeasurementsError, Table, clipped
+from smallwheel_ros.measurements.cells import (
+    Cell,
+    Grid,
+    Problems,
+    clipped,
+    is_blank,
+    refuse_long_texts,
+    shown,
+)
 from smallwheel_ros.measurements.columns import (
-    CHANNELS,
     COLUMNS,
     LEAST,
     OTHER,
@@ -19,218 +26,321 @@ from smallwheel_ros.measurements.columns import (
     ColumnSpec,
     Mask,
 )
-from smallwheel_ros.measurements.units import (
-    DIMENSIONLESS,
-    Header,
-    UnitsError,
-    base_unit,
-    parse_header,
-    to_base,
-)
-from smallwheel_ros.physics.conditions import PLATE
+from smallwheel_ros.measurements.headers import UNKNOWN, Heading
+from smallwheel_ros.measurements.layout import Layout, find_layout
+from smallwheel_ros.measurements.matching import match_columns
+from smallwheel_ros.measurements.numbers import MIXED, TWO_WAYS, Numbers, read_numbers
+from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
+from smallwheel_ros.measurements.words import contact_of, is_summary
 
-_MOST_NAMES = 30  # that a message lists
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
-@dataclass(frozen=True)
+@dataclass
 class Columns:
-    """A table's columns by name, and its numeric ones as numbers in `units`."""
+    """A table's columns by our names, SI units; what was understood, noted, and is wrong.
 
-    table: Table
-    by_name: dict[str, Column]
-    numbers: dict[str, Array]
-    units: dict[str, str]
-    texts: dict[str, NDArray[np.str_]]  # of the contract and labels alike
-    notes: list[str]
+    headings: as the file has them. numbers: NaN where blank. texts: of the contract and labels
+    alike. lines: each row's line or row in the file.
+    """
 
+    source: str
+    sha256: str
+    place: str
+    lines: NDArray[np.intp]
+    problems: Problems
+    headings: dict[str, Heading] = field(default_factory=dict)
+    cells: dict[str, Sequence[Cell]] = field(default_factory=dict)
+    numbers: dict[str, Array] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, NDArray[np.str_]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    understood: list[str] = field(default_factory=list)
 
-def _headers(table: Table) -> dict[str, tuple[Header, Column]]:
-    found: dict[str, tuple[Header, Column]] = {}
-    for position, column in enumerate(table.columns, start=1):
+    def there(self, name: str) -> bool:
+        """Whether the table has the column or a value for all rows."""
+        return name in self.headings or name in self.numbers
+
+    def title(self, name: str) -> str:
+        """The column as messages name it: by our name where the file does so too."""
+        heading = self.headings.get(name)
+        return name if heading is None or name in heading.text else heading.text
+
+    def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
+        """Add a problem of a column, in these rows or of its header."""
+        at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
+        self.problems.add(message, self.title(name), None if at is None else at.tolist())
+
+    def found(self, name: str, values: Array, row: int) -> str:
+        """Show a value as it stands in the file, and converted where the file has another unit."""
+        cell, unit = shown(self.cells[name][row]), self.headings[name].unit
+        if unit in (None, DIMENSIONLESS):
+            return cell
         try:
-            header = parse_header(column.header)
-        except UnitsError as error:
-            raise table.error(f"header '{clipped(column.header)}': {error}") from None
-        if not header.name:
-            hint = " (a pandas index? write with index=False)" if position == 1 else ""
-            raise table.error(f"column {position} has no name{hint}")
-        if header.name in found:
-            other, name = found[header.name][1].header, clipped(header.name)
-            raise table.error(
-                f"two columns are named '{name}' ('{clipped(other)}' and "
-                f"'{clipped(column.header)}'), expected one: remove or rename the other"
-            )
-        found[header.name] = (header, column)
-    return found
+            same = float(values[row]) == float(cell)
+        except ValueError:
+            same = False
+        plain = str(unit).replace("*g_0", "")
+        return f"{cell} {plain}" + ("" if same else f" ({values[row]:.6g} in SI)")
 
 
-def _lacking(table: Table, name: str, there: list[str], why: str) -> Exception:
-    lower = {other.lower(): other for other in there}
-    guess = [lower[name]] if name in lower else difflib.get_close_matches(name, there, 1, 0.6)
-    guess = guess or [other for other in there if other.lower().startswith(name + " (")]
-    hint = f"; is '{clipped(guess[0])}' it? Write '{name} [unit]'" if guess else ""
-    what = f"no column '{name}' ({COLUMNS[name].description}){why}"
-    return table.error(f"{what}{hint}. There is: {_listed(there)}")
+def read_columns(
+    grid: Grid, sizes: Mapping[str, float | None], mapping: Mapping[str, str]
+) -> Columns:
+    """Every column of the table, checked cell by cell; diameter and width from `sizes` if given.
 
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(clipped(name) for name in names[:_MOST_NAMES])
-    more = len(names) - _MOST_NAMES
-    return f"{shown} and {more} more" if more > 0 else shown
-
-
-def read_columns(table: Table, sizes: dict[str, float | None]) -> Columns:
-    """Every column of the table, checked cell by cell; diameter and width from `sizes` if given."""
-    headers = _headers(table)
-    needed = _needed(headers)
-    _check_there(table, list(headers), sizes, needed)
-    columns = Columns(
-        table, {name: column for name, (_, column) in headers.items()}, {}, {}, {}, []
+    mapping: our name -> their header, where words do not say it. What is wrong is in `problems`.
+    Raises MeasurementsError where there is no table.
+    """
+    layout = find_layout(grid)
+    problems = Problems(
+        grid.source, grid.place, np.array(layout.numbers, dtype=np.intp), layout.header_line
     )
-    for name, (header, column) in headers.items():
-        if name in TEXTS:
-            if header.unit not in (None, DIMENSIONLESS):
-                raise table.error(f"unit '{header.unit}' on a text", column=name)
-            columns.texts[name] = column.as_text()
-        elif column.blank.all():
-            if name in needed:
-                raise table.error("the whole column is blank", column=name)
-            columns.notes.append(f"column '{name}' is blank throughout and is left out")
-        elif name in COLUMNS:
-            columns.numbers[name] = _checked(columns, name, header, column, COLUMNS[name])
-            columns.units[name] = COLUMNS[name].unit
-        else:
-            _extra(columns, name, header, column)
+    named = match_columns(layout, mapping, problems)
+    refuse_long_texts(layout.headers, layout.columns, problems)
+    parsed = _numbers(layout, named, grid.comma)
+    left_out = _not_measured(layout, named, parsed)
+    ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
+    for count in set(ragged.values()):
+        many = count > len(layout.headers)
+        hint = " (a decimal comma, or a comma in a text? write 1.5, and texts in quotes)"
+        problems.add(
+            f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
+            rows=[row for row, n in ragged.items() if n == count],
+        )
+    _say_left_out(layout, left_out)
+    if left_out or ragged:
+        _keep(layout, [i for i in range(len(layout.numbers)) if i not in {*left_out, *ragged}])
+        if not layout.numbers:
+            problems.add("no rows of measurements are left")
+            problems.raise_any()
+        parsed = _numbers(layout, named, grid.comma)
+        problems.numbers = np.array(layout.numbers, dtype=np.intp)
+    columns = Columns(grid.source, grid.sha256, grid.place, problems.numbers, problems)
+    columns.understood += layout.said
+    for position, heading in named.items():
+        columns.headings[heading.name] = heading
+        columns.cells[heading.name] = layout.columns[position]
+    for position, heading in named.items():
+        _take(columns, heading, parsed.get(position))
     for name, size in sizes.items():
         if size is not None:
-            columns.numbers[name] = np.full(table.line.size, float(size))
-            columns.units[name] = COLUMNS[name].unit
+            _take_size(columns, name, float(size))
+    _say(columns, parsed.values())
     return columns
 
 
-def _needed(headers: dict[str, tuple[Header, Column]]) -> tuple[str, ...]:
-    """Columns that there must be; a table of nothing but plates needs no width."""
-    if "contact" in headers and np.all(headers["contact"][1].as_text() == PLATE):
-        return ("load", "diameter")
-    return ("load", "diameter", "width")
+def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[int, Numbers]:
+    positions = [i for i, heading in named.items() if heading.name not in TEXTS]
+    found = read_numbers([layout.columns[i] for i in positions], comma)
+    return dict(zip(positions, found, strict=True))
 
 
-def _check_there(
-    table: Table, there: list[str], sizes: dict[str, float | None], needed: tuple[str, ...]
-) -> None:
-    for name, size in sizes.items():
-        if size is None:
+def _not_measured(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> dict[int, str]:
+    """Rows that were computed from others, and remarks below the table, by what they say."""
+    found: dict[int, str] = {}
+    for position, heading in named.items():
+        cells = layout.columns[position]
+        if position in parsed:
+            if heading.name not in COLUMNS and position > 0:
+                continue
+            rows: Sequence[int] = [*parsed[position].faults]
+        elif heading.name == "run" or position == 0:
+            summaries = {cell for cell in set(cells) if isinstance(cell, str) and is_summary(cell)}
+            rows = [i for i, cell in enumerate(cells) if cell in summaries]
+        else:
             continue
-        spec = COLUMNS[name]
-        if np.isnan(size) or spec.bad(np.array([size])).any():
-            raise MeasurementsError(
-                f"{table.source}: {name} given as {size!r} m, expected {spec.expected()}"
-            )
-        if name in there:
-            raise table.error(f"{name} was given for all rows too, expected one of the two: "
-                              "leave the option or the column out", column=name)  # fmt: skip
-    for name in needed:
-        if name not in there and sizes.get(name) is None:
-            why = "" if name == "load" else f" and no {name} given for all rows (--{name})"
-            raise _lacking(table, name, there, why)
-    if not any(name in there for name in CHANNELS):
-        wanted = ", ".join(CHANNELS)
-        raise table.error(
-            f"nothing was measured: expected at least one column of {wanted}. "
-            f"There is: {_listed(there)}"
+        found |= {i: c for i in rows if isinstance(c := cells[i], str) and is_summary(c)}
+    for row in layout.ragged:
+        filled = [column[row] for column in layout.columns if not is_blank(column[row])]
+        if len(filled) == 1 and isinstance(filled[0], str) and any(c.isalpha() for c in filled[0]):
+            found[row] = filled[0]
+    return found
+
+
+def _say_left_out(layout: Layout, rows: Mapping[int, str]) -> None:
+    for row, text in list(rows.items())[:5]:
+        layout.said.append(
+            f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
         )
+    if len(rows) > 5:
+        layout.said.append(f"and {len(rows) - 5} more rows like it")
 
 
-def _finite(table: Table, name: str, column: Column) -> Array:
-    """Numbers of the column, NaN where blank; MeasurementsError for anything else."""
-    values, bad = column.parsed()
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        cell = column.cell(row)
-        hint = ": write a decimal point, not a comma" if "," in cell else ""
-        if cell.lower() in ("na", "n/a", "-", "none", "null", "missing", "?"):
-            hint = ": leave the cell blank where nothing was measured"
-        raise table.error(f"'{cell}' found, expected a number{hint}{_more(bad)}", row, name)
-    bad = ~np.isfinite(values) & ~column.blank
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        raise table.error(
-            f"{column.cell(row)} found, expected a finite number, or a blank cell where nothing "
-            f"was measured{_more(bad)}",
-            row,
-            name,
+def _keep(layout: Layout, rows: Sequence[int]) -> None:
+    layout.columns = [[column[i] for i in rows] for column in layout.columns]
+    layout.numbers = [layout.numbers[i] for i in rows]
+
+
+def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
+    name = heading.name
+    if parsed is None:
+        if heading.unit not in (None, DIMENSIONLESS):
+            columns.problem(f"unit '{heading.unit}' on a text", name)
+        texts = [shown_whole(cell) for cell in columns.cells[name]]
+        texts = [contact_of(text) for text in texts] if name == "contact" else texts
+        columns.texts[name] = np.array(texts, dtype=np.str_)
+    elif parsed.blank.all():
+        if name in ("load", "diameter"):
+            columns.problem("the whole column is blank", name)
+        else:
+            columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
+    elif name in COLUMNS:
+        _take_numbers(columns, heading, parsed, COLUMNS[name])
+    elif heading.rank == UNKNOWN and _is_label(heading, parsed):
+        columns.texts[name] = np.array([shown_whole(c) for c in columns.cells[name]], dtype=np.str_)
+        columns.notes.append(
+            f"column '{clipped(name)}' is text: kept as a label, not used by any model"
         )
-    return values
+    else:
+        _take_numbers(columns, heading, parsed, OTHER)
 
 
-def _more(bad: Mask) -> str:
-    others = int(bad.sum()) - 1
-    return f" (and {others} more like it)" if others else ""
+def shown_whole(cell: Cell) -> str:
+    """A cell as a text of the table, not shortened."""
+    return cell.strip() if isinstance(cell, str) else shown(cell)
 
 
-def _convert(table: Table, name: str, values: Array, header: Header, expected: str | None) -> Array:
-    if header.unit is None:
-        return values
+def _is_label(heading: Heading, parsed: Numbers) -> bool:
+    filled = int((~parsed.blank).sum())
+    return heading.unit is None and filled - len(parsed.faults) < _MOSTLY * filled
+
+
+def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
+    """Numbers of a column in SI units, each within the range of its kind."""
+    name, before = heading.name, len(columns.problems.found)
+    expected = spec.unit or None
     try:
-        converted = to_base(values, header.unit, expected)
+        to_base(np.zeros(1), heading.unit or DIMENSIONLESS, expected if heading.unit else None)
+        columns.units[name] = expected or ("" if heading.unit is None else base_unit(heading.unit))
     except UnitsError as error:
-        raise table.error(str(error), column=name) from None
-    return converted
-
-
-def _checked(
-    columns: Columns, name: str, header: Header, column: Column, spec: ColumnSpec
-) -> Array:
-    """Numbers of a column in its SI unit, each within the range of its kind."""
-    table, expected = columns.table, spec.unit or None
-    # The unit first: of a column in the wrong one, every value may look wrong.
-    _convert(table, name, np.zeros(1), header, expected)
-    values = _convert(table, name, _finite(table, name, column), header, expected)
-    bad = spec.bad(values)
+        # Of a column in the wrong unit every value may look wrong: say nothing of those.
+        columns.problem(str(error).replace("*g_0", ""), name)
+        return
+    _check_cells(columns, name, parsed)
+    values = heading.factor * _in_header_unit(columns, heading, parsed, expected)
+    if heading.unit is not None:
+        values = to_base(values, heading.unit, expected)
+    bad = spec.bad(values) & np.isfinite(parsed.values)
+    no_unit = heading.unit is None and name in ("diameter", "width")
+    unusual = (values < spec.usual[0]) | (values > spec.usual[1])
+    if no_unit:  # a size that no small wheel has is in another unit, and not in metres
+        bad |= unusual
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise table.error(
-            f"{clipped(name)} is {shown(column, header.unit, values, row)}, "
-            f"expected {spec.expected()}{_hint(name, header, spec)}{_more(bad)}",
-            row,
-            name,
-        )
+        limits = spec.usual if no_unit and not spec.bad(values[bad]).any() else None
+        wanted = spec.expected() if limits is None else f"{limits[0]:g} to {limits[1]:g} m"
+        columns.problem(
+            f"{clipped(name)} is {columns.found(name, values, row)}, expected {wanted}"
+            f"{_hint(name, heading, spec)}", name, bad,
+        )  # fmt: skip
+    if len(columns.problems.found) > before:
+        values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
     if tiny.any():
         columns.notes.append(
             f"column '{clipped(name)}': {tiny.sum()} numbers under {LEAST:g} are taken as 0"
         )
         values = np.where(tiny, 0.0, values)
-    return np.clip(values, spec.low, spec.high)
+    columns.numbers[name] = np.clip(values, spec.low, spec.high)
 
 
-def _hint(name: str, header: Header, spec: ColumnSpec) -> str:
-    if spec.hint:
-        return f"; {spec.hint}"
-    if spec.unit == "m" and header.unit is None:
-        return f"; without a unit it is metres: for mm the header is '{name} [mm]'"
+def _in_header_unit(
+    columns: Columns, heading: Heading, parsed: Numbers, expected: str | None
+) -> Array:
+    """Values as if every cell were in the unit of the header: a cell of 20 % is 20 below [%]."""
+    if parsed.percent is None:
+        return parsed.values
+    if heading.unit == "%":
+        return np.where(parsed.percent, 100.0 * parsed.values, parsed.values)
+    if heading.unit not in (None, DIMENSIONLESS) or expected not in (None, DIMENSIONLESS):
+        columns.problem(
+            f"cells in per cent, expected {heading.unit or expected}", heading.name, parsed.percent
+        )
+    return parsed.values
+
+
+def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
+    """Add a problem for each text that is no number, and for what is not finite."""
+    cells = columns.cells[name]
+    by_text: dict[tuple[str, str], list[int]] = {}
+    for row, why in parsed.faults.items():
+        # Of cells that can be read in two ways the first says it all.
+        text = shown(cells[row])
+        key = next((t for t, w in by_text if w == why), text) if why else text
+        by_text.setdefault((key, why), []).append(row)
+    for (text, why), rows in by_text.items():
+        words = f": {why}" if why in (TWO_WAYS, MIXED) else _number_hint(text)
+        columns.problem(f"'{text}' found, expected a number{words}", name, np.array(rows))
+    bad = ~np.isfinite(parsed.values) & ~parsed.blank
+    bad[list(parsed.faults)] = False
+    if bad.any():
+        text = shown(cells[int(np.flatnonzero(bad)[0])])
+        columns.problem(
+            f"{text} found, expected a finite number, or a blank cell where nothing was measured",
+            name, bad,
+        )  # fmt: skip
+
+
+def _number_hint(text: str) -> str:
+    if text.startswith("#"):
+        return ": an error of the spreadsheet: mend the formula, or leave the cell blank"
+    if text[:4].isdigit() and text[4:5] == "-":
+        return ": a date; a spreadsheet makes one of 1.5 where it expects 1,5"
+    if text[:1].isdigit() and text[-1:].isalpha():
+        return ": write the unit in the header, not in the cell"
     return ""
 
 
-def shown(column: Column, unit: str | None, values: Array, row: int) -> str:
-    """Show a value as it stands in the file, and converted where the file has another unit."""
-    if unit is None:
-        return column.cell(row)
-    if unit == DIMENSIONLESS:
-        return column.cell(row)
-    same = float(values[row]) == float(column.parsed()[0][row])
-    return f"{column.cell(row)} {unit}" + ("" if same else f" ({values[row]:.6g} in SI)")
+def _hint(name: str, heading: Heading, spec: ColumnSpec) -> str:
+    if spec.unit == "m" and heading.unit is None:
+        return f"; without a unit it is metres: for mm the header is '{name} [mm]'"
+    return f"; {spec.hint}" if spec.hint else ""
 
 
-def _extra(columns: Columns, name: str, header: Header, column: Column) -> None:
-    """Take a column that the contract does not know: a covariate if numeric, else a label."""
-    _, bad = column.parsed()
-    numeric = ~bad & ~column.blank
-    if header.unit is None and numeric.sum() < _MOSTLY * (~column.blank).sum():
-        columns.texts[name] = column.as_text()
-        columns.notes.append(f"column '{name}' is text: kept as a label, not used by any model")
-        return
-    columns.numbers[name] = _checked(columns, name, header, column, OTHER)
-    # The unit was understood when its numbers were converted.
-    columns.units[name] = "" if header.unit is None else base_unit(header.unit)
+def _take_size(columns: Columns, name: str, size: float) -> None:
+    spec = COLUMNS[name]
+    if np.isnan(size) or spec.bad(np.array([size])).any():
+        columns.problems.add(f"{name} given as {size!r} m, expected {spec.expected()}")
+    elif name in columns.headings:
+        columns.problem(
+            f"{name} was given for all rows too, expected one of the two: leave the option or the "
+            "column out", name,
+        )  # fmt: skip
+    columns.numbers[name] = np.full(columns.lines.size, size)
+    columns.units[name] = spec.unit
+
+
+def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
+    """Say in one line each what was understood of the headers and the cells."""
+    own = []
+    for heading in columns.headings.values():
+        if heading.rank == UNKNOWN:
+            if heading.name in columns.numbers:
+                own.append(clipped(heading.name))
+            continue
+        unit = "" if heading.unit in (None, DIMENSIONLESS) else f" [{heading.unit}]"
+        usual = {
+            heading.name,
+            f"{heading.name}{unit}",
+            f"{heading.name} [-]",
+            f"{heading.name} [1]",
+        }
+        if heading.text in usual:
+            continue
+        weight = ", the weight of that mass" if "*g_0" in unit else ""
+        twice = ", twice the radius" if heading.factor == 2.0 else ""
+        columns.understood.append(
+            f"'{clipped(heading.text)}' -> {heading.name}{unit.replace('*g_0', '')}{weight}{twice}"
+        )
+    if any(p.comma for p in parsed):
+        columns.understood.append("decimal commas")
+    if any(p.percent is not None for p in parsed):
+        columns.understood.append("cells in per cent")
+    missing = sorted({text for p in parsed for text in p.missing})
+    if missing:
+        columns.understood.append(f"{', '.join(missing[:5])}: read as blank")
+    if own:
+        columns.understood.append(f"columns of your own, used as covariates: {', '.join(own[:30])}")

@@ -37,6 +37,9 @@ OF_RANGE = 0.04
 _OF_SIZE = 0.02
 # Numbers that differ by less are equal but for the rounding of a unit's conversion.
 _EXACT = 1e-9
+# Gap between set points over the scatter of readings at one of them. With 2, no reading is nearer to
+# one of another set point than to the furthest of its own, with room for the next reading.
+_APART = 2.0
 
 
 def set_columns(measurements: Measurements) -> tuple[str, ...]:
@@ -143,9 +146,9 @@ def settings_of_rows(measurements: Measurements) -> Index:
 def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
     """Names of the runs and each row's index into them, shape (rows,), in order of appearance.
 
-    Where the table names no runs, rows of exactly the same settings are repeats and make one run:
-    taking them as independent would count one piece of evidence several times. What the wheel
-    answered and the row's time or number may differ among repeats.
+    Where the table names no runs, rows of one setting are repeats and make one run: taking them as
+    independent would count one piece of evidence several times. What the wheel answered and the
+    row's time or number may differ among repeats.
     """
     if measurements.runs_given:
         names = measurements.runs
@@ -153,11 +156,29 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
         codes = order[np.searchsorted(names[order], measurements.run)]
         return tuple(str(name) for name in names), codes.astype(np.intp)
     columns = []
-    for values, _ in _tolerances(measurements):
-        size = np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
-        columns.append(cluster(values, _EXACT * float(size)))
+    for values, tolerance in _tolerances(measurements):
+        columns.append(_set_points(values, tolerance))
     codes = _combined(columns + _texts(measurements, measurements.wheels_given))
     return tuple(f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)), codes
+
+
+def _set_points(values: Array, tolerance: float) -> Index:
+    """Codes of the values that were meant to be equal, shape (rows,).
+
+    Readings of one set point scatter, and set points lie apart: values within the tolerance are one
+    where all groups of such are further from each other than `_APART` times the widest is wide. Of a
+    sweep or a curve that does not hold, and only equal values are one.
+    """
+    codes = cluster(values, tolerance)
+    known = np.isfinite(values)
+    low = np.full(int(codes.max(initial=-1)) + 1, np.inf)
+    high = -low
+    np.minimum.at(low, codes[known], values[known])
+    np.maximum.at(high, codes[known], values[known])
+    if np.min(low[1:] - high[:-1], initial=np.inf) > _APART * np.max(high - low, initial=0.0):
+        return codes
+    size = np.max(np.abs(values), initial=0.0, where=known)
+    return cluster(values, _EXACT * float(size))
 
 
 def repeats_of_rows(measurements: Measurements) -> Index:

@@ -1,7 +1,7 @@
 """Measurements of wheels in soil: the table that everything is compared with.
 
 One row is one steady measurement of one wheel. `read_measurements` is the one reader of such
-tables (CSV and Parquet).
+tables, whatever they come in.
 """
 
 from __future__ import annotations
@@ -9,20 +9,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.checks import one_row_a_wheel, suspicions
-from smallwheel_ros.measurements.columns import CHANNELS, SETTINGS, TEXTS, is_response
-from smallwheel_ros.measurements.files import read_table
-from smallwheel_ros.measurements.reading import Columns, read_columns, shown
+from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, is_response
+from smallwheel_ros.measurements.files import read_grid
+from smallwheel_ros.measurements.headers import UNKNOWN, meant
+from smallwheel_ros.measurements.matching import listed
+from smallwheel_ros.measurements.reading import Columns, read_columns
 from smallwheel_ros.measurements.settings import runs_of_rows
-from smallwheel_ros.measurements.units import parse_header
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array, Conditions
 
-__all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "read_measurements"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "read", "read_measurements"]
 
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
@@ -35,6 +40,7 @@ _VEHICLE = (
     "place. If runs are numbered anew for each wheel, give each a name of its own"
 )
 
+_BLANK = "the cell is blank, expected a value"
 _ANSWERS = "taken as what the wheel answers, not as settings: {}"
 
 
@@ -54,7 +60,9 @@ class Measurements:
     line: each row's line in the file (row in a Parquet file), for messages.
     labels: text columns that are neither soil, run, wheel nor contact.
     units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
-    warnings: what is suspicious; notes: what was assumed.
+    headers: by our name, the column's header as it stands in the file.
+    warnings: what is suspicious; notes: what was assumed; understood: what was made of headers and
+    cells that are not written our way.
     """
 
     conditions: Conditions
@@ -69,6 +77,8 @@ class Measurements:
     wheels_given: bool = False
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    headers: Mapping[str, str] = field(default_factory=dict)
+    understood: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
 
@@ -101,7 +111,7 @@ class Measurements:
         """Rows in which a wheel was measured deeper than its axle: no model holds there."""
         if "sinkage" not in self.channels:
             return np.zeros(len(self), dtype=bool)
-        deep = self.channels["sinkage"] > 0.5 * self.conditions.diameter * (1.0 + 1e-9)
+        deep = _over_half(self.channels["sinkage"], self.conditions.diameter)
         return np.asarray(deep & (self.conditions.contact != PLATE))
 
     def channel_rows(self, name: str) -> NDArray[np.intp]:
@@ -125,97 +135,142 @@ class Measurements:
 
 
 def read_measurements(
-    path: str | Path, *, diameter: float | None = None, width: float | None = None
+    source: str | Path | pd.DataFrame,
+    *,
+    diameter: float | None = None,
+    width: float | None = None,
+    map: Mapping[str, str] | None = None,
+    sheet: str | int | None = None,
 ) -> Measurements:
-    """Read a table of measurements, CSV or Parquet; everything in SI units afterwards.
+    """Read a table of measurements; everything in SI units afterwards.
 
-    A header is a name with an optional unit in brackets, `sinkage [mm]`; without one it is SI.
-    diameter, width: m, for all rows, where the file has no such column.
-    Raises MeasurementsError that names file, line, column, what was found, what was expected.
+    source: a CSV, xlsx, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
+    may look like. diameter, width: m, for all rows, where there is no such column. map: our name ->
+    their header, for headers that are not understood: {"load": "F3"}. sheet: of a workbook, by name
+    or number.
+    Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
+    what was expected, what to do.
     """
-    columns = read_columns(read_table(path), {"diameter": diameter, "width": width})
-    table, numbers = columns.table, columns.numbers
-    rows = table.line.size
+    grid = read_grid(source, None if sheet is None else str(sheet))
+    columns = read_columns(grid, {"diameter": diameter, "width": width}, map or {})
     contact = _contact(columns)
-    rolling = contact == ROLLING
-    for name in ("load", "diameter", "width", "soil"):
-        _refuse_blank(columns, name, contact != PLATE if name == "width" else np.full(rows, True))
+    _check_there(columns, contact)
+    _check_blanks(columns, contact)
+    _check_depth(columns, contact)
+    columns.problems.raise_any()
+    return _measurements(columns, contact)
+
+
+read = read_measurements
+
+
+def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
+    """The table of columns in which nothing is wrong."""
+    numbers, rows = dict(columns.numbers), columns.lines.size
     channels = {name: numbers.pop(name) for name in CHANNELS if name in numbers}
-    if not channels:
-        raise MeasurementsError(
-            f"{table.source}: nothing was measured: every cell of {', '.join(CHANNELS)} is blank"
-        )
-    declared = _declared_std(columns, channels)
-    load, d, b = (
-        numbers.pop(name, np.full(rows, np.nan)) for name in ("load", "diameter", "width")
-    )
-    tried = {name: _covariate(columns, name, rolling) for name in numbers}
+    declared = _declared_std(columns, channels, numbers)
+    load, d, b = (numbers.pop(n, np.full(rows, np.nan)) for n in ("load", "diameter", "width"))
+    rolling = contact == ROLLING
+    tried = {name: _covariate(columns, name, values, rolling) for name, values in numbers.items()}
     covariates = {name: values for name, values in tried.items() if values is not None}
-    soil = columns.texts.get("soil")
-    conditions = Conditions(load, d, b, contact, soil, covariates)
+    conditions = Conditions(load, d, b, contact, columns.texts.get("soil"), covariates)
     run, runs_given = _runs(columns)
     data = Measurements(
         conditions,
         channels,
         run,
         _wheels(columns, conditions),
-        table.line,
+        columns.lines,
         declared,
         {name: text for name, text in columns.texts.items() if name not in TEXTS},
         columns.units,
         runs_given,
         "wheel" in columns.texts,
-        notes=tuple(columns.notes),
-        source=table.source,
-        sha256=table.sha256,
+        headers={name: heading.text for name, heading in columns.headings.items()},
+        understood=tuple(columns.understood),
+        source=columns.source,
+        sha256=columns.sha256,
     )
+    notes = list(columns.notes)
     if not runs_given:
-        data = replace(data, run=_first_of_run(data))
-    _refuse_too_deep(columns, data)
+        data, found = _with_repeats(data)
+        notes.append(found)
     if data.responses:
-        data = replace(data, notes=(*data.notes, _ANSWERS.format(", ".join(data.responses))))
+        notes.append(_ANSWERS.format(", ".join(data.responses)))
     if one_row_a_wheel(data):
-        data = replace(data, notes=(*data.notes, _VEHICLE))
-    return replace(data, warnings=tuple(suspicions(data, table.place)))
+        notes.append(_VEHICLE)
+    warnings = tuple(suspicions(data, columns.place))
+    return replace(data, notes=tuple(notes), warnings=warnings)
 
 
 def _contact(columns: Columns) -> NDArray[np.str_]:
-    rows = columns.table.line.size
     given = columns.texts.get("contact")
     if given is None:
-        return np.full(rows, ROLLING)
+        return np.full(columns.lines.size, ROLLING)
     contact = np.where(given == "", ROLLING, given)
-    bad = ~np.isin(contact, CONTACTS)
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        raise columns.table.error(
-            f"'{contact[row]}' found, expected one of {', '.join(CONTACTS)} (blank is {ROLLING})",
-            row,
+    for word in np.unique(contact[~np.isin(contact, CONTACTS)]):
+        columns.problem(
+            f"'{word}' found, expected one of {', '.join(CONTACTS)} (blank is {ROLLING})",
             "contact",
+            contact == word,
         )
     return contact
 
 
-def _refuse_blank(columns: Columns, name: str, needed: NDArray[np.bool_]) -> None:
-    """Refuse a column that is there but has no value in a row that needs one."""
-    if name in columns.texts:
-        blank = columns.texts[name] == ""
-        if blank.all():
-            del columns.texts[name]
-            return
-    elif name in columns.numbers:
-        blank = np.isnan(columns.numbers[name])
-    else:
-        return
-    if (blank & needed).any():
-        row = int(np.flatnonzero(blank & needed)[0])
-        raise columns.table.error("the cell is blank, expected a value", row, name)
+def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:
+    """Add a problem for each column that there must be; a table of plates needs no width."""
+    needed = ["load", "diameter", *(["width"] if np.any(contact != PLATE) else [])]
+    nearly = {meant(heading) for heading in columns.headings.values() if heading.rank == UNKNOWN}
+    lacking = [
+        f"no column '{name}' ({COLUMNS[name].description})"
+        + ("" if name == "load" else f" and no {name} given for all rows (--{name})")
+        for name in needed
+        if not columns.there(name) and name not in nearly
+    ]
+    if not any(name in columns.headings or name in nearly for name in CHANNELS):
+        wanted = ", ".join(CHANNELS)
+        lacking.append(f"nothing was measured: expected at least one column of {wanted}")
+    if lacking:
+        names = listed([heading.text for heading in columns.headings.values()])
+        lacking[0] += f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
+    for message in lacking:
+        columns.problems.add(message)
+    if not columns.problems.found and not any(name in columns.numbers for name in CHANNELS):
+        columns.problems.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
 
-def _declared_std(columns: Columns, channels: dict[str, Array]) -> dict[str, Array]:
+def _check_blanks(columns: Columns, contact: NDArray[np.str_]) -> None:
+    """Add a problem for cells that are blank where a value is needed."""
+    faulty = {name for name, values in columns.numbers.items() if np.isnan(values).all()}
+    for name in ("load", "diameter", "width"):
+        if name in columns.numbers and name not in faulty:
+            blank = np.isnan(columns.numbers[name])
+            blank &= (contact != PLATE) if name == "width" else True
+            if blank.any():
+                columns.problem(_BLANK, name, blank)
+    soil = columns.texts.get("soil")
+    if soil is not None and (soil == "").all():
+        del columns.texts["soil"]
+    elif soil is not None and (soil == "").any():
+        columns.problem(_BLANK, "soil", soil == "")
+    for name in SETTINGS:
+        if name in columns.numbers and name not in faulty:
+            holes = np.isnan(columns.numbers[name]) & (contact == ROLLING)
+            if holes.any():
+                columns.problem(
+                    "the cell is blank in a rolling row, expected a value (a whole column may be "
+                    "left out, and a pressed or plate row may leave it blank)",
+                    name,
+                    holes,
+                )
+
+
+def _declared_std(
+    columns: Columns, channels: dict[str, Array], numbers: dict[str, Array]
+) -> dict[str, Array]:
     declared: dict[str, Array] = {}
     for name in CHANNELS:
-        values = columns.numbers.pop(f"{name}_std", None)
+        values = numbers.pop(f"{name}_std", None)
         if values is None:
             continue
         if name in channels:
@@ -225,41 +280,25 @@ def _declared_std(columns: Columns, channels: dict[str, Array]) -> dict[str, Arr
     return declared
 
 
-def _covariate(columns: Columns, name: str, rolling: NDArray[np.bool_]) -> Array | None:
+def _covariate(
+    columns: Columns, name: str, values: Array, rolling: NDArray[np.bool_]
+) -> Array | None:
     """Give the column with every rolling row filled, or None (and a note) if it has gaps."""
-    values = columns.numbers[name]
     gaps = np.isnan(values)
-    if not gaps.any():
-        return values
     holes = gaps & rolling
     if holes.any():
-        row = int(np.flatnonzero(holes)[0])
-        if name in SETTINGS:
-            raise columns.table.error(
-                "the cell is blank in a rolling row, expected a value (a whole column may be left "
-                "out, and a pressed or plate row may leave it blank)",
-                row,
-                name,
-            )
         columns.notes.append(
-            f"column '{name}' is blank in {holes.sum()} rolling rows (first in "
-            f"{columns.table.place} {columns.table.line[row]}): not used as a covariate"
+            f"column '{name}' is blank in {holes.sum()} rolling rows (first in {columns.place} "
+            f"{columns.lines[np.flatnonzero(holes)[0]]}): not used as a covariate"
         )
         return None
-    if name in _AT_REST:
-        return np.where(gaps, _AT_REST[name], values)
-    return values
+    return np.where(gaps, _AT_REST[name], values) if name in _AT_REST and gaps.any() else values
 
 
 def _runs(columns: Columns) -> tuple[NDArray[np.str_], bool]:
-    place, line = columns.table.place, columns.table.line
-    own = np.array([f"{place} {number}" for number in line], dtype=np.str_)
+    own = np.array([f"{columns.place} {number}" for number in columns.lines], dtype=np.str_)
     run = columns.texts.get("run")
     if run is None or (run == "").all():
-        columns.notes.append(
-            "no column 'run': rows of exactly the same settings count as repeats of one run, each "
-            "other row counts as a run of its own. Say which belong together in that column"
-        )
         return own, False
     if (run == "").any():
         columns.notes.append(
@@ -268,18 +307,26 @@ def _runs(columns: Columns) -> tuple[NDArray[np.str_], bool]:
     return np.where(run == "", own, run), True
 
 
-def _first_of_run(data: Measurements) -> NDArray[np.str_]:
-    """Name each row's run by the first row of its settings: repeats are no independent runs."""
-    _, codes = runs_of_rows(data)
-    return data.run[np.unique(codes, return_index=True)[1]][codes]
+def _with_repeats(data: Measurements) -> tuple[Measurements, str]:
+    """Name each row's run by the first row of its setting: repeats are no independent runs."""
+    codes = runs_of_rows(data)[1]
+    first = np.unique(codes, return_index=True)[1]
+    repeated = np.bincount(codes) > 1
+    rows = int(np.bincount(codes)[repeated].sum())
+    found = (
+        f"{rows} of {len(data)} rows repeat {int(repeated.sum())} settings"
+        if rows
+        else "no setting is repeated"
+    )
+    return replace(data, run=data.run[first][codes]), (
+        f"no column 'run': rows of one setting count as repeats of one run, each other row as a run "
+        f"of its own; {found}. Say which belong together in that column"
+    )
 
 
 def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:
-    size, index = np.unique(
-        np.stack([conditions.diameter, np.nan_to_num(conditions.width)]),
-        axis=1,
-        return_inverse=True,
-    )
+    sizes = np.stack([conditions.diameter, np.nan_to_num(conditions.width)])
+    size, index = np.unique(sizes, axis=1, return_inverse=True)
     names = [
         f"{1e3 * d:.4g} mm x {1e3 * b:.4g} mm" if b else f"{1e3 * d:.4g} mm" for d, b in size.T
     ]
@@ -288,26 +335,31 @@ def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:
     return made if given is None else np.where(given == "", made, given)
 
 
-def _refuse_too_deep(columns: Columns, data: Measurements) -> None:
-    """Refuse a rolling or pressed wheel that is deeper than its axle.
+def _check_depth(columns: Columns, contact: NDArray[np.str_]) -> None:
+    """Add a problem for a rolling or pressed wheel that is deeper than its axle.
 
     It carries by its lower half, so that is a mistake. A wheel dragged across its plane is ploughed
     in rather than rolled, and does get there: such rows are kept, marked by
     `Measurements.sunk_to_axle`.
     """
-    deep = data.sunk_to_axle
-    if "slip_angle" in data.conditions:
-        deep = deep & (np.abs(data.conditions["slip_angle"]) <= _PLOUGHED)
+    z, d = columns.numbers.get("sinkage"), columns.numbers.get("diameter")
+    if z is None or d is None:
+        return
+    deep = _over_half(z, d) & (contact != PLATE)
+    if "slip_angle" in columns.numbers:
+        deep &= np.abs(columns.numbers["slip_angle"]) <= _PLOUGHED
     if not deep.any():
         return
     row = int(np.flatnonzero(deep)[0])
-    column = columns.by_name["sinkage"]
-    unit = parse_header(column.header).unit
+    heading = columns.headings["sinkage"]
     hint = "; without a unit it is metres: for mm the header is 'sinkage [mm]'"
-    raise columns.table.error(
-        f"sinkage is {shown(column, unit, data.channels['sinkage'], row)}, expected at most "
-        f"{0.5 * data.conditions.diameter[row]:.6g} m, half the diameter"
-        f"{hint if unit is None else ''}",
-        row,
+    columns.problem(
+        f"sinkage is {columns.found('sinkage', z, row)}, expected at most {0.5 * d[row]:.6g} m, half "
+        f"the diameter{hint if heading.unit is None else ''}",
         "sinkage",
+        deep,
     )
+
+
+def _over_half(sinkage: Array, diameter: Array) -> NDArray[np.bool_]:
+    return np.asarray(sinkage > 0.5 * diameter * (1.0 + 1e-9))

@@ -1,10 +1,10 @@
-"""Column headers with units: `sinkage [mm]`, read by pint."""
+"""Units as people write them, and values in SI units; pint knows the units."""
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import pint
@@ -23,13 +23,6 @@ class UnitsError(SmallwheelError):
     """A unit that does not exist, or one of another dimension than the column's."""
 
 
-class Header(NamedTuple):
-    """A column's name and its unit: None without brackets, "1" for a pure number."""
-
-    name: str
-    unit: str | None
-
-
 # What may stand in brackets: names of units, each with an exponent of one digit, joined by products,
 # quotients and brackets. Nothing else reaches pint, which would evaluate it: 9**9**9**9 does not
 # end, and pint reads superscript digits (and any other digits of Unicode) as powers too.
@@ -45,8 +38,8 @@ _PLAIN_DIGITS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789
 # Torque as it is written. pint reads Nm as the fineness of a yarn (metres per gram).
 _NEWTON_METRE = re.compile(r"(?<![A-Za-z0-9_])([kmMµμ]?N)(mm|cm|m)(?![A-Za-z0-9_])")
 _HYPHEN = re.compile(r"(?<=[A-Za-z])-(?=[A-Za-z])")  # N-m and ft-lbf are products
+_POWER = re.compile(r"(?<![A-Za-z])([kcdmµμ]?m|in|ft|s)([23])(?![0-9])")  # kg/m3
 _EXAMPLES = "expected one like mm, N or m/s"
-_PURE_NUMBER = {"", "1", "-"}
 _NAMED = ("N", "Pa", "J", "W", "Hz")  # SI units with a name: shown by it
 _HINTS = {
     "kilogram": "a mass is no force: use kgf, or multiply by 9.81 and write N",
@@ -60,24 +53,10 @@ def _registry() -> pint.UnitRegistry:
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
-def parse_header(text: str) -> Header:
-    """Split `sinkage [mm]` into name and unit; the unit is not looked up yet.
-
-    Raises UnitsError where a bracket is not closed or text follows it.
-    """
-    text = " ".join(text.split())
-    if "[" not in text and "]" not in text:
-        return Header(text, None)
-    found = re.fullmatch(r"([^\[\]]*)\[([^\[\]]*)\]", text)
-    if found is None:
-        raise UnitsError("expected a name and one unit in brackets at its end, like 'sinkage [mm]'")
-    unit = found[2].strip()
-    return Header(found[1].strip(), DIMENSIONLESS if unit in _PURE_NUMBER else unit)
-
-
 def _as_pint_reads(text: str) -> str:
     """Superscripts as powers, torques as products."""
     powers = _SUPERSCRIPT.sub(lambda found: "^" + found[0].translate(_PLAIN_DIGITS), text)
+    powers = _POWER.sub(r"\1^\2", powers)
     return _HYPHEN.sub("*", _NEWTON_METRE.sub(r"\1*\2", powers))
 
 
@@ -89,6 +68,8 @@ def _unit(text: str) -> pint.Unit:
     if not _UNIT.fullmatch(plain):
         shown = text if len(text) <= _LONGEST else text[:_LONGEST] + "..."
         raise UnitsError(f"unknown unit '{shown}', {_EXAMPLES}")
+    if text == "grad":
+        raise UnitsError(_GRAD)
     try:
         return registry.parse_units(plain)
     except pint.UndefinedUnitError as error:
@@ -109,6 +90,69 @@ def _near(registry: pint.UnitRegistry, text: str) -> str:
             continue
         return f" (case matters: '{other}' exists)"
     return ""
+
+
+# As labs write units, and as pint reads them. Without accents and in lower case.
+_SPELLINGS = {
+    "kp": "kgf", "kilopond": "kgf", "lbs": "lb", "to": "t", "zoll": "inch", "pouce": "inch",
+    "pouces": "inch", "degres": "deg", "degre": "deg", "prozent": "%", "pct": "%",
+    "pourcent": "%", "percent": "%", "kmh": "km/h", "kph": "km/h", "mps": "m/s",
+    "zentimeter": "cm", "sekunden": "s", "sek": "s",
+}  # fmt: skip
+_GRAD = "'grad' may be a degree or a gon (100 to the right angle): write deg or gon"
+_WRITTEN = (
+    "mm cm dm m km µm in inch ft meter metre millimeter millimetre centimeter centimetre "
+    "N kN daN lbf kgf kg g t lb newton newtons kilonewton kilogram gram "
+    "Pa kPa MPa bar psi pascal N/mm^2 kN/m^2 N/m^2 kN/m2 N/m2 kg/m^3 kg/m3 g/cm^3 g/cm3 "
+    "m/s mm/s cm/s m/min km/h mph s min h Hz rpm deg ° rad % Nm N*m kNm Ncm degC °C K A V W"
+)
+_COMMON = {unit.lower(): unit for unit in _WRITTEN.split()}
+
+
+def is_common(text: str) -> bool:
+    """Whether a text can hardly be anything but a unit, wherever it stands."""
+    text = text.strip()
+    if len(text) == 1:
+        return text in _COMMON.values()
+    return text.lower() in _COMMON or _plain(text) in _SPELLINGS
+
+
+def _plain(text: str) -> str:
+    letters = unicodedata.normalize("NFKD", text.strip().lower())
+    return "".join(c for c in letters if not unicodedata.combining(c))
+
+
+@lru_cache(maxsize=1000)
+def spelled(text: str, expected: str | None) -> str | None:
+    """The unit that a text names, as `to_base` takes it; None where it names none.
+
+    expected: the SI unit of the column. Where that is a force or a pressure, a mass is read as the
+    weight of it at the surface of the earth (9.80665 m/s^2).
+    """
+    text = " ".join(text.split())
+    plain = _plain(text)
+    spelling = "deg" if text == "Grad" else _SPELLINGS.get(plain)
+    for unit in (spelling, text, _COMMON.get(text.lower()), _COMMON.get(plain)):
+        if unit is None or (plain == "grad" and unit != "deg"):
+            continue
+        try:
+            parsed = _unit(unit)
+        except UnitsError:
+            continue
+        if expected in ("N", "Pa") and not fits(unit, expected):
+            weight = f"{unit}*g_0"
+            return weight if fits(weight, expected) else unit
+        if expected is not None and _base(parsed) != _base(_unit(expected)) and unit == text:
+            better = _COMMON.get(text.lower())
+            if better is not None and better != text and fits(better, expected):
+                return better
+        return unit
+    return None
+
+
+def fits(unit: str, expected: str) -> bool:
+    """Whether values in the unit are of the kind that the SI unit `expected` measures."""
+    return _base(_unit(unit)) == _base(_unit(expected))
 
 
 def base_unit(unit: str) -> str:

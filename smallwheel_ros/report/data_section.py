@@ -14,7 +14,9 @@ from smallwheel_ros.report.page import Block, Callout, Details, Table, Text
 def data_blocks(comparison: Comparison) -> list[Block]:
     """What was measured, over which ranges, how well it repeats, and what is odd about it."""
     data = comparison.measurements
-    runs = f"{data.runs.size} runs" if data.runs_given else "no runs named: each row is its own"
+    runs = (
+        f"{data.runs.size} runs" if data.runs_given else f"no runs named, {data.runs.size} settings"
+    )
     lines = f"{len(data)} rows, {runs}."
     rows = [
         [column_display(data, name).label, *_range(comparison, name),

@@ -1,0 +1,263 @@
+"""From a workbook, xlsx or ods, to a grid of cells: the sheet that has the table.
+
+openpyxl reads xlsx row by row. ods is read here: its libraries build the whole document in memory, and
+one stray cell in the last column of the last row would make them ask for hundreds of gigabytes.
+Both are judged before: what they unpack to is limited, and no entities are expanded.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from typing import Any
+from xml.etree import ElementTree
+
+from smallwheel_ros.measurements.cells import (
+    MOST_CELLS,
+    SMALLER,
+    Cell,
+    Grid,
+    MeasurementsError,
+    Percent,
+    clipped,
+)
+from smallwheel_ros.measurements.layout import known_cells
+
+_MOST_UNPACKED = 128 * 2**20  # bytes of XML: 27 for each of the most cells
+_SEARCHED = 40  # rows of a sheet among which its header is looked for
+_NO_VALUE = re.compile(rb"</f>\s*(?:<v\s*/>|<v>\s*</v>|</c>)|<f[^>]*/>\s*(?:<v\s*/>|</c>)")
+
+Row = Sequence[Cell]
+
+
+def workbook_grid(data: bytes, source: str, digest: str, sheet: str | None) -> Grid:
+    """Read one sheet. Raises MeasurementsError; where several have tables, it lists them."""
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+        names = archive.namelist()
+        _refuse_bombs(archive, source)
+        if "content.xml" in names:
+            sheets = _ods_sheets(archive, source)
+        elif any(name.endswith("workbook.xml") for name in names):
+            sheets = _xlsx_sheets(data, source)
+        else:
+            raise MeasurementsError(
+                f"{source}: this is a ZIP archive and no xlsx or ods workbook: unpack it first, or "
+                "save the table as xlsx"
+            )
+        name, rows, numbers = _chosen(sheets, source, sheet)
+    except MeasurementsError:
+        raise
+    except Exception as error:  # the libraries raise many kinds for a damaged file
+        reason = clipped(str(error)) or type(error).__name__
+        raise MeasurementsError(
+            f"{source}: a damaged xlsx or ods workbook or ZIP archive: {reason}"
+        ) from None
+    if not rows:
+        raise MeasurementsError(f"{source}: sheet '{clipped(name)}' is empty")
+    said = [f"sheet '{clipped(name)}'"] if len(sheets) > 1 else []
+    return Grid(source, digest, list(rows), numbers, "row", said=said)
+
+
+def _refuse_bombs(archive: zipfile.ZipFile, source: str) -> None:
+    """Refuse what unpacks to more than a table needs; a member longer than it says is damaged."""
+    sizes = sum(member.file_size for member in archive.infolist())
+    if sizes > _MOST_UNPACKED or len(archive.infolist()) > 10_000:
+        raise MeasurementsError(
+            f"{source}: {sizes} bytes once unpacked, expected at most {_MOST_UNPACKED}: {SMALLER}"
+        )
+    cells = 0
+    for member in archive.infolist():
+        if not member.filename.endswith((".xml", ".rels")):
+            continue
+        content = archive.read(member)
+        if b"<!DOCTYPE" in content[:10_000] or b"<!ENTITY" in content:
+            raise MeasurementsError(f"{source}: {member.filename} declares entities: save it anew")
+        cells += content.count(b"<c ") + content.count(b"<c>") + content.count(b"<table:table-cell")
+        if "/worksheets/" in member.filename and _NO_VALUE.search(content):
+            raise MeasurementsError(
+                f"{source}: {clipped(member.filename)} has formulas without a computed value: open "
+                "the workbook in Excel or LibreOffice, save it, and read it again"
+            )
+    if cells > MOST_CELLS:
+        raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
+
+
+class _Sheets:
+    """Names of the sheets of a workbook, and their rows: line and cells."""
+
+    def __init__(self, names: list[str], rows: Any) -> None:
+        self.names = names
+        self._rows = rows
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def rows(self, name: str) -> Iterator[tuple[int, Row]]:
+        return iter(self._rows(name))
+
+
+def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list[Row], list[int]]:
+    listed = ", ".join(f"'{clipped(name)}'" for name in sheets.names[:30])
+    if not sheets.names:
+        raise MeasurementsError(f"{source}: no sheet with cells in it")
+    if wanted is not None:
+        name = _named(sheets.names, wanted)
+        if name is None:
+            raise MeasurementsError(f"{source}: no sheet '{clipped(wanted)}', there is: {listed}")
+    elif len(sheets) == 1:
+        name = sheets.names[0]
+    else:
+        known = {
+            name: max(
+                (known_cells(row) for _, row in islice(sheets.rows(name), _SEARCHED)), default=0
+            )
+            for name in sheets.names
+        }
+        tables = [name for name in sheets.names if known[name] > 1]
+        if len(tables) != 1:
+            what = "several sheets have tables" if tables else "no sheet has a header that is known"
+            raise MeasurementsError(
+                f"{source}: {what}: name one with --sheet, there is: "
+                f"{', '.join(repr(clipped(name)) for name in tables) or listed}"
+            )
+        name = tables[0]
+    rows: list[Row] = []
+    numbers: list[int] = []
+    cells = 0
+    for number, row in sheets.rows(name):
+        cells += len(row)
+        if cells > MOST_CELLS:
+            raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
+        rows.append(row)
+        numbers.append(number)
+    return name, rows, numbers
+
+
+def _named(names: list[str], wanted: str) -> str | None:
+    for name in names:
+        if name.casefold() == wanted.strip().casefold():
+            return name
+    if wanted.strip().isdecimal() and 1 <= int(wanted) <= len(names):
+        return names[int(wanted) - 1]
+    return None
+
+
+def _trimmed(row: list[Cell]) -> list[Cell]:
+    while row and row[-1] == "":
+        row.pop()
+    return row
+
+
+def _xlsx_sheets(data: bytes, source: str) -> _Sheets:
+    try:
+        import openpyxl
+    except ImportError:
+        raise MeasurementsError(
+            f"{source}: reading xlsx needs openpyxl: pip install openpyxl, or save it as CSV UTF-8"
+        ) from None
+    book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+    sheets = {sheet.title: sheet for sheet in book.worksheets}
+
+    def rows(name: str) -> Iterator[tuple[int, Row]]:
+        sheet = sheets[name]
+        sheet.reset_dimensions()  # what the file says of them need not be true
+        for number, cells in enumerate(sheet.iter_rows(), start=1):
+            row = _trimmed([_xlsx_cell(cell) for cell in cells])
+            if row:
+                yield number, row
+
+    return _Sheets(list(sheets), rows)
+
+
+def _xlsx_cell(cell: Any) -> Cell:
+    value = cell.value
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value.strip()
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return str(value)  # a date, a time
+    return Percent(value) if "%" in (cell.number_format or "") else float(value)
+
+
+_OFFICE = "{urn:oasis:names:tc:opendocument:xmlns:office:1.0}"
+_TABLE = "{urn:oasis:names:tc:opendocument:xmlns:table:1.0}"
+_TEXT = "{urn:oasis:names:tc:opendocument:xmlns:text:1.0}"
+
+
+def _ods_sheets(archive: zipfile.ZipFile, source: str) -> _Sheets:
+    content = archive.read("content.xml")
+    names = [str(element.get(f"{_TABLE}name")) for element in _elements(content, f"{_TABLE}table")]
+
+    def rows(name: str) -> Iterator[tuple[int, Row]]:
+        return _ods_rows(content, name, source)
+
+    return _Sheets(names, rows)
+
+
+def _elements(content: bytes, tag: str) -> Iterator[ElementTree.Element]:
+    """Every element of that kind as it begins, what is inside of it not yet there."""
+    for event, element in ElementTree.iterparse(io.BytesIO(content), events=("start", "end")):
+        if event == "end":
+            element.clear()
+        elif element.tag == tag:
+            yield element
+
+
+def _ods_rows(content: bytes, name: str, source: str) -> Iterator[tuple[int, Row]]:
+    inside = False
+    number = 1
+    for event, element in ElementTree.iterparse(io.BytesIO(content), events=("start", "end")):
+        if element.tag == f"{_TABLE}table":
+            if inside and event == "end":
+                return
+            inside = event == "start" and element.get(f"{_TABLE}name") == name
+        elif event == "end" and element.tag == f"{_TABLE}table-row":
+            repeated = int(element.get(f"{_TABLE}number-rows-repeated", "1"))
+            row = _ods_row(element) if inside else []
+            if row and repeated * len(row) > MOST_CELLS:
+                raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
+            if row:
+                yield from ((number + i, row) for i in range(repeated))
+            number += repeated
+            element.clear()
+
+
+def _ods_row(element: ElementTree.Element) -> list[Cell]:
+    row: list[Cell] = []
+    blanks = 0
+    for cell in element:
+        if cell.tag not in (f"{_TABLE}table-cell", f"{_TABLE}covered-table-cell"):
+            continue
+        repeated = int(cell.get(f"{_TABLE}number-columns-repeated", "1"))
+        value = _ods_cell(cell)
+        if value == "":
+            blanks += repeated  # thousands of them end most rows
+            continue
+        if len(row) + blanks + repeated > MOST_CELLS:
+            raise ValueError(f"a row of {len(row) + blanks + repeated} cells")
+        row += [""] * blanks + [value] * repeated
+        blanks = 0
+    return row
+
+
+def _ods_cell(cell: ElementTree.Element) -> Cell:
+    kind = cell.get(f"{_OFFICE}value-type")
+    if kind in ("float", "percentage", "currency"):
+        value = float(cell.get(f"{_OFFICE}value", "nan"))
+        return Percent(value) if kind == "percentage" else value
+    return "\n".join(_ods_text(p) for p in cell.findall(f"{_TEXT}p")).strip()
+
+
+def _ods_text(paragraph: ElementTree.Element) -> str:
+    """The text of a paragraph, runs of blanks (text:s) included."""
+    parts: Iterable[str] = (
+        (" " if e.tag == f"{_TEXT}s" else e.text or "")
+        + (e.tail or "" if e is not paragraph else "")
+        for e in paragraph.iter()
+    )
+    return "".join(parts)
