@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,8 @@ myst_enable_extensions = ["dollarmath", "deflist"]
 suppress_warnings = ["misc.highlighting_failure", "ref.python"]
 
 napoleon_use_ivar = True
+# Its pages are made from the modules that there are now: none of an earlier build stays.
+shutil.rmtree(Path(__file__).parent / "_api", ignore_errors=True)
 autosummary_generate = True
 toc_object_entries = (
     False  # a page of the library lists its modules; with their members it takes twice the time

@@ -1,0 +1,96 @@
+"""A real browser for tests of pages."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
+                None)  # fmt: skip
+
+
+class Browser:
+    """Headless Chromium, told what to do through its debugging pipe: messages that end in NUL."""
+
+    def __init__(self, folder: Path) -> None:
+        ours, theirs = os.pipe(), os.pipe()
+        self._out, self._in = os.fdopen(ours[1], "wb", 0), os.fdopen(theirs[0], "rb", 0)
+        # Chromium reads from 3 and writes to 4, whatever numbers the pipes have here.
+        wires = f'exec "$0" "$@" 3<&{ours[0]} 4>&{theirs[1]}'
+        options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+                   "--disable-background-networking", "--window-size=1280,1250",
+                   "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+                   "--remote-debugging-pipe", f"--user-data-dir={folder}", "about:blank"]  # fmt: skip
+        self._process = subprocess.Popen(
+            ["bash", "-c", wires, str(CHROMIUM), *options],
+            pass_fds=(ours[0], theirs[1]),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(ours[0])
+        os.close(theirs[1])
+        self._number, self._page = 0, ""
+        self.events: list[dict[str, Any]] = []
+        pages = self.call("Target.getTargets")["targetInfos"]
+        target = next(p["targetId"] for p in pages if p["type"] == "page")
+        self._page = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Network", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Do one thing; what happens meanwhile is kept in `events`."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if self._page:
+            message["sessionId"] = self._page
+        self._out.write(json.dumps(message).encode() + b"\0")
+        while True:
+            heard = json.loads(self._read())
+            if heard.get("id") == self._number:
+                assert "error" not in heard, heard
+                return dict(heard["result"])
+            self.events.append(heard)
+
+    def _read(self) -> bytes:
+        found = bytearray()
+        while not found.endswith(b"\0"):
+            part = self._in.read(1)
+            assert part, "the browser has ended"
+            found += part
+        return bytes(found[:-1])
+
+    def run(self, script: str) -> Any:
+        """Give the value of an expression in the page."""
+        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait(self, script: str) -> None:
+        """Wait until an expression is true in the page."""
+        for _ in range(600):
+            if self.run(script):
+                return
+            time.sleep(0.1)
+        raise AssertionError(
+            f"never true: {script}; the page: {self.run('document.body.innerText')}"
+        )
+
+    def picture(self, path: Path) -> Any:
+        """Take a picture of what is seen."""
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+        return matplotlib.image.imread(path)[..., :3]
+
+    def close(self) -> None:
+        self.call("Page.close")
+        self._process.terminate()
+        self._process.wait(60)
+        self._out.close()
+        self._in.close()
