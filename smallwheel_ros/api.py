@@ -330,6 +330,7 @@ def replay(
     'complete'
     """
     # Kept apart: replay brings the readers of bags and the estimator, which nothing else here needs.
+    from smallwheel_ros.init.assumed import with_assumed_config
     from smallwheel_ros.replay.inputs import read_remaps
     from smallwheel_ros.replay.one import replay as replay_bag
     from smallwheel_ros.replay.spec import ReplaySpec
@@ -338,12 +339,14 @@ def replay(
     folder = Path(place.name if place is not None else cast(Any, output))
     spec = ReplaySpec(
         Path(bag),
-        Path(cast(Any, config)),
+        Path(config or ""),
         folder,
         read_remaps(f"{name}:={topic}" for name, topic in (remaps or {}).items()),
         clock,
         copy,
     )
+    if config is None:
+        spec = with_assumed_config(spec)
     result = replay_bag(spec, progress=progress or _unheard)
     result.place = place
     return result

@@ -43,6 +43,10 @@ COMMANDS = {
     ),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
+    "init": (
+        "commands.init:init",
+        "A rover's parameter file, from a bag, a URDF or a number of wheels.",
+    ),
     "replay": (
         "commands.replay:replay",
         "The node's estimator over recorded drives, without ROS.",

@@ -13,6 +13,7 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.init.assumed import with_assumed_config
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.output import check_targets
@@ -40,7 +41,12 @@ _PATH = click.Path(path_type=Path)
 
 @click.command("replay", short_help="The node's estimator over recorded drives, without ROS.")
 @click.argument("bags", nargs=-1, required=True, type=_PATH, metavar="BAG...")
-@click.option("--config", type=_PATH, metavar="ROVER.yaml", help="The node's parameter file.")
+@click.option(
+    "--config",
+    type=_PATH,
+    metavar="ROVER.yaml",
+    help="The node's parameter file; if not given, what `smallwheel init` finds in the first bag.",
+)
 @click.option("-o", "--output", type=_PATH, metavar="FOLDER", help="For what is made.")
 @click.option("--remap", "remaps", multiple=True, metavar="NAME:=TOPIC",
               help="The node's name of an input, and the bag's topic, as ROS writes it; repeat it "
@@ -85,9 +91,11 @@ def replay(
         for bag in bags:
             _topics(bag, config, remapped, json_file)
         return
-    if config is None or output is None:
-        raise click.UsageError("give --config ROVER.yaml and -o FOLDER (or --topics)")
-    like = ReplaySpec(bags[0], config, output, remapped, clock, copy)
+    if output is None:
+        raise click.UsageError("give -o FOLDER (or --topics)")
+    like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy)
+    if config is None:
+        like = with_assumed_config(like)
     for note in check_parameters(like):
         click.echo(f"warning: {note}", err=True)
     if len(bags) == 1 and scheduler is None:
@@ -235,7 +243,11 @@ def _topics_text(content: dict[str, Any], has_config: bool) -> str:
     lines = [f"{content['bag']}: {content['messages']} messages in {content['duration']:.1f} s", ""]
     lines.append(text_table(["topic", "type", "messages", "Hz", "is"], rows))
     if not has_config:
-        lines += ["", "Give --config ROVER.yaml too, and it says which topic is which input."]
+        lines += [
+            "",
+            f"`smallwheel init {content['bag']} -o rover.yaml` makes a parameter file of these; with",
+            "--config rover.yaml this list says which topic is which input.",
+        ]
     else:
         if content["missing"]:
             lines += ["", "Missing", *(f"  {text}" for text in content["missing"])]

@@ -69,7 +69,8 @@ def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
     return flat
 
 
-def _written(value: Value) -> str:
+def written(value: Value) -> str:
+    """A value as YAML has it, on one line."""
     return str(yaml.safe_dump([value], default_flow_style=True, width=math.inf)).strip()[1:-1]
 
 
@@ -104,7 +105,7 @@ def template() -> str:
         words += f" {span}." if span else ""
         lines += [f"{indent}# {line}" for line in textwrap.wrap(words, 92 - len(indent))]
         value = _EXAMPLES.get(parameter.name, parameter.default)
-        text = "" if value is None else f" {_written(value)}"
+        text = "" if value is None else f" {written(value)}"
         lines.append(f"{indent}{'' if parameter.required else '# '}{name}:{text}")
     return "\n".join(lines) + "\n"
 
@@ -133,7 +134,7 @@ def reference() -> str:
         for p in table:
             default = "*required*" if p.required else "*optional*"
             if p.default is not None:
-                default = f"`{_written(p.default)}`"
+                default = f"`{written(p.default)}`"
             unit = f" [{p.unit}]" if p.unit else ""
             row = (p.name, p.kind, default, _span(p), f"{p.description}{unit}{_CHANGES[p.changes]}")
             lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))

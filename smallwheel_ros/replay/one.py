@@ -109,6 +109,7 @@ class _Session:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
         if settings.soil_file:
             notes.append("soil_file is not read: a replay begins with the configured soil")
+        notes = [*spec.notes, *notes]
         self._reader, self._onboard = reader, Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
         description = settings.robot_description_topic

@@ -36,6 +36,8 @@ class ReplaySpec:
         use_sim_time; otherwise they are only compared with each other.
     copy
         Which of the bag's topics go into the new bag beside the estimates.
+    notes
+        What is to be said of it beforehand.
     """
 
     bag: Path
@@ -44,6 +46,7 @@ class ReplaySpec:
     remaps: Mapping[str, str] = field(default_factory=dict)
     clock: bool = True
     copy: Copy = "all"
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

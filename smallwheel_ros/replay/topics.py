@@ -2,38 +2,34 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.bag_files import BagError, BagTopic
+from smallwheel_ros.bag_files import BagTopic
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.init.from_bag import (
+    JOINTS,
+    ODOMETRY,
+    RANGE,
+    SINKAGE,
+    TWIST,
+    WRENCH,
+    joint_names,
+)
+from smallwheel_ros.init.names import best_match
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.inputs import Input, missing_inputs
 
-_JOINTS = "sensor_msgs/msg/JointState"
 _ROLES = {
-    "geometry_msgs/msg/WrenchStamped": "a wheel's load",
-    "smallwheel_ros/msg/WheelSinkage": "a wheel's sinkage",
-    "sensor_msgs/msg/Range": "a wheel's sinkage by range",
-    "nav_msgs/msg/Odometry": "odom",
-    "geometry_msgs/msg/TwistStamped": "velocity",
-    _JOINTS: "joint_states",
+    WRENCH: "a wheel's load",
+    SINKAGE: "a wheel's sinkage",
+    RANGE: "a wheel's sinkage by range",
+    ODOMETRY: "odom",
+    TWIST: "velocity",
+    JOINTS: "joint_states",
 }
-_SHORT = {
-    "f": ("front",), "r": ("rear", "right"), "l": ("left",), "b": ("rear",), "m": ("middle",),
-    "fl": ("front", "left"), "fr": ("front", "right"), "lf": ("front", "left"),
-    "rf": ("front", "right"), "rl": ("rear", "left"), "rr": ("rear", "right"),
-    "bl": ("rear", "left"), "br": ("rear", "right"), "lr": ("rear", "left"),
-    "ml": ("middle", "left"), "mr": ("middle", "right"), "back": ("rear",), "hind": ("rear",),
-    "mid": ("middle",), "centre": ("middle",), "center": ("middle",),
-}  # fmt: skip
-_KNOWN = {"front", "rear", "left", "right", "middle"}
-_FAIR = 0.5
 
 
 @dataclass(frozen=True)
@@ -51,34 +47,6 @@ class Proposal:
         return f"--remap {self.input.name}:={self.found}"
 
 
-def _words(name: str) -> set[str]:
-    """Words of a name; short forms of places are spelled out."""
-    found: set[str] = set()
-    for word in re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()):
-        found.update(_SHORT.get(word, (word,)))
-    return found
-
-
-def _likeness(wheel: str, kind: str, name: str) -> float:
-    """How much a topic's or joint's name looks like that of a wheel's input; 0 to 1."""
-    wanted, there = _words(wheel), _words(name)
-    places, others = wanted & _KNOWN, there & _KNOWN
-    if others - places and places - others:
-        return 0.0  # the place of another wheel
-    share = len(wanted & there) / max(len(wanted), 1)
-    letters = SequenceMatcher(None, f"{wheel}/{kind}", name.strip("/")).ratio()
-    return 0.7 * share + 0.3 * letters
-
-
-def _best(wheel: str, kind: str, names: Iterable[str]) -> str | None:
-    scored = sorted(((_likeness(wheel, kind, name), name) for name in names), reverse=True)
-    if not scored or scored[0][0] < _FAIR:
-        return None
-    if len(scored) > 1 and scored[1][0] == scored[0][0]:
-        return None  # nothing tells the two apart
-    return scored[0][1]
-
-
 def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[Proposal]:
     """Say which of the bag's topics may be the inputs that it lacks under their names."""
     lost = [entry.input for entry in missing_inputs(inputs, reader.topics)]
@@ -90,31 +58,23 @@ def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[Proposal]:
             for t in reader.topics
             if t.type == item.type and t.message_count and t.name not in taken
         ]
-        if item.wheel and item.type != _JOINTS:
-            name = _best(item.wheel, item.kind, free)
+        if item.wheel and item.type != JOINTS:
+            name = best_match(item.wheel, item.kind, free)
         else:
-            name = free[0] if len(free) == 1 else _best(item.name, "", free)
+            name = free[0] if len(free) == 1 else best_match(item.name, "", free)
         if name is not None:
             found.setdefault(item.name, Proposal(item, name))
     turning = [item for item in inputs if item.kind == "wheel_speed"]
     topics = {item.topic for item in turning if item not in lost}
-    topics |= {p.found for p in found.values() if p.input.type == _JOINTS}
-    joints = [name for topic in sorted(topics) for name in _joint_names(reader, topic)]
+    topics |= {p.found for p in found.values() if p.input.type == JOINTS}
+    joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
     more = []
     for item in turning:
         if joints and item.detail.removeprefix("joint ") not in joints:
-            name = _best(item.wheel, "joint", joints)
+            name = best_match(item.wheel, "joint", joints)
             if name is not None:
                 more.append(Proposal(item, name))
     return [*found.values(), *more]
-
-
-def _joint_names(reader: BagReader, topic: str) -> list[str]:
-    """Return the joints in the first message of a topic of JointState."""
-    with suppress(BagError):  # damaged, or defined otherwise than here
-        for message in reader.messages({topic}):
-            return [str(name) for name in getattr(message.message, "name", [])]
-    return []
 
 
 def proposal_text(reader: BagReader, inputs: Sequence[Input], bag: Path) -> str:

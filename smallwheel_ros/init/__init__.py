@@ -1,0 +1,1 @@
+"""A parameter file to start from: out of a bag, a robot description or a number of wheels."""

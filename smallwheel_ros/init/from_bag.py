@@ -1,0 +1,151 @@
+"""A rover's parameters out of a bag: which topic is what, and what its robot description says."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from smallwheel_ros.bag_files import BagError
+from smallwheel_ros.bags import BagReader
+from smallwheel_ros.init.names import best_match, wheels_named_by
+from smallwheel_ros.init.rover import InitError, Rover, completed, wheel_joints, with_joints
+from smallwheel_ros.onboard.parameter import Value
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
+from smallwheel_ros.onboard.urdf import RobotDescriptionError
+
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+RANGE = "sensor_msgs/msg/Range"
+ODOMETRY = "nav_msgs/msg/Odometry"
+JOINTS = "sensor_msgs/msg/JointState"
+TWIST = "geometry_msgs/msg/TwistStamped"
+IMU = "sensor_msgs/msg/Imu"
+
+
+def rover_of_bag(path: Path) -> Rover:
+    """The rover of a recorded drive. Raises BagError, InitError where there is nothing of a wheel."""
+    with BagReader(path, salvage=True) as reader:
+        return _Finder(reader, path).rover()
+
+
+class _Finder:
+    """Looks through the topics of an open bag."""
+
+    def __init__(self, reader: BagReader, path: Path) -> None:
+        self.reader, self.path = reader, path
+        self.notes: list[str] = []
+        self.remaps: dict[str, str] = {}
+        self.of: dict[str, list[str]] = {}
+        for topic in reader.topics:
+            if topic.message_count and topic.readable:
+                self.of.setdefault(topic.type, []).append(topic.name)
+
+    def rover(self) -> Rover:
+        """What the bag tells."""
+        joints_topic = self._one("joint_states", JOINTS)
+        self._one("odom", ODOMETRY)
+        joints = [] if joints_topic is None else joint_names(self.reader, joints_topic)
+        description = self._description()
+        values = self._wheels(joints, description)
+        return completed(
+            str(self.path), values, description, tuple(self.notes), self.remaps, self._hints()
+        )
+
+    def _one(self, name: str, kind: str) -> str | None:
+        """The topic of an input that there is once; it is remapped where it has another name."""
+        topics = self.of.get(kind, [])
+        found = f"/{name}" if f"/{name}" in topics else None
+        if found is None and topics:
+            found = topics[0] if len(topics) == 1 else best_match(name, "", topics)
+            if found is None:
+                self.notes.append(
+                    f"which of {', '.join(topics)} is {name} is not clear: say --remap {name}:=TOPIC"
+                )
+                return None
+            self.remaps[name] = found
+            self.notes.append(f"assumed: {found} is {name}, the only one like it of its type")
+        if found is None:
+            self.notes.append(
+                f"no topic of type {kind}: without {name} there is no slip and no thrust"
+            )
+        return found
+
+    def _wheels(self, joints: list[str], description: str | None) -> dict[str, Value]:
+        """Wheels by the topics of loads and sinkages, or by the joints of the description."""
+        loads, sinkages = self._by_wheel(WRENCH), self._by_wheel(SINKAGE)
+        ranges = {} if sinkages else self._by_wheel(RANGE)
+        turned: dict[str, str] = {}
+        if description is not None:
+            with suppress(RobotDescriptionError):  # what is wrong with it is said where it is read
+                turned = wheel_joints(description)
+        wheels = list(loads or sinkages or ranges or turned)
+        if not wheels:
+            raise InitError(
+                f"{self.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}), and no "
+                "robot description with wheels: `smallwheel init --wheels N` makes a file to fill in"
+            )
+        values: dict[str, Value] = {"wheels": wheels}
+        for wheel in wheels:
+            self._topic(values, wheel, "load", loads, WRENCH)
+            self._topic(
+                values, wheel, "sinkage", sinkages or ranges, SINKAGE if sinkages else RANGE
+            )
+            if ranges and f"{wheel}.sinkage_topic" in values:
+                values[f"{wheel}.sinkage_source"] = "Range"
+            joint = turned.get(wheel) or best_match(wheel, "joint", joints)
+            if joint is not None:
+                values |= {n: v for n, v in with_joints({wheel: joint}).items() if n != "wheels"}
+            elif joints:
+                self.notes.append(
+                    f"which joint turns {wheel} is not clear: there is {', '.join(joints)}"
+                )
+        if not loads:
+            values["load.source"] = "static"
+            self.notes.append(f"no topic of type {WRENCH}: the mass is split over the wheels")
+        return values
+
+    def _by_wheel(self, kind: str) -> dict[str, str]:
+        topics = self.of.get(kind, [])
+        return wheels_named_by(topics) if topics else {}
+
+    def _topic(
+        self, values: dict[str, Value], wheel: str, what: str, found: dict[str, str], kind: str
+    ) -> None:
+        """The topic of a wheel's input, where it has another name than the node expects."""
+        topic = found.get(wheel) or best_match(wheel, what, self.of.get(kind, []))
+        if topic is None and what == "sinkage":
+            values[f"{wheel}.sinkage_topic"] = ""
+            self.notes.append(f"no topic of the sinkage of {wheel}: it is only predicted")
+        elif topic is not None and (topic != f"/{wheel}/{what}" or kind == RANGE):
+            values[f"{wheel}.{what}_topic"] = topic
+
+    def _hints(self) -> dict[str, Value]:
+        """What may help, and only people know."""
+        found: dict[str, Value] = {}
+        measured = [t for t in self.of.get(TWIST, []) if "cmd" not in t]
+        if measured:
+            found["velocity_topic"] = measured[0]
+        if self.of.get(IMU):
+            found["imu_topic"] = self.of[IMU][0]
+        return found
+
+    def _description(self) -> str | None:
+        """The text of the bag's robot description, if there is one."""
+        named = [t for t in self.of.get(DESCRIPTION_TYPE, []) if "robot_description" in t]
+        if not named:
+            return None
+        with suppress(BagError):
+            for message in self.reader.messages({named[0]}):
+                if named[0] != "/robot_description":
+                    self.remaps["robot_description"] = named[0]
+                self.notes.append(f"sizes and places of wheels from {named[0]}")
+                return str(message.message.data)
+        return None
+
+
+def joint_names(reader: BagReader, topic: str) -> list[str]:
+    """Return the joints in the first message of a topic of JointState."""
+    with suppress(BagError):  # damaged, or defined otherwise than here
+        for message in reader.messages({topic}):
+            return [str(name) for name in getattr(message.message, "name", [])]
+    return []
