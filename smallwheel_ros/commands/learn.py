@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
 
-from smallwheel_ros.commands.inputs import data_options, limits, read_inputs, without_ids
+from smallwheel_ros import api
+from smallwheel_ros.commands.inputs import (
+    DATA,
+    MODEL,
+    OWN,
+    levels_of,
+    names_of,
+    read_table,
+    table_options,
+)
 from smallwheel_ros.learn import Learnt, learn, learnt_text
 from smallwheel_ros.output import check_folder_target, check_targets, write_bytes
 from smallwheel_ros.tables import write_json
 
 
 @click.command("learn", short_help="Learn a law that no known effect explains, into a file.")
-@data_options
+@DATA
+@MODEL
+@OWN
+@table_options
 @click.option("--without", "out", default="", metavar="ID,ID",
               help="Effects that are taken out of the model, and that the law is not held "
               "against.")  # fmt: skip
@@ -37,8 +51,7 @@ def learn_command(
     data: Path,
     model_file: Path | None,
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
+    how: Mapping[str, Any],
     out: str,
     output: Path | None,
     name: str | None,
@@ -57,8 +70,9 @@ def learn_command(
     """
     check_targets([json_file, html, output], [data, own, model_file])
     check_folder_target(plots)
-    measurements, base, registry = read_inputs(data, model_file, own, diameter, width)
-    can, withheld = limits(levels, measurements), without_ids(out, registry)
+    table = read_table(data, how)
+    can = levels_of(levels, table)
+    measurements, base, registry, withheld = api.start_of(table, model_file, own, names_of(out))
     with tqdm(desc="learning", disable=None, leave=False) as bar:
 
         def progress(step: str, done: int, total: int) -> None:

@@ -120,14 +120,7 @@ class Rover(Result):
             indent = "    " + "  " * len(above)
             if own not in explained and (name in self.missing or name in self.hints):
                 explained.add(own)
-                words = (
-                    f"{parameter.description} [{parameter.unit}]"
-                    if parameter.unit
-                    else parameter.description
-                )
-                lines += textwrap.wrap(
-                    words, 96, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
-                )
+                lines += [f"{indent}# {line}" for line in textwrap.wrap(parameter.description, 90)]
             optional = "# " if name in self.hints else ""
             unit = f" # {parameter.unit}" if name in self.missing and parameter.unit else ""
             lines.append(f"{indent}{optional}{own}: {shown}{unit}")
