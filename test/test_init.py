@@ -28,7 +28,8 @@ PLACES = {"front_left": (0.35, 0.28), "front_right": (0.35, -0.28),
 def description(joint: str = "{}_joint", body: str = "cylinder radius='0.125' length='0.1'") -> str:
     """A URDF of four wheels, and an arm that turns and is none."""
     parts = ["<link name='base_link'/>", "<link name='arm'/>",
-             "<joint name='elbow' type='continuous'><parent link='base_link'/><child link='arm'/></joint>"]  # fmt: skip
+             "<joint name='elbow' type='continuous'><parent link='base_link'/>"
+             "<child link='arm'/></joint>"]  # fmt: skip
     for name, (x, y) in PLACES.items():
         parts.append(
             f"<link name='{name}'><collision><origin rpy='1.5707963 0 0'/><geometry><{body}/></geometry>"
