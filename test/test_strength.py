@@ -16,6 +16,7 @@ from random_examples import examples
 
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
 from smallwheel_ros.estimator.traction_filter import RollingContact
+from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
 from smallwheel_ros.physics.traction import contact_length, thrust
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -92,6 +93,39 @@ def test_without_any_of_them_bands_are_wide_and_hold() -> None:
     told = assessor.traction.estimate()
     assert told.steps == 0
     assert told.status[0].startswith("thrust is not determined: no balance")
+
+
+def test_a_restored_strength_is_known_before_the_first_step() -> None:
+    assessor, _ = run(make_drive(WORLDS["patch"], 1), "balance and torque")
+    told, record = assessor.traction.estimate(), json.loads(json.dumps(assessor.traction.record()))
+    again = Assessor(assessor.settings).traction
+    assert again.record() is None
+    again.restore(record)
+    assert again.estimate().status == told.status
+    assert again.estimate().sources == told.sources == {"balance", "torque"}
+    assert again.estimate().steps == told.steps > 0
+    assert again.record() == record
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"steps": 0},
+        {"steps": "many"},
+        {"sources": ["guess"]},
+        {"loads": [50.0]},
+        {"loads": [60.0, 50.0]},
+        {"slips": [0.1, math.nan]},
+    ],
+)
+def test_what_a_saved_strength_rests_on_has_to_be_whole(change: dict[str, object]) -> None:
+    assessor, _ = run(make_drive(replace(WORLDS["cruise"], distance=3.0), 1), "balance")
+    record = assessor.traction.record()
+    assert record is not None
+    again = Assessor(assessor.settings).traction
+    with pytest.raises(ValueError, match="no strength"):
+        again.restore(record | change)
+    assert again.record() is None
 
 
 @pytest.mark.slow

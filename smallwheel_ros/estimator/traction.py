@@ -12,7 +12,7 @@ the reserve: torque and pull of single wheels, whose laws are not exact, would b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -40,6 +40,8 @@ GRAVITY = 9.80665  # m/s^2
 # Of the specific force: half a degree of slope, and 0.05 m/s^2 of acceleration.
 _FORCE_STD = math.hypot(GRAVITY * math.radians(0.5), 0.05)
 _LONGEST_STEP = 1.0  # s: wheels that spin on one spot
+_SOURCES = {"balance", "torque", "pull"}
+_MOST_STEPS = 10**12
 
 
 class TractionSample(NamedTuple):
@@ -186,6 +188,10 @@ class TractionEstimator:
             "prior": [self.reserve.prior_mean.tolist(), self.reserve.prior_deviations.tolist()],
             "mean": mean.tolist(),
             "covariance": covariance.tolist(),
+            "steps": self.steps,
+            "sources": sorted(self.sources),
+            "loads": list(self.excitation.load),
+            "slips": list(self.excitation.slip),
         }
 
     def restore(self, record: Any) -> None:
@@ -200,6 +206,7 @@ class TractionEstimator:
             prior = np.array(record["prior"], dtype=float)
             mean = np.array(record["mean"], dtype=float)
             covariance = np.array(record["covariance"], dtype=float)
+            told = _told(record)
         except (TypeError, KeyError, ValueError, OverflowError) as error:
             raise ValueError(f"no strength ({error})") from None
         expected = np.array([self.now.prior_mean, self.now.prior_deviations])
@@ -215,6 +222,25 @@ class TractionEstimator:
             raise ValueError(f"no whole strength ({error})") from None
         self.reset()
         self.now.strength = mean, covariance
+        self.steps, self.sources, self.excitation = told
+
+
+def _told(record: Mapping[str, Any]) -> tuple[int, set[str], Excitation]:
+    """Steps, sources and excitation that a saved strength rests on.
+
+    Raises KeyError, TypeError or ValueError where they are not whole.
+    """
+    steps, sources = int(record["steps"]), set(record["sources"])
+    (least_load, most_load), (least_slip, most_slip) = record["loads"], record["slips"]
+    whole = (
+        0 < steps <= _MOST_STEPS
+        and sources <= _SOURCES
+        and 0.0 < least_load <= most_load < math.inf
+        and 0.0 <= least_slip <= most_slip <= 1.0
+    )
+    if not whole:
+        raise ValueError("what it rests on is not whole")
+    return steps, sources, Excitation((least_load, most_load), (least_slip, most_slip))
 
 
 def _mean(order: int, rows: Sequence[TractionSample]) -> WheelStep:

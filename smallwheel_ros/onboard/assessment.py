@@ -191,6 +191,7 @@ class Assessor:
         """Forces of the wheel, None where it is sunk to its axle; first they tell of the strength."""
         settings, slip, speed = self.settings, instant.slip, instant.speed
         effects = settings.effects
+        strength = self.traction.estimate().strength if effects else None
 
         def put(at_slip: float | None) -> WheelOnSoil | None:
             return wheel_on_soil(
@@ -201,7 +202,7 @@ class Assessor:
                 slip=at_slip,
                 speed=speed,
                 effects=effects,
-                strength=self.traction.estimate().strength if effects else None,
+                strength=strength,
             )
 
         on = put(None if slip is None else slip.value)

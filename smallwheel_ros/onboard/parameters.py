@@ -13,6 +13,7 @@ from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
+from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.parameter_table import (
     GENERAL,
     LoadSource,
@@ -36,7 +37,6 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 _Settings = TypeVar("_Settings")
 NODE_NAME = "mobility_estimator"
-_GRAVITY = 9.81  # m/s^2
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
 _FOREIGN_PREFIX = "qos_overrides."
@@ -219,6 +219,6 @@ def _static_loads(v: Mapping[str, Any], wheels: Sequence[str]) -> dict[str, Quan
             f"parameters load_share: {len(given)} of {len(wheels)} wheels have one, with a sum of"
             f" {sum(given):g}: give all of them, with a sum of 1, or none"
         )
-    weight = v["load.mass"] * _GRAVITY
+    weight = v["load.mass"] * GRAVITY
     loads = {name: weight * (share or 1.0 / len(wheels)) for name, share in shares.items()}
     return {name: Quantity(load, v["load.static_std"] * load) for name, load in loads.items()}

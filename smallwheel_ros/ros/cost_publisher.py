@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,13 +11,14 @@ from rclpy.lifecycle import LifecyclePublisher
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import CostMapError
+from smallwheel_ros.onboard.feed import yaw_and_pitch_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
 
 TERRAIN_CLASSES = "terrain_classes"
 # s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
-# where they belong once it comes again, from a robot that stands too.
+# where they belong once it comes again: at once where tf tells of it, else after so long.
 AGAIN_AFTER = 5.0
 
 
@@ -39,6 +41,10 @@ class CostPublisher:
         self._last: Any = None
         self._sent: Any = None  # the newest grid, and when that was by time.monotonic()
         self._sent_at = 0.0
+        self._corner: tuple[float, float] | None = (
+            None  # of the grid, where tf had it when it was sent
+        )
+        self._corrected = False
         self.received = 0
         self.published = 0
         self._ground = GroundMapper(CostMap(settings))
@@ -78,13 +84,35 @@ class CostPublisher:
         if self.map.problem:
             self._report(TERRAIN_CLASSES, "other_frame", self.map.problem)
 
+    def on_transforms(self, message: Any) -> None:
+        """Take transforms (tf2_msgs/TFMessage): the grid is sent again once its frame has moved."""
+        if self._sent is None:
+            return
+        frame, resolution = self._sent.header.frame_id, self._sent.info.resolution
+        for found in message.transforms:
+            if found.child_frame_id == frame:
+                corner = self._corner_by(found.transform)
+                if self._corner is None:
+                    self._corner = corner
+                elif not math.dist(corner, self._corner) < 0.5 * resolution:
+                    self._corrected = True
+
+    def _corner_by(self, transform: Any) -> tuple[float, float]:
+        """The far corner of the grid that was sent, in the frame above that of the grid."""
+        info, by, turn = self._sent.info, transform.translation, transform.rotation
+        x = info.origin.position.x + info.width * info.resolution
+        y = info.origin.position.y + info.height * info.resolution
+        yaw, _ = yaw_and_pitch_of(turn.x, turn.y, turn.z, turn.w)
+        cosine, sine = math.cos(yaw or 0.0), math.sin(yaw or 0.0)
+        return by.x + cosine * x - sine * y, by.y + sine * x + cosine * y
+
     def clear(self) -> None:
         """Forget the ground: the soil is another one, or time has gone back."""
         self._ground.clear()
         self._stamp = 0
 
     def publish(self, now: int) -> None:
-        """Publish the grid if it has changed, and the same one again after 5 s.
+        """Publish the grid if it has changed, and the same one again after 5 s or a correction by tf.
 
         now (ns): its stamp before any measurement.
         """
@@ -92,10 +120,13 @@ class CostPublisher:
             grid = self.map.grid()
             if grid is not None:
                 self._send(grid_message(grid, self._stamp or now))
-        elif self._sent is not None and time.monotonic() >= self._sent_at + AGAIN_AFTER:
+        elif self._sent is not None and (
+            self._corrected or time.monotonic() >= self._sent_at + AGAIN_AFTER
+        ):
             self._send(self._sent)
 
     def _send(self, message: Any) -> None:
         self._publisher.publish(message)
         self._sent, self._sent_at = message, time.monotonic()
+        self._corner, self._corrected = None, False
         self.published += 1

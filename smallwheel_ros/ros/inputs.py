@@ -25,6 +25,11 @@ from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # no package of PyPI; ROS installations have it
+    TFMessage = None
+
 # A turn ends after so many messages of each topic: timers and services must have theirs too.
 _MOST_OF_A_TOPIC = 4
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
@@ -50,7 +55,8 @@ class Inputs:
     the same turn. The executor's own way, a wait and a task for each message, costs more processor
     time than the message: vehicles send a dozen of them at one instant.
 
-    take, take_classes: called with a topic and its message, and with a grid of terrain classes.
+    take, take_classes, take_transforms: called with a topic and its message, with a grid of terrain
+    classes, and with what comes by /tf where tf2_msgs is installed.
     on: whether it listens.
     """
 
@@ -60,9 +66,10 @@ class Inputs:
         onboard: Onboard,
         take: Callable[[Topic, Any], None],
         take_classes: Callable[[Any], None],
+        take_transforms: Callable[[Any], None],
     ) -> None:
         self._node, self._onboard = node, onboard
-        self._take, self._take_classes = take, take_classes
+        self._take, self._take_classes, self._take_transforms = take, take_classes, take_transforms
         self._topics: tuple[Topic, ...] = ()
         self._streams: dict[str, _Stream] = {}
         self._subscribed: list[tuple[str, str]] = []  # name and type of each topic
@@ -103,6 +110,8 @@ class Inputs:
             classes = self._take_classes
             self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
             self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
+            if TFMessage is not None:
+                self._subscribe(TFMessage, "/tf", self._take_transforms, qos.INPUT)
         except Exception:
             self.stop()
             raise

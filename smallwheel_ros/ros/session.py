@@ -119,6 +119,7 @@ class Session:
             self._onboard,
             self._take,
             lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
+            lambda message: self._safely("/tf", self._outputs.cost.on_transforms, message),
         )
         self._timers: list[Timer] = []
         self.velocity_frame = ""

@@ -1,0 +1,70 @@
+"""When the node's grid is sent: on change, again after a while, and after a correction by tf."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.ros.cost_publisher import CostPublisher
+
+
+def transforms(x: float, yaw: float, child: str = "odom") -> Any:
+    """A message of /tf with the fields that are read."""
+    turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    moved = SimpleNamespace(translation=SimpleNamespace(x=x, y=0.0, z=0.0), rotation=turn)
+    return SimpleNamespace(transforms=[SimpleNamespace(child_frame_id=child, transform=moved)])
+
+
+@pytest.fixture
+def sent() -> list[Any]:
+    return []
+
+
+@pytest.fixture
+def publisher(sent: list[Any]) -> CostPublisher:
+    """One that has published an empty grid in odom."""
+    from nav_msgs.msg import OccupancyGrid
+
+    made = CostPublisher(CostSettings(), SimpleNamespace(publish=sent.append), lambda *_: None)
+    grid = OccupancyGrid()
+    grid.header.frame_id = "odom"
+    grid.info.resolution, grid.info.width, grid.info.height = 0.1, 100, 100
+    grid.info.origin.position.x = grid.info.origin.position.y = -5.0
+    made._send(grid)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("x", "yaw", "child", "again"),
+    [
+        (1.0, 0.2, "odom", False),  # as it was
+        (1.02, 0.2, "odom", False),  # less than half a cell
+        (1.06, 0.2, "odom", True),
+        (1.0, 0.202, "odom", False),
+        (1.0, 0.21, "odom", True),  # the far corner, 7 m away, moves by 7 cm
+        (9.0, 0.2, "base_link", False),  # the vehicle drives
+        (math.nan, 0.2, "odom", True),
+    ],
+)
+def test_a_correction_of_its_frame_sends_the_grid_again_and_once(
+    publisher: CostPublisher, sent: list[Any], x: float, yaw: float, child: str, again: bool
+) -> None:
+    publisher.on_transforms(transforms(1.0, 0.2))
+    publisher.on_transforms(transforms(x, yaw, child))
+    publisher.publish(1)
+    assert len(sent) == 1 + again
+    publisher.publish(1)
+    assert len(sent) == 1 + again
+
+
+def test_nothing_is_sent_before_there_is_a_grid(sent: list[Any]) -> None:
+    made = CostPublisher(CostSettings(), SimpleNamespace(publish=sent.append), lambda *_: None)
+    made.on_transforms(transforms(1.0, 0.0))
+    made.publish(1)
+    assert not sent
