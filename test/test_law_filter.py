@@ -14,7 +14,8 @@ from wheel_drives import rolled, varied
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.estimator.law_filter import LawFilter, WheelPlace
+from smallwheel_ros.estimator.law_filter import LawFilter
+from smallwheel_ros.estimator.law_member import Member, WheelPlace
 from smallwheel_ros.estimator.law_model import (
     DELAY,
     LAW,
@@ -208,7 +209,7 @@ def test_repeats_of_a_deviation_count_as_one() -> None:
     law = law_filter()
     for i in range(30):
         law.absorb(replace(SEGMENT, distance=0.2 * i), WHEEL)
-    _, counts, base = law._noise(SEGMENT, 0.009, 0.012)
+    _, counts, base = law.scatter.noise(SEGMENT, 0.009, 0.012)
     assert counts - base > 1.2 * (0.009**2 * law.scatter.soil) > 0.0
 
 
@@ -306,18 +307,18 @@ def test_a_segment_that_cannot_be_used_leaves_the_filter_as_it_was(monkeypatch) 
     for i in range(20):
         law.absorb(replace(SEGMENT, distance=0.2 * i), WHEEL)
     mean, covariance, scatter, used = law.mean, law.covariance, law.scatter.soil, law.used
-    update, updates = LawFilter._update, []
+    update, updates = Member.update, []
 
-    def third_time_bad(self: LawFilter, *given: object) -> object:
+    def third_time_bad(self: Member, *given: object) -> object:
         updates.append(given)
         if len(updates) == 3:
             raise ArithmeticError("no law")
         return update(self, *given)
 
-    monkeypatch.setattr(LawFilter, "_update", third_time_bad)
+    monkeypatch.setattr(Member, "update", third_time_bad)
     with pytest.raises(ArithmeticError, match="no law"):
         law.absorb(replace(SEGMENT, distance=6.0), WHEEL)
-    monkeypatch.setattr(LawFilter, "_update", update)
+    monkeypatch.setattr(Member, "update", update)
     np.testing.assert_allclose(law.mean, mean, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(law.covariance, covariance, rtol=1e-12, atol=1e-18)
     assert (law.scatter.soil, law.used) == (scatter, used)

@@ -14,13 +14,7 @@ from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
 from smallwheel_ros.onboard.parameter_files import read_parameters, reference, template
-from smallwheel_ros.onboard.parameter_table import (
-    GENERAL,
-    PER_WHEEL,
-    LoadSource,
-    SinkageSource,
-    parameters_for,
-)
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     problems,
@@ -28,7 +22,8 @@ from smallwheel_ros.onboard.parameters import (
     settings_from,
     unknown_parameters,
 )
-from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing, VelocitySource
+from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing
+from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, VelocitySource
 from smallwheel_ros.physics.soil import soil
 
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}

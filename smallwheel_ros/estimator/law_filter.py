@@ -21,58 +21,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_model import LAW, ZEROS, LawModel, N, Shown, U
-from smallwheel_ros.estimator.scatter import LARGEST, Innovation, Scatter
+from smallwheel_ros.estimator.law_member import TEMPER, UNSETTLED, Border, Member, State, WheelPlace
+from smallwheel_ros.estimator.law_model import LawModel, N, Shown
+from smallwheel_ros.estimator.scatter import Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 
 Array = NDArray[np.float64]
-_State = tuple[Array, Array, float]  # x - x0, P, and to where it has travelled (m)
 
-MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
 _FAST = 6.0  # drift of the quick filters over that of the slow: soils that change within metres
 _QUICK_SHARE = 0.2  # what is believed of it before any data
 _WIDE_SHARE = 0.3  # that a nuisance is there at all
 _TIGHT = 0.1
-_TEMPER = 0.5  # power of the likelihood
 _FORGET = 0.002  # share of the first weights that comes back at each segment
 _LOWEST = -15.0  # ln of a weight: a filter can come back
-_HUBER = 2.5  # deviations from which on a segment counts less and less
-_ITERATIONS = 4
-_SETTLED = 0.01  # of u: what is left of the curvature is 1e-4 of the sinkage
-UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it has begun to
 _AGAIN = (40, 120, 360)  # segments after which all are taken again about the newest estimate
-
-
-@dataclass
-class _Member:
-    """One filter of the bank: state x - x0 in `kalman`."""
-
-    kalman: ExtendedKalmanFilter
-    fade: float  # m over which the law fades to its prior
-    wide: bool
-    log_prior: float
-    log_weight: float
-    travelled: float = math.nan
-
-    def begin(self, state: _State) -> None:
-        """Go back to a state."""
-        x, covariance, self.travelled = state
-        self.kalman.x, self.kalman.P = x.copy(), covariance.copy()
-
-
-@dataclass(frozen=True)
-class WheelPlace:
-    """A wheel in the state: its index among the zeros, and log2(1 + wheels ahead in its rut)."""
-
-    index: int
-    passes: float
 
 
 class LawFilter:
@@ -82,23 +50,19 @@ class LawFilter:
         self.model = model
         self.scatter = Scatter(settings.soil_scatter)
         self._wheels = 0
-        self._bank: list[_Member] = []
+        self._bank: list[Member] = []
         slow = max(settings.process_noise, 1e-6)
         for drift, share in ((slow, 1.0 - _QUICK_SHARE), (_FAST * slow, _QUICK_SHARE)):
             for wide in (False, True):
-                kalman = ExtendedKalmanFilter(ZEROS, 1)
-                kalman.x = np.zeros(ZEROS)
-                kalman.P = model.prior(1.0 if wide else _TIGHT)
                 fade = 2.0 * (prior.log_reference_pressure_std / drift) ** 2
                 if settings.process_noise == 0.0:
                     fade = math.inf
                 odds = math.log(share * (_WIDE_SHARE if wide else 1.0 - _WIDE_SHARE))
-                self._bank.append(_Member(kalman, fade, wide, odds, odds))
-        self._law_prior = model.soil_covariance[:LAW, :LAW]
+                self._bank.append(Member(model, fade, wide, _TIGHT, odds))
         self.used = 0
         self.version = 0  # rises with every change of the state
         self._law_of = -1  # version that the law was worked out for
-        self._unsettled, self._settled_at = 0.0, -math.inf
+        self._border = Border()
         self._remember()
         self._mix()
 
@@ -107,14 +71,8 @@ class LawFilter:
     def add_wheel(self) -> int:
         """Give a wheel's zero a place in the state."""
         for i, member in enumerate(self._bank):
-            factor = 1.0 if member.wide else _TIGHT
-            variance = (factor * self.model.each_zero_std) ** 2
-            kalman = member.kalman
-            member.kalman = ExtendedKalmanFilter(len(kalman.x) + 1, 1)
-            member.kalman.x = np.append(kalman.x, 0.0)
-            member.kalman.P = _bordered(kalman.P, variance)
-            x, covariance, travelled = self._start[i]
-            self._start[i] = np.append(x, 0.0), _bordered(covariance, variance), travelled
+            member.add_wheel()
+            self._start[i] = member.with_wheel(self._start[i])
         self.model.mean = np.append(self.model.mean, 0.0)
         self._wheels += 1
         self._mix()
@@ -168,8 +126,8 @@ class LawFilter:
     def _use(self, segment: Segment, wheel: WheelPlace) -> None:
         found: list[tuple[float, ...]] = []
         for member in self._bank:
-            self._travel(member, segment.distance)
-            of, base = self._update(member, segment, wheel)
+            member.travel(segment.distance, self._border)
+            of, base = member.update(segment, wheel, self.scatter)
             found.append((of.value, of.state_variance, of.variance, of.by_load, base))
         *innovation, base = np.average(np.array(found), axis=0, weights=self._weights).tolist()
         self.scatter.learn(Innovation(*innovation), base, wheel.index)
@@ -190,70 +148,8 @@ class LawFilter:
         kalman, (x, shown) = self.most_likely, about
         expected = shown.value + float(shown.row @ (self.model.mean + kalman.x - x))
         state = float(shown.row @ kalman.P @ shown.row)
-        single = self._noise(segment, shown.by_load, shown.value)[0]
+        single = self.scatter.noise(segment, shown.by_load, shown.value)[0]
         return Innovation(segment.sinkage - expected, state, state + single, shown.by_load)
-
-    def _noise(self, segment: Segment, by_load: float, value: float) -> tuple[float, float, float]:
-        """Variance of a segment alone, of it as it counts among its neighbours, and its base."""
-        scatter = self.scatter
-        base = (
-            segment.sinkage_variance
-            + by_load**2 * segment.load_variance
-            + (MODEL_ERROR * value) ** 2
-        )
-        soil = by_load**2 * scatter.soil
-        alone = base + scatter.share * soil + scatter.additive
-        counts = base + scatter.together * soil + scatter.additive_together * scatter.additive
-        return alone, counts, base
-
-    def _travel(self, member: _Member, distance: float) -> None:
-        kalman = member.kalman
-        if distance > member.travelled:
-            keep = math.exp(-(distance - member.travelled) / member.fade)
-            factors = np.ones(len(kalman.x))
-            factors[:LAW] = keep
-            kalman.F = np.diag(factors)
-            kalman.Q = np.zeros_like(kalman.P)
-            kalman.Q[:LAW, :LAW] = (1.0 - keep * keep) * self._law_prior
-            unsettled = min(distance, self._settled_at) - member.travelled
-            if unsettled > 0.0:
-                kalman.Q[U, U] += self._unsettled**2 * unsettled / UNSETTLED
-            kalman.predict()
-        if not distance < member.travelled:
-            member.travelled = distance
-
-    def _update(
-        self, member: _Member, segment: Segment, wheel: WheelPlace, about: Array | None = None
-    ) -> tuple[Innovation, float]:
-        """One filter's step. about: where to linearise instead of at the newest x."""
-        kalman, model = member.kalman, self.model
-        mean = model.mean + kalman.x
-        x = mean if about is None else about
-        for step in range(_ITERATIONS if about is None else 1):
-            shown = model.h(x, segment, wheel.passes, wheel.index)
-            miss = segment.sinkage - shown.value - float(shown.row @ (mean - x))
-            state = float(shown.row @ kalman.P @ shown.row)
-            if step == 0:
-                alone, counts, base = self._noise(segment, shown.by_load, shown.value)
-                first = Innovation(miss, state, state + alone, shown.by_load)
-                counts *= _huber(miss * miss / first.variance)
-                member.log_weight -= (
-                    0.5
-                    * _TEMPER
-                    * (min(miss * miss / first.variance, LARGEST) + math.log(first.variance))
-                )
-            new = model.bounded(mean + kalman.P @ shown.row * (miss / (state + counts)))
-            settled = abs(new[U] - x[U]) < _SETTLED
-            x = new
-            if settled:
-                break
-        row = shown.row[None, :]
-        kalman.update(
-            np.array([miss]), lambda _: row, lambda _: np.zeros(1), R=np.array([[counts]])
-        )
-        kalman.x = model.bounded(model.mean + kalman.x) - model.mean
-        kalman.P = 0.5 * (kalman.P + kalman.P.T)
-        return first, base
 
     def _again(self) -> None:
         """Take all segments of this soil again, linearised about the newest estimate."""
@@ -262,8 +158,8 @@ class LawFilter:
             member.begin(start)
             member.log_weight = member.log_prior
             for segment, wheel in self._store:
-                self._travel(member, segment.distance)
-                self._update(member, segment, wheel, about)
+                member.travel(segment.distance, self._border)
+                member.update(segment, wheel, self.scatter, about)
         self._level()
 
     def _level(self) -> None:
@@ -278,9 +174,9 @@ class LawFilter:
         self._start = self._states()
         self._store: list[tuple[Segment, WheelPlace]] = []
 
-    def _states(self) -> list[_State]:
+    def _states(self) -> list[State]:
         """What each filter is at now."""
-        return [(m.kalman.x.copy(), m.kalman.P.copy(), m.travelled) for m in self._bank]
+        return [member.state for member in self._bank]
 
     def _mix(self) -> None:
         """Mean and covariance of the soil's numbers (`LawModel.soil`)."""
@@ -310,10 +206,9 @@ class LawFilter:
         law: mean (3,) and covariance (3, 3) of (ln z_ref, n, m) of a soil that is remembered. shift:
         of ln k, as found; the soil may go on changing by as much. distance: travelled (m).
         """
-        self._unsettled = shift / (self.mean[N] + 0.5)
-        self._settled_at = distance + UNSETTLED
+        self._border = Border(shift / (self.mean[N] + 0.5), distance + UNSETTLED)
         for member in self._bank:
-            member.kalman.x, member.kalman.P = self._with_law(member, law)
+            member.kalman.x, member.kalman.P = member.with_law(law)
             member.log_prior = member.log_weight
         self.used = 0
         self._remember()
@@ -324,18 +219,18 @@ class LawFilter:
     ) -> float:
         """How likely segments are of a law as in `reopen`, linearised about it."""
         kalman = ExtendedKalmanFilter(len(self.mean), 1)
-        kalman.x, kalman.P = self._with_law(self._bank[self._best], law)
+        kalman.x, kalman.P = self._bank[self._best].with_law(law)
         total = 0.0
         for segment, wheel in segments:
             x = self.model.mean + kalman.x
             shown = self.model.h(x, segment, wheel.passes, wheel.index)
             state = float(shown.row @ kalman.P @ shown.row)
-            alone, counts, _ = self._noise(segment, shown.by_load, shown.value)
+            alone, counts, _ = self.scatter.noise(segment, shown.by_load, shown.value)
             # In ln of sinkage: under a wide prior the sinkage itself is far from normal.
             value = max(shown.value, 1e-4)
             miss = math.log(max(segment.sinkage, 1e-4) / value)
             variance = (state + alone) / value**2
-            total -= 0.5 * _TEMPER * (miss * miss / variance + math.log(variance))
+            total -= 0.5 * TEMPER * (miss * miss / variance + math.log(variance))
             row, off = shown.row / value, np.array([miss])
             R = np.array([[counts / value**2]])
             kalman.update(off, lambda _, h=row: h[None, :], lambda _: np.zeros(1), R=R)
@@ -351,30 +246,3 @@ class LawFilter:
         self.used = used
         self._remember()
         self._mix()
-
-    def _with_law(self, member: _Member, law: tuple[Array, Array] | None) -> tuple[Array, Array]:
-        """A filter's x - x0 and P with another law; the nuisances stay."""
-        model = self.model
-        y, jacobian = model.soil(model.mean + member.kalman.x)
-        whole = jacobian @ member.kalman.P @ jacobian.T
-        whole[:LAW, :] = 0.0
-        whole[:, :LAW] = 0.0
-        whole[:LAW, :LAW] = self._law_prior if law is None else law[1]
-        y[:LAW] = model.mean[:LAW] if law is None else law[0]
-        x = model.shown(y)
-        back = np.linalg.inv(model.soil(x)[1])
-        return x - model.mean, back @ whole @ back.T
-
-
-def _huber(square: float) -> float:
-    """Factor on R for a squared normalised innovation: less and less weight beyond `_HUBER`."""
-    size = max(1.0, math.sqrt(square) / _HUBER)
-    return size if size < 2.0 else 0.5 * size * size
-
-
-def _bordered(covariance: Array, variance: float) -> Array:
-    size = len(covariance)
-    whole = np.zeros((size + 1, size + 1))
-    whole[:size, :size] = covariance
-    whole[size, size] = variance
-    return whole

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.segment import Segment
+
 Array = NDArray[np.float64]
 
+MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
 LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
 
 
@@ -44,6 +47,21 @@ class Scatter:
         self._moment: Array = np.zeros(2)
         self._alike: dict[int, float] = {}
         self._products = np.array([0.0, 1.0])  # of neighbours, and squares
+
+    def noise(self, segment: Segment, by_load: float, value: float) -> tuple[float, float, float]:
+        """Variance of a segment alone, of it as it counts among its neighbours, and its base.
+
+        by_load: slope of the sinkage `value` (m) by ln load. Base: of sensors and law.
+        """
+        base = (
+            segment.sinkage_variance
+            + by_load**2 * segment.load_variance
+            + (MODEL_ERROR * value) ** 2
+        )
+        soil = by_load**2 * self.soil
+        alone = base + self.share * soil + self.additive
+        counts = base + self.together * soil + self.additive_together * self.additive
+        return alone, counts, base
 
     def learn(self, innovation: Innovation, base: float, wheel: int) -> None:
         """Take an innovation. base: variance (m^2) of the sensors and the law."""

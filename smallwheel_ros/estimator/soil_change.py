@@ -22,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_filter import LawFilter, WheelPlace
+from smallwheel_ros.estimator.law_filter import LawFilter
+from smallwheel_ros.estimator.law_member import WheelPlace
 from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.scatter import Innovation
 from smallwheel_ros.estimator.segment import Segment

@@ -16,17 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.expectation import judge, sinkage_of
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
 from smallwheel_ros.estimator.law_estimate import LawCovariance, LawEstimate, law_estimate
-from smallwheel_ros.estimator.law_filter import MODEL_ERROR, LawFilter, WheelPlace
-from smallwheel_ros.estimator.law_model import Shown
+from smallwheel_ros.estimator.law_filter import LawFilter
+from smallwheel_ros.estimator.law_member import WheelPlace
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
@@ -47,7 +47,6 @@ from smallwheel_ros.estimator.sinkage_measurement import (
 from smallwheel_ros.estimator.sinkage_observation import observation
 from smallwheel_ros.estimator.soils import Soils
 from smallwheel_ros.estimator.wheel_track import (
-    Expected,
     WheelTrack,
     instant_segment,
     wheels_ahead,
@@ -75,7 +74,6 @@ _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
 _TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
 _PRESSED = 0.02  # of the diameter: so deep a stretch is of a wheel that is pressed, not rolled
-_LEAST_SINKAGE = 1e-9  # m: the model's of a wheel that has no weight to speak of
 
 
 class SoilEstimator:
@@ -152,7 +150,7 @@ class SoilEstimator:
         relative = given.load_variance / given.load**2
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             law = self._soils.law or self._soils.new_law(self._reference(given))
-            self._sinkage(law, instant_segment(given, given.load, relative), 0.0)
+            sinkage_of(law, instant_segment(given, given.load, relative), 0.0, 0.0)
         self._soils.law = law
         known = self._known_wheels.get(given.wheel)
         runs_ahead = [] if known is None else wheels_ahead(known, self._known_wheels.values())
@@ -173,7 +171,8 @@ class SoilEstimator:
     def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         changes = self._soils.changes
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            result = self._judged(given, wheel)
+            law, missed = self._law_under(wheel), self._watch.missed_variance
+            result = judge(given, wheel, law, missed, self._gate)
         closed = wheel.follow(given)
         self._distance = max(self._distance, given.distance)
         if closed is not None:
@@ -193,58 +192,6 @@ class SoilEstimator:
             law = self.estimate()
             self._watch.test(self.prior.soil, (law.k, law.n, law.m), segment.distance)
         self._soils.take(segment, wheel, self._sensors)
-
-    def _judged(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
-        """Compare a reading with what was expected of it, before it counts.
-
-        Raises ArithmeticError or ValueError for one that the model has no sinkage for.
-        """
-        law = self._law_under(wheel)
-        expected, log_load = self._expected(given, wheel, law)
-        more = expected.by_load * log_load
-        shown, true = expected.shown + more, expected.sinkage + more
-        noise = wheel.collector.reading_variance
-        spread = expected.shown_variance + noise + law.scatter.additive
-        variance = expected.sinkage_variance
-        miss = given.sinkage - shown
-        square = miss * miss / spread
-        recent = median([*wheel.recent, given.sinkage])
-        alone = abs(given.sinkage - recent) > 3.0 * math.sqrt(noise)
-        outcome, reason, message = Outcome.ACCEPTED, "accepted", ""
-        if square > self._gate and alone:
-            outcome, reason = Outcome.OUTLIER, "gate"
-            message = (
-                f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
-                f"{1e3 * shown:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
-            )
-        if not math.isfinite(true + variance + spread):
-            raise ArithmeticError("its uncertainty has no bounds")
-        return UpdateResult(outcome, reason, message, true, variance, miss, spread, square)
-
-    def _expected(
-        self, given: SinkageMeasurement, wheel: WheelTrack, law: LawFilter
-    ) -> tuple[Expected, float]:
-        """What was expected of a reading, and by how much its ln load is above that of it."""
-        place = wheel.place
-        load, load_variance = wheel.collector.load(given)
-        log_load, known = math.log(load), wheel.expected
-        if known is not None and known.holds(law.version, log_load, given):
-            return known, log_load - known.log_load
-        now = instant_segment(given, load, load_variance)
-        kalman = law.most_likely
-        shown = law.model.h(law.model.mean + kalman.x, now, place.passes, place.index)
-        true, variance = self._sinkage(law, now, place.passes)
-        wheel.expected = Expected(
-            law.version,
-            log_load,
-            given,
-            shown.value,
-            float(shown.row @ kalman.P @ shown.row) + _place_variance(law, shown, now),
-            true,
-            variance,
-            shown.by_load,
-        )
-        return wheel.expected, 0.0
 
     def _reference(self, given: SinkageMeasurement) -> tuple[float, float, float]:
         """Load (N), diameter and width (m) of the reference wheel: the one measured first.
@@ -396,20 +343,10 @@ class SoilEstimator:
                 law = self._soils.law or self._soils.new_law(self._reference(given))
             else:
                 law = self._law_under(known)
-            value, variance = self._sinkage(law, now, passes)
+            value, variance = sinkage_of(law, now, passes, self._watch.missed_variance)
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return SinkagePrediction(value, math.sqrt(max(variance, 0.0)), value > 0.5 * diameter)
-
-    def _sinkage(self, law: LawFilter, now: Segment, passes: float) -> tuple[float, float]:
-        """The sinkage of a wheel (m) and its variance: of the law, the place and the load."""
-        shown = law.model.sinkage(law.mean, now, passes)
-        state = law.covariance
-        spread = float(shown.row @ state @ shown.row)
-        missed = shown.by_load**2 * self._watch.missed_variance
-        if not shown.value > _LEAST_SINKAGE:
-            raise ArithmeticError(f"it is {shown.value:g} m")
-        return float(shown.value), float(spread + missed + _place_variance(law, shown, now))
 
     # -- files
 
@@ -444,12 +381,6 @@ class SoilEstimator:
         self.reset()
         if state.soil is not None:
             self._soils.resume(state.soil, state.variety, state.accepted)
-
-
-def _place_variance(law: LawFilter, shown: Shown, now: Segment) -> float:
-    """Variance of the sinkage at one place (m^2) by soil, load and what the law misses."""
-    by_place = shown.by_load**2 * (law.scatter.soil + now.load_variance)
-    return by_place + (MODEL_ERROR * shown.value) ** 2
 
 
 def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:

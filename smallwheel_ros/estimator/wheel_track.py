@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from smallwheel_ros.estimator.law_filter import WheelPlace
+from smallwheel_ros.estimator.law_member import WheelPlace
 from smallwheel_ros.estimator.segment import Segment, SegmentCollector
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
 from smallwheel_ros.physics.conditions import ROLLING

@@ -16,7 +16,8 @@ from smallwheel_ros.estimator.soil_estimator import (
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
-from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.sources import VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth, JointWatch

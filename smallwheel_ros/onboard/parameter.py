@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from enum import Enum
 from pathlib import Path
 from typing import Literal
 
@@ -127,3 +128,22 @@ class Parameter:
         if self.kind == "string_array" and isinstance(value, str):
             return f": write [{value}]"
         return ": write it without quotes" if isinstance(value, str) else ""
+
+
+def number(
+    name: str, default: float | None, unit: str, low: float, high: float, *, required: bool = False
+) -> Parameter:
+    """A number in a range."""
+    return Parameter(name, "double", default, unit, low, high, required=required)
+
+
+def text(
+    name: str, default: str | None, *, form: Form = "any", changes: Changes = "always"
+) -> Parameter:
+    """A text; empty where there is none."""
+    return Parameter(name, "string", default, form=form, changes=changes)
+
+
+def choice(name: str, default: Enum) -> Parameter:
+    """One of the values of an enumeration."""
+    return Parameter(name, "string", default.value, choices=tuple(c.value for c in type(default)))

@@ -8,61 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import Enum
 
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.estimator.settings import EstimatorSettings
-from smallwheel_ros.onboard.parameter import WHEEL, Changes, Form, Parameter
+from smallwheel_ros.onboard.parameter import WHEEL, Parameter, choice, number, text
+from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, TorqueSource
 from smallwheel_ros.onboard.wheel_on_soil import REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
 
-
-class LoadSource(Enum):
-    """Where the wheels' loads come from."""
-
-    WRENCH = "wrench"
-    JOINT_STATES = "joint_states"
-    STATIC = "static"
-
-
-class TorqueSource(Enum):
-    """Where a wheel's torque comes from."""
-
-    NONE = "none"
-    EFFORT = "effort"
-
-
-class SinkageSource(Enum):
-    """What a wheel's sinkage topic carries."""
-
-    SINKAGE = "WheelSinkage"
-    RANGE = "Range"
-
-
 _ESTIMATOR, _COST = EstimatorSettings(), CostSettings()
 _OF_SOIL = "Without it: that of soil.name."
 _COST_BEFORE = "Not used any more: cost is the risk of getting stuck, see cost.required_margin."
-
-
-def number(
-    name: str, default: float | None, unit: str, low: float, high: float, *, required: bool = False
-) -> Parameter:
-    """A number in a range."""
-    return Parameter(name, "double", default, unit, low, high, required=required)
-
-
-def text(
-    name: str, default: str | None, *, form: Form = "any", changes: Changes = "always"
-) -> Parameter:
-    """A text; empty where there is none."""
-    return Parameter(name, "string", default, form=form, changes=changes)
-
-
-def choice(name: str, default: Enum) -> Parameter:
-    """One of the values of an enumeration."""
-    return Parameter(name, "string", default.value, choices=tuple(c.value for c in type(default)))
-
 
 _DESCRIPTIONS: dict[Parameter, str] = {
     Parameter("wheels", "string_array", None, required=True, changes="at start"): (

@@ -14,22 +14,16 @@ from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.onboard.parameter_table import (
-    GENERAL,
-    LoadSource,
-    SinkageSource,
-    TorqueSource,
-    parameters_for,
-)
+from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
 from smallwheel_ros.onboard.settings import (
     DiggingInRules,
     NodeSettings,
     OnboardSettings,
     SensorNoise,
     Timing,
-    VelocitySource,
     WheelInputs,
 )
+from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, TorqueSource, VelocitySource
 from smallwheel_ros.onboard.starting_model import StartingModels, read_starting_models
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import nearest

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant, Motion
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings, VelocitySource
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.sources import VelocitySource
 from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip

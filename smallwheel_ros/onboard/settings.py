@@ -10,7 +10,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from enum import Enum
 from typing import Any
 
 from smallwheel_ros.costmap.cost_map import CostSettings
@@ -18,7 +17,8 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.parameter import WHEEL
-from smallwheel_ros.onboard.parameter_table import PARAMETERS, LoadSource, SinkageSource
+from smallwheel_ros.onboard.parameter_table import PARAMETERS
+from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, VelocitySource
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -30,14 +30,6 @@ VELOCITY = "velocity"
 
 class OnboardError(SmallwheelError):
     """Settings that nothing can be estimated with, or a wheel that is not of this vehicle."""
-
-
-class VelocitySource(Enum):
-    """Where the speed over ground comes from that slip is worked out with."""
-
-    ODOMETRY = "odometry"  # which the wheels do not measure
-    TOPIC = "topic"  # a sensor of its own: radar, optical flow, visual odometry
-    NONE = "none"  # odometry is made from the wheels: it cannot show slip
 
 
 def _default(name: str) -> Any:

@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.problems import Problem
-from smallwheel_ros.onboard.settings import VelocitySource
+from smallwheel_ros.onboard.sources import VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import message_class

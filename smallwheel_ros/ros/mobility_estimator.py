@@ -11,8 +11,7 @@ import gc
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from functools import wraps
-from typing import Any, TypeVar
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,45 +27,13 @@ from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.description import RobotDescription
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
 from smallwheel_ros.ros.frames import VelocityFrame
+from smallwheel_ros.ros.guards import answers, says_why
 from smallwheel_ros.ros.parameters import NodeParameters
 from smallwheel_ros.ros.session import Session, check_topics
 
 EXIT_BAD_INPUT = 2
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
-Transition = TypeVar("Transition", bound=Callable[..., TransitionCallbackReturn])
-Service = TypeVar("Service", bound=Callable[..., Any])
-
-
-def _says_why(transition: Transition) -> Transition:
-    """Log what a transition raises, which rclpy swallows: on_error is next."""
-
-    @wraps(transition)
-    def guarded(self: MobilityEstimator, state: LifecycleState) -> TransitionCallbackReturn:
-        try:
-            return transition(self, state)
-        except Exception as error:
-            self.fail(f"{transition.__name__} failed: {' '.join(str(error).split())}")
-            return TransitionCallbackReturn.ERROR
-
-    return guarded  # type: ignore[return-value]  # the same signature, by construction
-
-
-def _answers(service: Service) -> Service:
-    """Answer with success=False what a service raises: nobody is to wait for an answer in vain."""
-
-    @wraps(service)
-    def guarded(self: MobilityEstimator, request: Any, response: Any) -> Any:
-        try:
-            return service(self, request, response)
-        except Exception as error:
-            self.get_logger().error(f"{service.__name__} failed:\n{traceback.format_exc()}")
-            response.success = False
-            if hasattr(response, "message"):
-                response.message = f"failed: {type(error).__name__}: {error}"
-            return response
-
-    return guarded  # type: ignore[return-value]  # the same signature, by construction
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
@@ -111,7 +78,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Transitions
 
-    @_says_why
+    @says_why
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters, and make everything but the subscriptions."""
         try:
@@ -133,7 +100,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().info(session.restored)
         return super().on_configure(state)
 
-    @_says_why
+    @says_why
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and publish the soil as it is believed before any measurement."""
         result = super().on_activate(state)
@@ -141,21 +108,21 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._session.activate()
         return result
 
-    @_says_why
+    @says_why
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen no more; what was learnt is kept for the next activation."""
         assert self._session is not None
         self._session.deactivate()
         return super().on_deactivate(state)
 
-    @_says_why
+    @says_why
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         result = super().on_cleanup(state)
         self._forget()
         return result
 
-    @_says_why
+    @says_why
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End for good."""
         self._forget()
@@ -176,7 +143,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         if session is not None:
             session.destroy()
 
-    @_answers
+    @answers
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
@@ -206,7 +173,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             if self._session is not None:  # a deactivation that fails has forgotten it
                 self.trigger_cleanup()
 
-    @_answers
+    @answers
     def _on_save_soil(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -217,7 +184,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.get_logger().info(f"save_soil: {response.message}")
         return response
 
-    @_answers
+    @answers
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._session is None:
             response.message = "not configured: there is nothing to reset"
