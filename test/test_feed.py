@@ -295,9 +295,9 @@ class TestLoads:
         results += feed.onboard.flush()
         (result,) = results
         load = result.mobility.load
-        assert load.value == pytest.approx(58.86)
-        assert load.standard_deviation == pytest.approx(0.3 * 58.86)
-        assert "load not measured: 58.9 N as configured" in result.mobility.status_text
+        assert load.value == pytest.approx(58.8399)
+        assert load.standard_deviation == pytest.approx(0.3 * 58.8399)
+        assert "load not measured: 58.8 N as configured" in result.mobility.status_text
         assert result.mobility.forces is not None
 
     def test_a_guessed_load_makes_everything_less_sure(self) -> None:
