@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from smallwheel_ros import effects
-    from smallwheel_ros.api import add, compare, diagnose, fit, predict, read, replay
+    from smallwheel_ros.api import add, compare, diagnose, fit, learn, predict, read, replay
     from smallwheel_ros.errors import SmallwheelError as Error
     from smallwheel_ros.measurements.table import Measurements
     from smallwheel_ros.model import Model
@@ -36,7 +36,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     **{
         name: ("smallwheel_ros.api", name)
-        for name in ("add", "compare", "diagnose", "fit", "predict", "read", "replay")
+        for name in ("add", "compare", "diagnose", "fit", "learn", "predict", "read", "replay")
     },
     "effects": ("smallwheel_ros.effects", ""),
     "soil": ("smallwheel_ros.physics.soil", "soil"),
@@ -57,6 +57,7 @@ __all__ = [
     "diagnose",
     "effects",
     "fit",
+    "learn",
     "predict",
     "read",
     "replay",
@@ -77,7 +78,7 @@ def __dir__() -> list[str]:
 
 
 class _Package(ModuleType):
-    """The package in which `compare` and `replay` are the functions, not the folders of those names.
+    """The package in which `compare`, `learn` and `replay` are the functions, not the folders of those names.
 
     Importing a file of a folder would put the folder where the function belongs.
     """

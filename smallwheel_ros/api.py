@@ -32,6 +32,8 @@ from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.learn.learning import Learnt
+from smallwheel_ros.learn.learning import learn as learn_law
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Geometry
 from smallwheel_ros.prediction import PredictionTable, on_one_soil, predict_table
@@ -209,6 +211,62 @@ def diagnose(
         registry=known,
         seed=seed,
         without=out,
+        limits={name: list(map(float, levels)) for name, levels in (can or {}).items()},
+        progress=progress or _unheard,
+    )
+
+
+def learn(
+    data: Data,
+    model: AnyModel | None = None,
+    *,
+    effects: OwnEffects = None,
+    without: str | Collection[str] = (),
+    name: str | None = None,
+    most: int = 1,
+    can: Mapping[str, Sequence[float]] | None = None,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Learnt:
+    """Learn a law that a model lacks and no known effect explains, as far as measurements can tell.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    model
+        What is in the model already; the contact integral and nothing else if not given.
+    effects
+        A Python file with effects of your own (laws learnt before, say), or `sw.effects.load` of it.
+    without
+        Ids of effects that are taken out of the model, and that the law is not held against.
+    name
+        Id of the law; made of what it follows if not given.
+    most
+        Laws to learn, one after the other.
+    can
+        By setting (SI), the levels that you can set, for the measurements to make next.
+    seed
+        Of permutations and folds: the same seed gives the same result, to the byte.
+    progress
+        Told each step in words, how many are done, and of how many (0: not known).
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> found = sw.learn("rig.csv")
+    >>> found.verdict, found.law["drivers"]
+    ('law', ['slip'])
+    """
+    measurements, base, known, out = start_of(data, model, effects, without)
+    return learn_law(
+        measurements,
+        base,
+        registry=known,
+        without=out,
+        name=name,
+        most=most,
+        seed=seed,
         limits={name: list(map(float, levels)) for name, levels in (can or {}).items()},
         progress=progress or _unheard,
     )

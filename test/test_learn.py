@@ -18,13 +18,12 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.drafted import Drafted, continued
 from smallwheel_ros.effects.registry import load_effects
-from smallwheel_ros.fitting import Base, Problem
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.chance import chance
 from smallwheel_ros.learn.drivers import drivers_of
 from smallwheel_ros.learn.grammar import terms_of
 from smallwheel_ros.learn.law import places_for
-from smallwheel_ros.learn.learning import seek
 from smallwheel_ros.learn.pipeline import SURE
 from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.measurements.table import Measurements, read_measurements
@@ -191,11 +190,10 @@ def test_columns_that_no_law_can_follow_are_said(tmp_path: Path) -> None:
     frame["shift"] = np.arange(len(frame)) % 6 // 3
     path = tmp_path / "rig.csv"
     frame.to_csv(path, index=False)
-    sought = seek(read_measurements(path), Base())
-    assert sought.grid is not None
-    drivers = {d.name for t in sought.grid.terms for d, _ in t.factors}
-    assert not drivers & {"operator", "rain", "shift"}
-    assert any("shift has 2 values" in note for note in sought.notes)
+    points = Problem.of(read_measurements(path)).judged.points
+    drivers, notes = drivers_of(points, np.full(len(points.conditions), 0.02))
+    assert not {d.name for d in drivers} & {"operator", "rain", "shift"}
+    assert any("shift has 2 values" in note for note in notes)
 
 
 def test_runs_are_permuted_whole(data: Measurements) -> None:
@@ -214,6 +212,7 @@ def _small_grid(problem: Problem) -> Grid:
     return Grid(tuple(terms), places_for(points.channels), depth, values)
 
 
+@pytest.mark.slow
 def test_where_it_was_learnt_a_law_has_no_p(law: Path, path: Path, tmp_path: Path) -> None:
     def diagnosed(table: Path) -> dict[str, object]:
         out = tmp_path / "diagnosis.json"

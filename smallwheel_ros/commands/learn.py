@@ -1,10 +1,8 @@
-"""`smallwheel learn`: a thin shell over `smallwheel_ros.learn`."""
+"""`smallwheel learn`: options, and the function of that name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 from tqdm import tqdm
@@ -12,28 +10,32 @@ from tqdm import tqdm
 from smallwheel_ros import api
 from smallwheel_ros.commands.inputs import (
     DATA,
+    HTML,
+    JSON,
     MODEL,
     OWN,
+    BenchError,
     levels_of,
     names_of,
     read_table,
+    show,
     table_options,
 )
-from smallwheel_ros.learn import Learnt, learn, learnt_text
-from smallwheel_ros.output import check_folder_target, check_targets, write_bytes
-from smallwheel_ros.tables import write_json
+from smallwheel_ros.learn.learning import Learnt
+from smallwheel_ros.output import check_folder_target, check_targets
+
+_PATH = click.Path(path_type=Path)
 
 
 @click.command("learn", short_help="Learn a law that no known effect explains, into a file.")
 @DATA
 @MODEL
 @OWN
-@table_options
 @click.option("--without", "out", default="", metavar="ID,ID",
               help="Effects that are taken out of the model, and that the law is not held "
               "against.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
-              help="Effect file (Python) to write, for the verdict `law` only.")  # fmt: skip
+@click.option("-o", "--output", type=_PATH, metavar="FILE",
+              help="Effect file (*.py) to write, for the verdict `law` only.")  # fmt: skip
 @click.option("--name", metavar="ID", help="Id of the law; made of what it follows if not given.")
 @click.option("--most", type=click.IntRange(1, 5), default=1, show_default=True,
               help="Laws to learn, one after the other.")  # fmt: skip
@@ -42,16 +44,17 @@ from smallwheel_ros.tables import write_json
 @click.option("--can", "levels", multiple=True, metavar="NAME=A..B|A,B,C",
               help="What you can set, for the measurements to make next: slip=0..0.6 (SI units, "
               "angles in rad). May be given several times.")  # fmt: skip
-@click.option("--json", "json_file", metavar="FILE",
-              help="Write the result as JSON, - for standard output.")  # fmt: skip
-@click.option("--plots", type=click.Path(path_type=Path), metavar="DIR",
+@JSON
+@click.option("--plots", type=_PATH, metavar="DIR",
               help="Write the picture (PNG) into this folder.")  # fmt: skip
-@click.option("--html", type=click.Path(path_type=Path), help="Write a self-contained page.")
+@HTML
+@table_options
 def learn_command(
     data: Path,
     model_file: Path | None,
     own: Path | None,
-    how: Mapping[str, Any],
+    diameter: float | None,
+    width: float | None,
     out: str,
     output: Path | None,
     name: str | None,
@@ -68,11 +71,12 @@ def learn_command(
     would not gain as much, and where the law also predicts settings that the search never saw.
     Nothing could be learnt is a normal answer.
     """
+    if output is not None and output.suffix != ".py":
+        raise BenchError(f"-o {output}: expected a Python file, *.py")
     check_targets([json_file, html, output], [data, own, model_file])
     check_folder_target(plots)
-    table = read_table(data, how)
-    can = levels_of(levels, table)
-    measurements, base, registry, withheld = api.start_of(table, model_file, own, names_of(out))
+    measurements = read_table(data, diameter, width)
+    can = levels_of(levels, measurements)
     with tqdm(desc="learning", disable=None, leave=False) as bar:
 
         def progress(step: str, done: int, total: int) -> None:
@@ -80,24 +84,18 @@ def learn_command(
             bar.total = total or None
             bar.update(done - bar.n)
 
-        result = learn(
+        result = api.learn(
             measurements,
-            base,
-            registry=registry,
-            without=withheld,
+            model_file,
+            effects=own,
+            without=names_of(out),
             name=name,
             most=most,
+            can=can,
             seed=seed,
-            limits=can,
             progress=progress,
         )
-    written = _write(result, output, html, plots)
-    if json_file is not None:
-        write_json(json_file, result.document)
-    if json_file != "-":
-        click.echo(learnt_text(result.document))
-        if written:
-            click.echo(f"written: {', '.join(str(path) for path in written)}")
+    show(result, json_file, _write(result, output, html, plots))
 
 
 def _write(
@@ -105,18 +103,15 @@ def _write(
 ) -> list[Path]:
     written: list[Path] = []
     if output is not None and result.source is not None:
-        write_bytes(output, result.source.encode())
         result.document["file"] = str(output)
-        written.append(output)
+        written.append(result.save(output))
     elif output is not None:
         click.echo(f"no law was drafted: {output} was not written", err=True)
-    if html is not None or plots is not None:
-        from smallwheel_ros.report.learn_report import learn_page, write_picture
-        from smallwheel_ros.report.page import write_page
+    if html is not None:
+        written.append(result.save(html))
+    if plots is not None:
+        from smallwheel_ros.pictures.files import write_figures
+        from smallwheel_ros.report.learn_report import learn_figures
 
-        if plots is not None:
-            written += write_picture(result, plots)
-        if html is not None:
-            write_page(html, learn_page(result))
-            written.append(html)
+        written += write_figures(learn_figures(result), plots)
     return written

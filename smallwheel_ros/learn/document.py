@@ -14,7 +14,7 @@ from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, formula, numbers_of
 from smallwheel_ros.learn.drivers import Driver
 from smallwheel_ros.learn.implied import Implied, curve, disagreements, implied
-from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought
+from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought, settings_in
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
@@ -45,7 +45,7 @@ class Shape:
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
     """The whole document but `measure_next`, `file` and laws learnt after this one."""
-    settings = 0 if sought.problem is None else np.unique(sought.problem.points.setting).size
+    settings = 0 if sought.problem is None else settings_in(sought.problem.points)
     found: Entry = {
         "schema": SCHEMA,
         "verdict": sought.verdict,
@@ -202,10 +202,12 @@ def _implied(asks: Implied, law: Candidate, fitter: Fitter) -> list[Entry]:
 
 
 def shape_of(sought: Sought, law: Candidate) -> Shape | None:
-    """The law over its first driver; None where it follows nothing, or the depth itself."""
+    """The law over its driver; None where it follows nothing, several, or the depth itself."""
     driver = first_driver(law)
-    if driver is None or not driver.columns or sought.fitter is None or sought.grid is None:
+    if len(law.law.drivers) != 1 or driver is None or not driver.columns:
         return None
+    assert sought.fitter is not None
+    assert sought.grid is not None
     points = sought.fitter.points
     used = np.unique(points.row)
     x = driver.values(points.conditions)[used] + driver.reference

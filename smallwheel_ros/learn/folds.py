@@ -12,12 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import row_errors
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.learn.law import Law
 from smallwheel_ros.learn.search import FOLD, Grid, Search
 from smallwheel_ros.learn.tangent import Yardstick
+from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, OF_RANGE, cluster
 from smallwheel_ros.model import Model
 
 Array = NDArray[np.float64]
@@ -56,19 +58,36 @@ class Judgement:
     agreeing: float
 
 
+def setting_of(points: Points) -> NDArray[np.intp]:
+    """Code of what was set at each value, shape (values,).
+
+    Of the settings that were varied on their own: a load that follows slip does not make two settings
+    of one slip, and runs of one slip stay together.
+    """
+    codes = [
+        cluster(np.log(c) if n == "load" else c,
+                LOAD_TOLERANCE if n == "load" else OF_RANGE * float(np.ptp(c)))
+        for n, c in independent(points).items()
+    ]  # fmt: skip
+    if not codes:
+        return points.setting
+    return np.unique(np.column_stack(codes), axis=0, return_inverse=True)[1].reshape(-1)
+
+
 def vault_of(points: Points, seed: int) -> Mask:
     """Values that are kept apart, shape (values,): none under `VAULT_FROM` settings."""
-    settings = np.unique(points.setting)
+    setting = setting_of(points)
+    settings = np.unique(setting)
     if settings.size < VAULT_FROM:
         return np.zeros(len(points), dtype=bool)
     kept = np.random.default_rng([seed, 1]).permutation(settings)[: settings.size // _VAULT_SHARE]
-    return np.isin(points.setting, kept)
+    return np.isin(setting, kept)
 
 
 def nested(fitter: Fitter, base: Fit, grid: Grid, seed: int, done: Callable[[], object]) -> HeldOut:
     """Leave settings out in turn and search again without them. done: called after each fold."""
     points = fitter.points
-    settings, code = np.unique(points.setting, return_inverse=True)
+    settings, code = np.unique(setting_of(points), return_inverse=True)
     count = settings.size if settings.size <= ONE_BY_ONE else FOLDS
     dealt = np.random.default_rng([seed, 2]).permutation(np.arange(settings.size) % count)
     fold = dealt[code.reshape(-1)]
@@ -139,4 +158,4 @@ def _loss(white: Array) -> Array:
 def _settings(points: Points) -> NDArray[np.intp]:
     """Code of each point's setting, in the order of `Yardstick.by_channel`."""
     first = np.unique(points.row, return_index=True)[1]
-    return np.unique(points.setting[first], return_inverse=True)[1].reshape(-1)
+    return np.unique(setting_of(points)[first], return_inverse=True)[1].reshape(-1)

@@ -6,18 +6,19 @@ import tempfile
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from smallwheel_ros.diagnosis.candidate import FAILURES
+from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.learn.document import document
+from smallwheel_ros.learn.document import Shape, document, shape_of
 from smallwheel_ros.learn.draft import (
     class_text,
     default_name,
@@ -28,16 +29,21 @@ from smallwheel_ros.learn.draft import (
 from smallwheel_ros.learn.next_setting import measure_next
 from smallwheel_ros.learn.pipeline import Progress, Sought, seek, silent, without_effects
 from smallwheel_ros.learn.tangent import Yardstick
-from smallwheel_ros.learn.text import learnt_text, summary
+from smallwheel_ros.learn.text import headline, learnt_text, summary
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.output import write_bytes
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class LearnError(SmallwheelError):
     """Something that is asked of `learn` and makes no sense."""
 
 
-@dataclass(frozen=True)
-class Learnt:
+@dataclass(frozen=True, repr=False)
+class Learnt(Result):
     """What was learnt. document: as the JSON. source: the file of the laws, None without any.
 
     sought: each search, the last one without a law where fewer than asked for were found.
@@ -53,8 +59,56 @@ class Learnt:
         """law, unstable, weak, nothing or refused."""
         return str(self.document["verdict"])
 
-    def __str__(self) -> str:
+    @property
+    def law(self) -> dict[str, Any] | None:
+        """The first law as the document has it: id, stage, drivers, formula, constants, range."""
+        law: dict[str, Any] | None = self.document["law"]
+        return law
+
+    def headline(self) -> str:
+        """The answer in a sentence."""
+        return headline(self.document)
+
+    def text(self) -> str:
+        """As `smallwheel learn` prints it."""
         return learnt_text(self.document)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel learn --json` writes it."""
+        return dict(plain(self.document))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The formulas that fit, the best first."""
+        return [{**t, "drivers": ", ".join(t["drivers"])} for t in self.document["tied"]]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw what each setting asks for, and the law. Raises LearnError without a formula."""
+        from smallwheel_ros.pictures.learnt import draw_learnt
+
+        shape = self.shape
+        if shape is None:
+            raise LearnError(f"there is no law of one setting to draw: {self.headline()}")
+        return draw_learnt(axes_or_new(ax), self.document, shape.tied)
+
+    @property
+    def shape(self) -> Shape | None:
+        """The first law over what it follows; None where that is not one setting."""
+        first = self.sought[0]
+        return None if first.law is None else shape_of(first, first.law)
+
+    def _writers(self) -> dict[str, Writer]:
+        def page(path: Path) -> None:
+            from smallwheel_ros.report.learn_report import learn_page
+            from smallwheel_ros.report.page import write_page
+
+            write_page(path, learn_page(self))
+
+        def law(path: Path) -> None:
+            if self.source is None:
+                raise LearnError(f"{path}: no law was drafted, so there is none to save")
+            write_bytes(path, self.source.encode())
+
+        return picture_writers(self.plot) | {".html": page, ".py": law}
 
 
 def learn(

@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting import Base, FittingError, Problem
+from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.learn.chance import chance
 from smallwheel_ros.learn.drivers import drivers_of
 from smallwheel_ros.learn.folds import HeldOut, Judgement, add_errors, judge, nested, vault_of
 from smallwheel_ros.learn.grammar import terms_of
 from smallwheel_ros.learn.law import places_for
 from smallwheel_ros.learn.search import WHOLE, Candidate, Found, Grid, Search
+from smallwheel_ros.measurements.settings import settings_of_rows
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import predict
 
@@ -70,7 +72,7 @@ def seek(
 ) -> Sought:
     """Search for one law that a model lacks. The same seed gives the same answer."""
     try:
-        problem = Problem.of(measurements, base).judged
+        problem = Problem.of(_by_trial(measurements), base).judged
         reason = _too_little(problem.points)
         if reason:
             return Sought("refused", (reason,), problem)
@@ -115,6 +117,20 @@ def seek(
     )  # fmt: skip
 
 
+def _by_trial(measurements: Measurements) -> Measurements:
+    """The table with each of its trials as a run of its own, where it numbers trials.
+
+    Trials are made on soil prepared anew, so rows of one run that are trials are no repeats on one
+    soil. Curves keep their runs: rows along a curve are no trials.
+    """
+    if "trial" not in measurements.conditions.covariates or points_of(measurements).swept.any():
+        return measurements
+    names = [
+        f"{run}, row {line}" for run, line in zip(measurements.run, measurements.line, strict=True)
+    ]
+    return replace(measurements, run=np.array(names))
+
+
 class _Counter:
     """Counts folds for the progress; their number is known when the first is done."""
 
@@ -127,17 +143,23 @@ class _Counter:
 
 
 def _too_little(points: Points) -> str:
-    settings = np.unique(points.setting).size
+    settings = settings_in(points)
     if settings == 1:
         return "every run has the same setting: a law needs something that was varied"
     if settings < FEWEST_SETTINGS:
         return f"{settings} settings, and a law needs {FEWEST_SETTINGS} or more"
-    if points.run_count < FEWEST_SETTINGS:
+    if points.run_count < FEWEST_RUNS:
         return (
-            f"{points.run_count} runs, and a law needs {FEWEST_SETTINGS} or more: settings of one run "
+            f"{points.run_count} runs, and a law needs {FEWEST_RUNS} or more: settings of one run "
             "share its soil"
         )
     return ""
+
+
+def settings_in(points: Points) -> int:
+    """How many settings the rows have that are used."""
+    used = np.unique(np.concatenate(points.rows))
+    return int(np.unique(settings_of_rows(points.measurements)[used]).size)
 
 
 def _nothing(p: float) -> str:

@@ -18,10 +18,9 @@ from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.parameters import ParameterVector
-from smallwheel_ros.fitting.variance import Scatter
 from smallwheel_ros.learn.grammar import Term
 from smallwheel_ros.learn.law import PLACES, Law, Link, Place, part_for
-from smallwheel_ros.learn.tangent import Tangent, Yardstick
+from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -47,7 +46,7 @@ class Effort:
     anew: int
 
 
-WHOLE, FOLD = Effort(24, (8, 4), 5, 4, 12), Effort(10, (3, 1), 4, 1, 4)
+WHOLE, FOLD = Effort(24, (8, 4), 5, 4, 12), Effort(12, (4, 1), 4, 2, 6)
 
 
 @dataclass(frozen=True)
@@ -119,8 +118,7 @@ class Found:
         """Of the tied laws one of fewest drivers, of these the shortest."""
         if not self.laws:
             return None
-        fewest = min(c.law.weight for c in self.tied)
-        return next(c for c in self.tied if c.law.weight == fewest)
+        return min(self.tied, key=lambda c: (c.law.weight, round(c.cost, 6), c.score))
 
 
 class Search:
@@ -130,7 +128,7 @@ class Search:
         self.fitter, self.base, self.grid = fitter, base, grid
         self.row = fitter.points.row
         self.yardstick = Yardstick(fitter, base)
-        self.scatter: Scatter = base.scatter
+        self.scatter = without_lack_of_fit(base.scatter)
         self.known: dict[tuple[object, ...], Candidate] = {}
 
     @property
@@ -221,7 +219,8 @@ class Search:
 
     def _keep(self, law: Law, vector: ParameterVector, start: Array, cost: float) -> None:
         try:
-            fit = self.fitter.fit(vector, start, self.scatter, turns=0)
+            with np.errstate(all="ignore"):  # a law may ask for a soil that there is not
+                fit = self.fitter.fit(vector, start, self.scatter, turns=0)
         except FAILURES:
             return
         score = self.yardstick.score(self.observed - fit.predicted) + cost
@@ -249,7 +248,8 @@ class Search:
         ordered = sorted(self.known.values(), key=lambda c: c.score)
         best = ordered[0].fit
         fit = self.fitter.fit(best.vector, best.theta, self.scatter, turns=2)
-        self.scatter, self.yardstick = fit.scatter, Yardstick(self.fitter, fit)
+        self.scatter = without_lack_of_fit(fit.scatter)
+        self.yardstick = Yardstick(self.fitter, fit)
         self.known = {}
         for i, old in enumerate(ordered):
             if i < anew:
@@ -315,50 +315,40 @@ class Search:
         Another driver would be another law: that is learnt when the first is in the model.
         """
         best = min(c.score for c in self.known.values())
-        single = [c for c in sorted(self.known.values(), key=lambda c: c.score)
-                  if len(c.law.terms[0].factors) == 1][:count]  # fmt: skip
+        ordered = sorted(self.known.values(), key=lambda c: c.score)
         one_term = dict(self.known)
-        for candidate in single:
-            self._second(candidate)
+        places: dict[tuple[str, tuple[str, ...]], Candidate] = {}
+        for c in ordered:
+            if len(c.law.terms[0].factors) == 1:
+                places.setdefault((c.law.place.name, c.law.drivers), c)
+        for candidate in list(places.values())[:count]:
+            for link in candidate.law.place.links:
+                self._second(candidate, link)
         two = {k: c for k, c in self.known.items() if k not in one_term and c.score < best - TIE}
         self.known = one_term | two
 
-    def _second(self, candidate: Candidate, most: int = 4) -> None:
+    def _second(self, candidate: Candidate, link: Link, most: int = 3) -> None:
+        """Refit the best pairs of terms of a law's driver at its place."""
         law = candidate.law
-        tangent, slope = self._without(candidate, law.link)
-        driver = law.terms[0].drivers
+        tangent, slope = self._without(candidate, link)
         mine = np.array([j for j in self.grid.allowed(law.place)
-                         if self.grid.terms[j].drivers == driver
+                         if self.grid.terms[j].drivers == law.terms[0].drivers
                          and len(self.grid.terms[j].factors) == 1], dtype=np.intp)  # fmt: skip
         forms = len({self.grid.terms[j].kind for j in mine})
         half = 0.5 * np.log(self.yardstick.count)
         more = np.log(forms) + half * np.array([1 + self.grid.terms[j].free for j in mine])
-        columns = self.columns(slope, mine)
-        pairs = []
-        for i in range(mine.size):
-            both = np.column_stack([self._base_slopes(candidate.fit), columns[:, i]])
-            beside = Tangent(self.yardstick, tangent.errors, both)
-            gains, _ = beside.gains(columns)
-            worth = gains[:, 0] - beside.nats[0] - self.grid.cost[mine[i]] - more
-            pairs += [(worth[j], i, j) for j in np.argsort(-worth, kind="stable")[:3]]
-        pairs.sort(key=lambda pair: -pair[0])
-        seen = set()
-        for _, i, j in pairs:
-            terms = self.grid.terms[mine[i]], self.grid.terms[mine[j]]
-            kind = frozenset(t.kind for t in terms)
+        gains, strength = tangent.pair_gains(self.columns(slope, mine))
+        cost = self.grid.cost[mine][:, None] + more[None, :]
+        worth = gains - cost
+        seen: set[frozenset[tuple[tuple[str, str], ...]]] = set()
+        for at in np.argsort(-worth, axis=None, kind="stable"):
+            i, j = divmod(int(at), mine.size)
+            pair = int(mine[i]), int(mine[j])
+            kind = frozenset(self.grid.terms[t].kind for t in pair)
             if len(kind) < 2 or kind in seen:
                 continue
             seen.add(kind)
-            design = np.column_stack([self._base_slopes(candidate.fit), columns[:, [i, j]]])
-            strengths = np.linalg.lstsq(
-                self.yardstick.white(design), tangent.errors[:, 0], rcond=1e-10
-            )[0][-2:].tolist()
-            cost = float(self.grid.cost[mine[i]] + more[j])
-            pair = int(mine[i]), int(mine[j])
-            self._consider(law.place, law.link, pair, strengths, candidate.fit, cost)
+            self._consider(law.place, link, pair, [strength[i, j], strength[j, i]], candidate.fit,
+                           float(cost[i, j]))  # fmt: skip
             if len(seen) >= most:
                 break
-
-    def _base_slopes(self, fit: Fit) -> Array:
-        base = [j for j, p in enumerate(fit.vector.free) if p.owner != "sought"]
-        return fit.slopes[:, base]

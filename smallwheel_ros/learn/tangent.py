@@ -13,6 +13,7 @@ cannot hide a law, and none is needed to be known. Whitened is with V of the fit
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,21 +21,33 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.variance import Scatter
 
 Array = NDArray[np.float64]
 
 _LEFT = 0.02  # share of a term's effect that no soil parameter imitates, from which it is testable
 _FLOOR = 0.05  # of the repeats' variance: no law is praised for errors under what repeats differ by
 _UNTESTABLE = -1e6  # nats
+_ABSENT = -12.0  # ln of the deviation of a component that is not there
+
+
+def without_lack_of_fit(scatter: Scatter) -> Scatter:
+    """The components without that of the law's lack of fit over settings: that is what is sought."""
+    kept = [not name.startswith("fit:") for name in scatter.names]
+    return replace(scatter, log_deviation=np.where(kept, scatter.log_deviation, _ABSENT))
 
 
 class Yardstick:
-    """Whitens values by V of a fit and sums up errors. count: n, points with all channels."""
+    """Whitens values by V of a fit and sums up errors. count: n, points with all channels.
+
+    V is without lack of fit over settings, which would take a law for scatter.
+    """
 
     def __init__(self, fitter: Fitter, fit: Fit) -> None:
         points = fitter.points
-        kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
-        variance = fitter.variance.covariance(fit.scatter, kernels)
+        scatter = without_lack_of_fit(fit.scatter)
+        kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), scatter.log_length)
+        variance = fitter.variance.covariance(scatter, kernels)
         self._factor = np.linalg.cholesky(variance)
         self._channels = len(points.channels)
         self._row = np.unique(points.row, return_inverse=True)[1].reshape(-1)
@@ -119,3 +132,36 @@ class Tangent:
         gained = self.nats - self.yardstick.nats(after)
         gained[~testable] = _UNTESTABLE
         return gained, strength
+
+    def pair_gains(self, columns: Array) -> tuple[Array, Array]:
+        """What each two terms gain together, and the first one's strength; (terms, terms).
+
+        columns: as in `gains`. Of one copy of the errors.
+        """
+        rest = self._rest(self.yardstick.white(columns))
+        gram = rest.T @ rest
+        size = np.diag(gram)
+        pull = rest.T @ self.errors[:, 0]
+        both = np.outer(size, size) - gram**2
+        testable = both > _LEFT * np.outer(size, size) + 1e-300
+        first = (size[None, :] * pull[:, None] - gram * pull[None, :]) / np.where(
+            testable, both, 1.0
+        )
+        second = first.T
+        parts = self.yardstick.by_channel(rest)
+        indices = range(len(parts))
+        after = []
+        for a in indices:
+            row = []
+            for b in indices:
+                cross = parts[a].T @ self._parts[b][:, 0] + parts[b].T @ self._parts[a][:, 0]
+                products = parts[a].T @ parts[b]
+                own = np.diag(products)
+                moved = first * cross[:, None] + second * cross[None, :]
+                added = first**2 * own[:, None] + second**2 * own[None, :]
+                row.append(
+                    self._sums[a][b][0] - moved + added + first * second * (products + products.T)
+                )
+            after.append(row)
+        gained = np.where(testable, self.nats[0] - self.yardstick.nats(after), _UNTESTABLE)
+        return gained, first

@@ -21,6 +21,18 @@ _NOTHING = {
 }
 
 
+def headline(document: Mapping[str, Any]) -> str:
+    """The answer in a sentence."""
+    verdict = document["verdict"]
+    if verdict in _NOTHING:
+        return _NOTHING[verdict]
+    if verdict == "law":
+        return grows(document)
+    followed = " and ".join(words(d) for d in document["places"][0]["drivers"]) or "no setting"
+    lead = "Something" if verdict == "unstable" else "Perhaps something"
+    return f"{lead} depends on {followed}; no law is drafted."
+
+
 def summary(document: Mapping[str, Any]) -> str:
     """The law in one or two sentences: what grows with what, by how much, how sure the form is."""
     law = document["law"]
@@ -66,26 +78,20 @@ def _ranges(law: Mapping[str, Any]) -> str:
 
 def learnt_text(document: Mapping[str, Any]) -> str:
     """The document for people, in the order in which one asks."""
-    verdict, law = document["verdict"], document["law"]
-    lines: list[str] = []
-    if verdict in _NOTHING:
-        lines.append(_NOTHING[verdict])
-    elif verdict == "law":
-        lines += [grows(document), f"  {law['formula']}"]
+    law = document["law"]
+    lines = [headline(document)]
+    if law is not None:
+        lines.append(f"  {law['formula']}")
         for c in law["constants"]:
             std = "" if c["std"] is None else f" +- {number(c['std'])}"
             unit = "" if c["unit"] == "1" else f" {c['unit']}"
             lines.append(f"    {c['name']} = {number(c['value'])}{std}{unit}")
-    else:
-        followed = " and ".join(words(d) for d in document["places"][0]["drivers"])
-        lead = "Something" if verdict == "unstable" else "Perhaps something"
-        lines.append(f"{lead} depends on {followed or 'no setting'}; no law is drafted.")
     lines += [sentence(reason) for reason in document["reasons"]]
     if document["tied"]:
         lines += ["", *_evidence(document)]
     if document["measure_next"]:
         lines += ["", "What to measure next", f"  {document['measure_next']['text']}"]
-    if verdict == "law":
+    if law is not None:
         lines += ["", trust(document)]
     for title, key in (("Warnings", "warnings"), ("Notes", "notes")):
         if document[key]:

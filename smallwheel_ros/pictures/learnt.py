@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,23 +22,31 @@ _AXES = {"n": "added to n", "R": "added resistance over what carries it"}
 _FEWEST = 8  # points from which a smooth is drawn
 
 
-def learnt_picture(document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Figure | None:
+def learnt_figure(document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Figure:
+    """The picture, with how much the channels disagree about each stage under it."""
+    figure = new_figure(6.4, 4.3)
+    draw_learnt(figure.subplots(), document, tied)
+    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
+    if stages:
+        said = ", ".join(
+            f"{k} {number(v, 2)}" for k, v in sorted(stages.items(), key=lambda s: s[1])
+        )
+        figure.text(0.02, 0.012, f"sinkage and resistance disagree about each stage by: {said} "
+                    "(1: noise)", fontsize=8, color=INK)  # fmt: skip
+        figure.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
+    return figure
+
+
+def draw_learnt(axes: Axes, document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Axes:
     """Factor against driver: settings with deviations, law black, tied laws grey, smooth dashed.
 
-    tied: curves of tied laws over the document's `shape`. k is fitted anew for each law, so curves
-    and points are drawn relative to the law at the middle of the range. None where the law is not
-    one of a single setting.
+    tied: curves of tied laws over the document's `shape`. k is fitted anew for each law, so these are
+    moved onto the law at the middle of the range.
     """
     shape, law = document["shape"], document["law"]
-    places = document["places"]
-    if shape is None or not places or len(places[0]["drivers"]) != 1:
-        return None
-    stage, driver = places[0]["stage"], places[0]["drivers"][0]
-    if law is not None:
-        stage, driver = law["stage"], law["drivers"][0]
+    place = law or document["places"][0]
+    stage, driver = place["stage"], place["drivers"][0]
     shown = display(driver, unit_of(driver))
-    figure = new_figure(6.4, 4.3)
-    axes = figure.subplots()
     x = np.array(shape["x"]) * shown.scale
     axes.axvspan(x[0], x[-1], color="#f2f4f7", zorder=0)
     axes.fill_between(x, shape["low"], shape["high"], color="#d9dde3", linewidth=0, zorder=1)
@@ -71,15 +80,7 @@ def learnt_picture(document: Mapping[str, Any], tied: Sequence[Array] = ()) -> F
     inside = [v for _, v in points] + [*shape["low"], *shape["high"]]
     low, high = np.quantile(inside, [0.01, 0.99])
     axes.set_ylim(low - 0.25 * (high - low), high + 0.25 * (high - low))
-    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
-    if stages:
-        said = ", ".join(
-            f"{k} {number(v, 2)}" for k, v in sorted(stages.items(), key=lambda s: s[1])
-        )
-        figure.text(0.02, 0.012, f"sinkage and resistance disagree about each stage by: {said} "
-                    "(1: noise)", fontsize=8, color=INK)  # fmt: skip
-        figure.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
-    return figure
+    return axes
 
 
 def _shift(law: Array, curve: Array, middle: int) -> float:

@@ -1,19 +1,15 @@
-"""A learnt law as one page, and its picture as a file."""
+"""A learnt law as one page."""
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from smallwheel_ros.display import listed, number, sentence, shown_value, words
-from smallwheel_ros.learn import Learnt
-from smallwheel_ros.learn.document import shape_of
+from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.learn.text import grows, trust
-from smallwheel_ros.output import OutputError, write_bytes
-from smallwheel_ros.pictures.learnt import learnt_picture
+from smallwheel_ros.pictures.learnt import learnt_figure
 from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section, Table, Text, page
 
 _HEADLINES = {
@@ -31,27 +27,10 @@ _CAPTION = (
 )
 
 
-def picture_of(result: Learnt) -> Figure | None:
-    """The picture of the first law; None where there is nothing to draw."""
-    first = result.sought[0]
-    shape = None if first.law is None else shape_of(first, first.law)
-    return None if shape is None else learnt_picture(result.document, shape.tied)
-
-
-def write_picture(result: Learnt, folder: Path) -> list[Path]:
-    """Write the picture as PNG, if there is one. Raises OutputError where it cannot."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made: {error.strerror or error}") from None
-    figure = picture_of(result)
-    if figure is None:
-        return []
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=150)
-    path = folder / "learnt.png"
-    write_bytes(path, drawn.getvalue())
-    return [path]
+def learn_figures(result: Learnt) -> dict[str, Figure]:
+    """The picture by name; none where there is no law of one setting."""
+    shape = result.shape
+    return {} if shape is None else {"learnt": learnt_figure(result.document, shape.tied)}
 
 
 def learn_page(result: Learnt) -> str:
@@ -65,8 +44,7 @@ def learn_page(result: Learnt) -> str:
         said = [law["formula"], *said, trust(document)]
     kind = "result" if document["verdict"] in ("law", "nothing") else "warning"
     first: list[Block] = [Callout(headline, said, "result" if kind == "result" else "warning")]
-    figure = picture_of(result)
-    if figure is not None:
+    for figure in learn_figures(result).values():
         first.append(Picture(figure, _CAPTION, headline))
     sections = [Section("What was learnt", first)]
     if document["tied"]:
