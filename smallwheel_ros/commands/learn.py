@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
@@ -53,8 +54,6 @@ def learn_command(
     data: Path,
     model_file: Path | None,
     own: Path | None,
-    diameter: float | None,
-    width: float | None,
     out: str,
     output: Path | None,
     name: str | None,
@@ -64,6 +63,7 @@ def learn_command(
     json_file: str | None,
     plots: Path | None,
     html: Path | None,
+    how: dict[str, Any],
 ) -> None:
     """Learn which law a model of the measurements in DATA lacks, where no known effect explains it.
 
@@ -75,7 +75,7 @@ def learn_command(
         raise BenchError(f"-o {output}: expected a Python file, *.py")
     check_targets([json_file, html, output], [data, own, model_file])
     check_folder_target(plots)
-    measurements = read_table(data, diameter, width)
+    measurements = read_table(data, how)
     can = levels_of(levels, measurements)
     with tqdm(desc="learning", disable=None, leave=False) as bar:
 
