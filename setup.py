@@ -14,7 +14,7 @@ setup(
     ],
     package_dir={"smallwheel_ros.definitions": "msg"},
     package_data={
-        "": ["*.yaml", "*.json", "*.csv", "*.html", "*.css", "*.js", "py.typed"],
+        "": ["*.yaml", "*.json", "*.csv", "*.html", "*.css", "*.js", "*.txt", "py.typed"],
         "smallwheel_ros.definitions": ["*.msg"],
     },
 )

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.units import DIMENSIONLESS, to_base
 
 
 class Display(NamedTuple):
@@ -51,7 +52,14 @@ def display(name: str, unit: str) -> Display:
 
 
 def column_display(measurements: Measurements, name: str) -> Display:
-    """How values of that column of a table are shown."""
+    """How values of that column of a table are shown: in the unit of its header, where it has one."""
+    written = measurements.written_units.get(name)
+    if written is not None:
+        zero, one = to_base(np.array([0.0, 1.0]), written)
+        if zero == 0.0:  # no degrees Celsius
+            # A mass that was given for a load stands for its weight.
+            shown = "" if written == DIMENSIONLESS else written.replace("*g_0", "")
+            return Display(1.0 / one, f"{words(name)} [{shown}]" if shown else words(name), shown)
     unit = measurements.units.get(name, unit_of(name))
     if unit == "m/s" and np.nanmax(np.abs(measurements.conditions[name])) < _SLOW:
         return Display(1e3, f"{words(name)} [mm/s]", "mm/s")

@@ -8,7 +8,6 @@ same environment variables are in ``os.environ``, so processes that it starts in
 from __future__ import annotations
 
 import fcntl
-import importlib
 import os
 import random
 import shutil
@@ -135,16 +134,6 @@ def _own_ros(request: pytest.FixtureRequest) -> None:
     if request.node.get_closest_marker("dds"):
         pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
         request.getfixturevalue("ros_domain")
-
-
-@pytest.fixture
-def undrawn_pages(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the pictures out of pages: drawing takes most of the time that a command takes.
-
-    For tests of other things than pictures. Pages of fixtures of a module keep theirs.
-    """
-    module = importlib.import_module("smallwheel_ros.report.page")
-    monkeypatch.setattr(module, "_data_uri", lambda figure: "data:image/svg+xml;base64,")
 
 
 @pytest.fixture

@@ -25,9 +25,6 @@ from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
-
-
 OWN = """
 from dataclasses import dataclass
 from smallwheel_ros.effects import Effect, parameter

@@ -23,8 +23,6 @@ from smallwheel_ros.interfaces import message_definitions
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
-
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
 TOPIC = "/left/sinkage"
 SEPARATOR = "=" * 80 + "\n"

@@ -13,8 +13,6 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.model_file import read_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
-
 OWN = """
 from dataclasses import dataclass
 import numpy as np

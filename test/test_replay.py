@@ -24,10 +24,10 @@ from smallwheel_ros.onboard.feed import yaw_and_pitch_of
 from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.pictures.replay import read_courses
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
+from smallwheel_ros.report.drive_data import read_courses, with_gaps
 from smallwheel_ros.report.replay_report import write_replay_report
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -37,8 +37,6 @@ _kinds = importlib.util.spec_from_file_location(
 )
 bag_kinds = importlib.util.module_from_spec(_kinds)
 _kinds.loader.exec_module(bag_kinds)
-
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
 
 SECOND = 10**9
 MOBILITY = "/mobility_estimator/mobility"
@@ -263,13 +261,26 @@ def test_json_on_standard_output_is_the_summary(bag, rover, tmp_path):
 
 
 def test_the_report_is_one_page_that_needs_nothing_else(usual):
-    folder, _ = usual
+    folder, table = usual
     page = (folder / "report.html").read_text()
-    for word in ("In short", "The way", "The soil", "What was not used", "used for the soil"):
+    for word in ("In short", "The drive", "The soil", "What was not used", "used for the soil"):
         assert word in page
-    assert page.count("data:image/svg+xml;base64,") == 4
     assert not re.search(r"(src|href)=\"?https?:", page)
-    assert "nan" not in re.sub(r"base64,[^\"]*", "", page).lower().split()
+    assert "nan" not in page.partition("<script")[0].lower().split()
+    (drive,) = json.loads(re.search(r'id="data">(.*?)</script>', page)[1]).values()
+    assert [wheel["name"] for wheel in drive["wheels"]] == sorted(table["wheel"].unique())
+    for wheel in drive["wheels"]:
+        rows = table[table["wheel"] == wheel["name"]]
+        known = [value for value in wheel["sinkage"]["y"] if value is not None]
+        assert known == pytest.approx(1e3 * rows["sinkage_predicted"].dropna(), rel=1e-3)
+
+
+def test_a_gap_in_time_stays_a_gap():
+    time = [0.0, 0.1, 0.2, 0.3, 4.0, 4.1]
+    rows = with_gaps(pd.DataFrame({"time": time, "sinkage_predicted": 0.01}))
+    assert list(rows["time"]) == pytest.approx([*time[:4], 2.15, *time[4:]])
+    assert list(rows["sinkage_predicted"].isna()) == [False] * 4 + [True] + [False] * 2
+    assert len(with_gaps(rows.iloc[:3])) == 3
 
 
 def test_pictures_are_drawn_from_rows_of_each_wheel(usual):

@@ -14,8 +14,6 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
-
 SECOND = 10**9
 LENGTH = 5.0  # s of the end in which the wheel digs itself in
 DEPTH = 0.025  # m that it goes down meanwhile

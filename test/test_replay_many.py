@@ -22,8 +22,6 @@ from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
-
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]
 MOBILITY = "/mobility_estimator/mobility"
 

@@ -162,8 +162,8 @@ def diagnose(
     if html is not None:
         written.append(result.save(html))
     if plots is not None:
+        from smallwheel_ros.pictures.diagnosis import figures
         from smallwheel_ros.pictures.files import write_figures
-        from smallwheel_ros.report.diagnosis_pictures import figures
 
         written += write_figures(figures(result), plots)
     show(result, json_file, written)

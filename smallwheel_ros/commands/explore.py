@@ -46,19 +46,23 @@ def explore(
 ) -> None:
     """Open a page on the measurements in DATA, for this machine only; Ctrl-C ends it.
 
-    The data is diagnosed once. Then set and unset effects: the model is fitted anew, and the page
-    shows its parameters, its held-out error beside the noise floor, and what is left over a setting.
+    The data is diagnosed once. Then set and unset effects: the page shows the model's parameters, its
+    held-out error beside the noise floor, and what is left over a setting. Each effect and each pair
+    is fitted while you look, any other choice when you make it.
     """
     measurements = read_table(data, how)
     start = api.start_of(measurements, model_file, own, names_of(without))
     with progress_of_steps("diagnosing") as progress:
-        session = Session(*start, progress)
+        session = Session.of(*start, progress)
+    for names in session.steps():
+        session.view(names)
     with ExploreServer(session, port) as server:
         # A shell starts what runs in the background deaf to Ctrl-C.
         signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             click.echo(server.url)
             click.echo("Ctrl-C ends it.", err=True)
+            threading.Thread(target=server.fit_beforehand, daemon=True).start()
             if not no_browser and _has_screen():
                 threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
             server.serve_forever()

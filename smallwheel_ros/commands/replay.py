@@ -105,7 +105,7 @@ def replay(
 
 
 def _write_report(result: Replayed, path: Path) -> None:
-    """Write the page; matplotlib and all else that it needs are loaded when it comes to that."""
+    """Write the page; what it needs is loaded when it comes to that."""
     from smallwheel_ros.report.replay_report import write_replay_report
 
     write_replay_report(result, path)

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from smallwheel_ros import api
+from smallwheel_ros.arguments import registry_of
 from smallwheel_ros.commands.inputs import (
     DATA,
     JSON,
@@ -18,10 +19,11 @@ from smallwheel_ros.commands.inputs import (
     read_table,
     table_options,
 )
+from smallwheel_ros.diagnosis import Diagnosis
+from smallwheel_ros.explore.report import diagnosis_page
+from smallwheel_ros.explore.session import ExploreError, Session
 from smallwheel_ros.output import check_targets
-from smallwheel_ros.report.diagnosis_pictures import residual_pictures
 from smallwheel_ros.report.page import write_page
-from smallwheel_ros.report.whole_report import whole_report
 from smallwheel_ros.tables import write_json
 
 
@@ -43,8 +45,8 @@ def report(
 ) -> None:
     """Write one self-contained HTML page on the measurements in DATA.
 
-    The data, models side by side, where the model fails, which effect is missing, the held-out
-    error step by step, what this data cannot tell, what to measure next.
+    Effects to set and unset, the data, models side by side, where the model fails, which effect is
+    missing, the held-out error step by step, what this data cannot tell, what to measure next.
     """
     targets = [output, *(Path(name) for name in (json_file,) if name not in (None, "-"))]
     check_targets(targets, [data, model_file, own])
@@ -54,10 +56,9 @@ def report(
         comparison = api.compare(measurements, models, effects=own, progress=fits)
     with progress_of_steps("diagnosing") as steps:
         diagnosis = api.diagnose(measurements, model_file, effects=own, progress=steps)
-    write_page(
-        output,
-        whole_report(comparison, diagnosis.document, {"steps": residual_pictures(diagnosis)}),
-    )
+    with progress_of_fits() as fits:
+        page = diagnosis_page(diagnosis, _session(diagnosis, own), comparison, fits)
+    write_page(output, page)
     if json_file is not None:
         document = {
             "schema": 1,
@@ -66,3 +67,11 @@ def report(
         }
         write_json(json_file, document)
     click.echo(f"written: {', '.join(str(target) for target in targets)}", err=json_file == "-")
+
+
+def _session(diagnosis: Diagnosis, own: Path | None) -> Session | None:
+    """Effects to set and unset; None where all is of one run."""
+    try:
+        return Session(diagnosis, registry_of(own))
+    except ExploreError:
+        return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,13 @@ from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import Fitter
-from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv, cross_validate
+from smallwheel_ros.fitting.held_out import (
+    Comparison,
+    CvErrors,
+    compare_cv,
+    cross_validate,
+    trainings,
+)
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.table import Measurements
@@ -153,15 +159,16 @@ def add_effect(
     wanted = _forms_of(effect, Problem.of(measurements, base), known)
     judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
     problem = judged.problem
-    best, forms = with_effects(problem, [wanted])
-    before, after = held_out_with(problem, forms)
+    base_model = Grown.of(problem)
+    grown = base_model.with_effect(problem, wanted)
+    before, after = base_model.held_out(problem), grown.held_out(problem)
     change = compare_cv(before, after)
     recommended, reason = _recommended(effect, judged, change)
-    form = best.competitors[0]
+    form = grown.model.competitors[0]
     return Added(
         effect,
         form.geometry or form.form,
-        replace(problem.result(best.fit), held_out=after.rmse()),
+        replace(problem.result(grown.model.fit), held_out=after.rmse()),
         before,
         after,
         change,
@@ -213,38 +220,54 @@ def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competi
     return found
 
 
-def with_effects(
-    problem: Problem, effects: Sequence[Sequence[Competitor]]
-) -> tuple[CandidateFit, list[Forms]]:
-    """The base with effects, one after the other, each in the form of the most evidence.
+@dataclass(frozen=True)
+class Grown:
+    """A base model with effects, each in the form of the most evidence.
 
-    And, by effect, the forms within `WINDOW` of the best, from which each fold chooses.
-    Raises EffectError where one cannot be fitted.
+    model: fitted to all runs. folds: by the training runs of each fold, fitted to these alone.
     """
-    model = CandidateFit((), problem.fit, problem.fit.evidence)
-    near: list[Forms] = []
-    for forms in effects:
-        made = _extended(problem.fitter, model, [(c, c.part.start) for c in forms], 4)
+
+    model: CandidateFit
+    folds: Mapping[bytes, CandidateFit]
+
+    @classmethod
+    def of(cls, problem: Problem) -> Grown:
+        """The base itself."""
+        folds = {}
+        for training in trainings(problem.points):
+            base = problem.fold(training)[1]
+            folds[_key(training)] = CandidateFit((), base, base.evidence)
+        return cls(CandidateFit((), problem.fit, problem.fit.evidence), folds)
+
+    def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
+        """The same with one more effect; each fold chooses among the forms within `WINDOW` of the best.
+
+        Raises EffectError where it cannot be fitted.
+        """
+        made = _extended(problem.fitter, self.model, [(c, c.part.start) for c in forms], 4)
         if not made:
             raise EffectError(f"effect '{forms[0].family}' cannot be fitted to this data")
-        model = made[0]
-        close = [m for m in made if m.weight > model.weight - WINDOW]
+        close = [m for m in made if m.weight > made[0].weight - WINDOW]
         last = [(m.competitors[-1], m.fit) for m in close]
-        near.append([(c, fit.theta[fit.vector.places(c.part.id)]) for c, fit in last])
-    return model, near
+        near = [(c, fit.theta[fit.vector.places(c.part.id)]) for c, fit in last]
+        folds = {}
+        for training in trainings(problem.points):
+            key, fitter = _key(training), problem.fold(training)[0]
+            fold = self.folds[key]
+            folds[key] = next(iter(_extended(fitter, fold, near, 1)), fold)
+        return Grown(made[0], folds)
+
+    def held_out(self, problem: Problem) -> CvErrors:
+        """Each run's errors by the fit of the fold without it."""
+
+        def choose(training: Points) -> list[Model]:
+            return [self.folds[_key(training)].fit.model]
+
+        return cross_validate(problem.points, choose, 1)[0]
 
 
-def held_out_with(problem: Problem, effects: Sequence[Forms]) -> list[CvErrors]:
-    """Held-out errors of the base, and of it with these effects, their forms chosen in each fold."""
-
-    def choose(training: Points) -> list[Model]:
-        fitter, base = problem.fold(training)
-        best = CandidateFit((), base, base.evidence)
-        for forms in effects:
-            best = next(iter(_extended(fitter, best, forms, 1)), best)
-        return [base.model, best.fit.model]
-
-    return cross_validate(problem.points, choose, 2)
+def _key(training: Points) -> bytes:
+    return np.unique(training.run).tobytes()
 
 
 def _extended(fitter: Fitter, model: CandidateFit, forms: Forms, turns: int) -> list[CandidateFit]:

@@ -229,3 +229,16 @@ def _alike(screen: Screen) -> dict[str, list[Entry]]:
         near = sorted((o for o in others if o[0] >= _ALIKE), key=lambda o: -o[0])
         found[name] = [{"effect": other, "similarity": c} for c, other in near]
     return found
+
+
+def failing_settings(
+    document: Mapping[str, Any], settings: Collection[str]
+) -> list[tuple[str, str]]:
+    """Channel and setting of each region in which a diagnosis says that the model fails."""
+    found = []
+    for region in document.get("where_it_fails") or []:
+        text = str(region["region"]).lstrip("|")  # |slip| > 0.5 is a region of slip
+        meant = [name for name in settings if text.startswith(name)]
+        if meant:
+            found.append((str(region["channel"]), max(meant, key=len)))
+    return list(dict.fromkeys(found))

@@ -131,12 +131,15 @@ class Diagnosis(Result):
 
     def _writers(self) -> dict[str, Writer]:
         def page(path: Path) -> None:
-            from smallwheel_ros.report.diagnosis_pictures import report_page
+            from smallwheel_ros.explore.report import diagnosis_page
             from smallwheel_ros.report.page import write_page
 
-            write_page(path, report_page(self))
+            write_page(path, diagnosis_page(self))
 
-        return picture_writers(self.plot) | {".yaml": self.model.save, ".html": page}
+        return picture_writers(self.plot) | {
+            ".yaml": lambda path: self.model.save(path),
+            ".html": page,
+        }
 
 
 def diagnose(

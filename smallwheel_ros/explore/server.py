@@ -6,23 +6,27 @@ import json
 import re
 import sys
 import threading
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, quote, urlsplit
 
-from smallwheel_ros.explore.page import problem_html, view_html, whole_page
+from smallwheel_ros.explore.data import SessionData
 from smallwheel_ros.explore.session import ExploreError, Session
-from smallwheel_ros.explore.style import SCRIPT
+from smallwheel_ros.report.page import drawn
+from smallwheel_ros.report.whole_report import whole_report
 
 HOST = "127.0.0.1"
 
 _HTML, _TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
-_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; img-src data:; "
+_JSON = "application/json"
+_PAUSE = 0.05  # s, in which a request can take its turn
+_POLICY = (  # beside that of the page, which names the one script that may run
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
-_KEYS = ("effects", "over")
+_KEYS = ("effects", "over", "run")
 
 
 class ExploreServer(ThreadingHTTPServer):
@@ -33,7 +37,9 @@ class ExploreServer(ThreadingHTTPServer):
 
     def __init__(self, session: Session, port: int = 0) -> None:
         self.session = session
-        self.lock = threading.Lock()  # a session, and matplotlib, serve one at a time
+        self.lock = threading.Lock()  # a session serves one at a time
+        self.waiting = 0  # requests that want it
+        self._ended = threading.Event()
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -41,6 +47,21 @@ class ExploreServer(ThreadingHTTPServer):
                 f"port {port} cannot be had ({error.strerror}): name another one with --port, or "
                 "none for any that is free"
             ) from None
+
+    def fit_beforehand(self) -> None:
+        """Fit each effect and each pair while nobody asks for anything; in a thread of its own."""
+        for names in self.session.beforehand():
+            while self.waiting and not self._ended.wait(_PAUSE):
+                pass
+            if self._ended.is_set():
+                return
+            with self.lock, suppress(ExploreError):  # said where somebody asks for it
+                self.session.view(names)
+
+    def server_close(self) -> None:
+        """Free the port, and end what is fitted meanwhile."""
+        self._ended.set()
+        super().server_close()
 
     @property
     def url(self) -> str:
@@ -68,18 +89,22 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(403, _TEXT, f"asked by another site: open http://{host}/ yourself")
             return
         parts = urlsplit(self.path)
-        pages = {"/": self._page, "/view": self._view, "/model.yaml": self._model}
-        if parts.path == "/explore.js":
-            self._send(200, "text/javascript; charset=utf-8", SCRIPT)
+        pages = {"/": self._page, "/view": self._view, "/without": self._without,
+                 "/model.yaml": self._model}  # fmt: skip
+        if parts.path == "/progress":
+            done, needed = self.server.session.progress
+            self._send(200, _JSON, json.dumps({"done": done, "needed": needed}))
         elif parts.path not in pages:
             self._send(404, _TEXT, f"no page '{parts.path}'")
         else:
+            self.server.waiting += 1
             try:
                 with self.server.lock:
-                    names, over = self._asked(parts.query)
-                    pages[parts.path](names, over)
+                    pages[parts.path](*self._asked(parts.query))
             except ExploreError as error:
                 self._send(400, _TEXT, str(error))
+            finally:
+                self.server.waiting -= 1
 
     def _from_another_site(self, host: str) -> bool:
         """Whether a page of another site asks: it may lead here, but start no fit.
@@ -92,32 +117,44 @@ class _Handler(BaseHTTPRequestHandler):
         page = self.headers.get("Origin") or self.headers.get("Referer")
         return page is not None and not (page + "/").startswith(f"http://{host}/")
 
-    def _asked(self, query: str) -> tuple[tuple[str, ...], str]:
-        """Effects and covariate of a query; those to begin with where it is empty."""
+    def _asked(self, query: str) -> tuple[tuple[str, ...], str, str]:
+        """Effects, setting and run of a query; those to begin with where it is empty."""
         session = self.server.session
         found = parse_qs(query, keep_blank_values=True)
         for key in found:
             if key not in _KEYS:
-                raise ExploreError(f"no setting '{key}': there is {' and '.join(_KEYS)}")
+                raise ExploreError(f"no setting '{key}': there is {', '.join(_KEYS)}")
         names = found.get("effects", [] if found else list(session.chosen))
-        return session.choose(names), session.setting(found.get("over", [None])[-1])
+        over = session.setting(found.get("over", [None])[-1])
+        return session.choose(names), over, found.get("run", [""])[-1]
 
-    def _page(self, names: tuple[str, ...], over: str) -> None:
-        shown = self._shown(names, over)
-        self._send(200, _HTML, whole_page(self.server.session, names, over, shown))
+    def _page(self, names: tuple[str, ...], over: str, run: str) -> None:
+        session = self.server.session
+        data = SessionData(session, over)
+        with suppress(ExploreError):  # the page asks for it once more, and says why
+            session.view(names)
+        views = [
+            v for v in dict.fromkeys([*session.steps(), *session.fitted]) if v in session.fitted
+        ]
+        effects = data.page(views, names, served=True)
+        page = whole_report(
+            session.document, effects=effects, measurements=session.measurements, served=True
+        )
+        self._send(200, _HTML, page.encode("utf-8", "replace"))
 
-    def _view(self, names: tuple[str, ...], over: str) -> None:
-        self._send(200, "application/json", json.dumps({"html": self._shown(names, over)}))
-
-    def _shown(self, names: tuple[str, ...], over: str) -> str:
-        """The view as HTML, or why there is none: what was asked for is fine, the fit is not."""
+    def _view(self, names: tuple[str, ...], over: str, run: str) -> None:
         session = self.server.session
         try:
-            return view_html(session, session.view(names), over)
-        except ExploreError as error:
-            return problem_html(str(error))
+            found = SessionData(session, over).view(session.view(names))
+        except ExploreError as error:  # what was asked for is fine, the fit is not
+            found = {"problem": str(error)}
+        self._send(200, _JSON, json.dumps(drawn(found), allow_nan=False))
 
-    def _model(self, names: tuple[str, ...], over: str) -> None:
+    def _without(self, names: tuple[str, ...], over: str, run: str) -> None:
+        lines = self.server.session.without_run(names, run)
+        self._send(200, _JSON, json.dumps({"lines": lines}))
+
+    def _model(self, names: tuple[str, ...], over: str, run: str) -> None:
         session = self.server.session
         stem = re.sub(r"[^\w-]+", "_", "_".join([Path(session.measurements.source).stem, *names]))
         # Letters beyond ASCII in the form of RFC 5987; the plain name is for who cannot read that.

@@ -7,7 +7,7 @@ uncertainty is of runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,11 +173,8 @@ def cross_validate(points: Points, chooser: Chooser, steps: int) -> list[CvError
     run = _row_runs(points)
     blank = {name: np.full(len(measurements), np.nan) for name in points.channels}
     errors = [{name: e.copy() for name, e in blank.items()} for _ in range(steps)]
-    for number in range(int(fold.max()) + 1):
-        out = fold[points.run] == number
-        if not out.any() or out.all():
-            continue
-        models = chooser(points.take(~out))
+    for number, training in _trainings(points, fold):
+        models = chooser(training)
         mine = {name: index[fold[run[index]] == number] for name, index in rows.items()}
         mine = {name: index for name, index in mine.items() if index.size}
         for step in range(steps):
@@ -185,6 +182,18 @@ def cross_validate(points: Points, chooser: Chooser, steps: int) -> list[CvError
             for name, error in row_errors(measurements, model, mine).items():
                 errors[step][name][mine[name]] = error[mine[name]]
     return [CvErrors(e, run) for e in errors]
+
+
+def _trainings(points: Points, fold: Index) -> Iterator[tuple[int, Points]]:
+    for number in range(int(fold.max()) + 1):
+        out = fold[points.run] == number
+        if out.any() and not out.all():
+            yield number, points.take(~out)
+
+
+def trainings(points: Points) -> list[Points]:
+    """The training points of each fold."""
+    return [training for _, training in _trainings(points, folds_of(points))]
 
 
 def _row_runs(points: Points) -> Index:

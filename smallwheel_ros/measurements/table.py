@@ -61,6 +61,7 @@ class Measurements:
     labels: text columns that are neither soil, run, wheel nor contact.
     units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
     headers: by our name, the column's header as it stands in the file.
+    written_units: of the columns whose header has one, as `units.to_base` takes it.
     warnings: what is suspicious; notes: what was assumed; understood: what was made of headers and
     cells that are not written our way.
     """
@@ -81,6 +82,7 @@ class Measurements:
     understood: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
+    written_units: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.conditions)
@@ -190,6 +192,11 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         understood=tuple(columns.understood),
         source=columns.source,
         sha256=columns.sha256,
+        written_units={
+            name: heading.unit
+            for name, heading in columns.headings.items()
+            if heading.unit is not None
+        },
     )
     notes = list(columns.notes)
     if not runs_given:

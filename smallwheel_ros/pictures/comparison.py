@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,14 +9,14 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.display import Display, column_display, display, number, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.parts import levels
 from smallwheel_ros.measurements.settings import varied_settings
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.physics.conditions import ROLLING, Array
-from smallwheel_ros.physics.contact import shape_integral
+from smallwheel_ros.physics.conditions import Array
 from smallwheel_ros.pictures.smoothing import smooth
 
 # Okabe and Ito's colours: told apart by colour-blind readers and in grey print.
@@ -80,7 +78,7 @@ def _residual(comparison: Comparison, result: ModelResult, channel: str) -> tupl
 def all_figures(comparison: Comparison) -> dict[str, Figure]:
     """Every picture of the comparison by name."""
     found: dict[str, Figure | None] = {
-        "resistance_ratio": resistance_ratio(comparison.measurements)
+        "resistance_ratio": resistance_picture(comparison.measurements)
     }
     if comparison.channels:
         found["errors"] = error_bars(comparison)
@@ -241,35 +239,20 @@ def _curve(
         axes.vlines(curve.x, curve.low, curve.high, color=colour, linewidth=1.4)
 
 
-def resistance_ratio(measurements: Measurements, exponents: Sequence[float] = (0.5, 1.0, 1.5)) -> (
-    Figure | None
-):  # fmt: skip
-    """R/W over sqrt(z/D): compaction alone lies on a line for its n, whatever k and m are.
-
-    Points above the lines are a resistance that compaction does not make, or a wheel that digs.
-    None where sinkage and resistance were not measured together.
-    """
-    if not {"sinkage", "resistance"} <= set(measurements.channels):
+def resistance_picture(measurements: Measurements) -> Figure | None:
+    """R/W over sqrt(z/D); None where sinkage and resistance were not measured together."""
+    found = resistance_ratio(measurements)
+    if found is None:
         return None
-    conditions = measurements.conditions
-    z, resistance = measurements.channels["sinkage"], measurements.channels["resistance"]
-    rows = np.isfinite(z) & np.isfinite(resistance) & (conditions.contact == ROLLING) & (z > 0)
-    rows &= ~measurements.sunk_to_axle
-    if not rows.any():
-        return None
-    ratio = z[rows] / conditions.diameter[rows]
     figure = new_figure(5.2, 3.6)
     axes = figure.subplots()
-    epsilon = np.linspace(1e-6, min(0.5, 1.15 * float(ratio.max())), 60)
-    for n, line in zip(exponents, ("-", "--", ":"), strict=False):
-        compaction = np.sqrt(epsilon) / ((n + 1.0) * shape_integral(n, epsilon).value)
-        axes.plot(np.sqrt(epsilon), compaction, color=INK, linewidth=1.1, linestyle=line,
+    for (n, y), line in zip(found.lines.items(), ("-", "--", ":"), strict=True):
+        axes.plot(found.line_x, y, color=INK, linewidth=1.1, linestyle=line,
                   label=f"compaction alone, n = {n:g}")  # fmt: skip
-    soil = measurements.soil[rows]
-    for i, name in enumerate(np.unique(soil)):
-        chosen = soil == name
-        axes.scatter(np.sqrt(ratio[chosen]), (resistance[rows] / conditions.load[rows])[chosen],
-                     s=12, alpha=0.65, linewidth=0, color=COLOURS[(2 + i) % len(COLOURS)],
+    for i, name in enumerate(np.unique(found.soil)):
+        chosen = found.soil == name
+        axes.scatter(found.x[chosen], found.y[chosen], s=12, alpha=0.65, linewidth=0,
+                     color=COLOURS[(2 + i) % len(COLOURS)],
                      label=_plain(str(name) or "measured"))  # fmt: skip
     style(axes, "√(sinkage / diameter)", "resistance / load")
     axes.set_xlim(left=0.0)

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis, drawn from its JSON document alone."""
+"""Pictures of a diagnosis, most of them drawn from its JSON document alone."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from smallwheel_ros.display import display, words
+from smallwheel_ros.diagnosis.document import failing_settings
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.display import display, listed, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, style
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, resistance_picture, style
 from smallwheel_ros.pictures.fit import error_steps
+from smallwheel_ros.pictures.residuals import AFTER, BEFORE, Shown, residual_panels
 
 _STATUS_COLOURS = {
     "significant": COLOURS[2],
@@ -98,3 +101,30 @@ def unknown_curves(document: Mapping[str, Any]) -> Figure | None:
         axes.plot(x, curve["factor"], color=COLOURS[2], linewidth=1.7)
         style(axes, _plain(across.label), f"factor on {curve['stage']}")
     return figure
+
+
+def figures(diagnosis: Diagnosis) -> dict[str, Figure]:
+    """Every picture of a diagnosis that there is, by name."""
+    unknown = diagnosis.document["verdict"] == "unknown_effect"
+    found = {
+        "resistance_ratio": resistance_picture(diagnosis.measurements),
+        "residuals": _residuals(diagnosis),
+        "ranking": ranking_bars(diagnosis.document),
+        "curves": unknown_curves(diagnosis.document) if unknown else None,
+        "staircase": staircase(diagnosis.document),
+    }
+    return {name: figure for name, figure in found.items() if figure is not None}
+
+
+def _residuals(diagnosis: Diagnosis) -> Figure | None:
+    """Held-out errors over the settings at which the model fails, before and after what was added."""
+    if not diagnosis.steps:
+        return None
+    first, *added = diagnosis.steps
+    shown = [Shown(first.errors, BEFORE, "base model")]
+    if added:
+        names = [step.added for step in added if step.added is not None]
+        shown.append(Shown(added[-1].errors, AFTER, f"with {listed(names)}"))
+    settings = diagnosis.problem.points.settings
+    pairs = failing_settings(diagnosis.document, settings)
+    return residual_panels(diagnosis.measurements, shown, pairs)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison
@@ -11,14 +13,12 @@ from smallwheel_ros.display import brief, column_display, display, number, shown
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.parts import Part
-from smallwheel_ros.pictures.comparison import (
-    error_bars,
-    measured_against_predicted,
-    residuals,
-    resistance_ratio,
-)
+from smallwheel_ros.measurements.settings import varied_settings
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.report.data_section import data_blocks
-from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section, Table, Text, page
+from smallwheel_ros.report.page import Block, Callout, Details, Drawing, Section, Table, Text, page
+from smallwheel_ros.report.resistance_ratio import ratio_blocks
+from smallwheel_ros.report.table_data import TableData
 
 _WORST = 8  # parts shown before the rest is folded away
 _SCORE_HEADER = ("model", "rows", "held-out RMSE", "± s.e.", "held-out bias", "in-sample RMSE",
@@ -35,7 +35,7 @@ def compare_report(comparison: Comparison) -> str:
             Section("In short", [_summary(comparison)]),
             Section("The data", data_blocks(comparison)),
             Section("The models", model_blocks(comparison)),
-            Section("Measured against predicted", scatter_blocks(comparison)),
+            Section("What they leave", model_plots(comparison)),
             Section("Where it fails", failure_blocks(comparison)),
             Section("What to keep in mind", [Text(items=caveats(comparison))]),
         ],
@@ -85,13 +85,6 @@ def model_blocks(comparison: Comparison) -> list[Block]:
     blocks: list[Block] = [
         Text(items=[f"{m.contender.name}: {m.contender.description}." for m in comparison.models])
     ]
-    if comparison.channels:
-        blocks.append(
-            Picture(
-                error_bars(comparison),
-                "Error of each model. Held out: each run predicted by a model fitted without it.",
-            )
-        )
     for channel in comparison.channels:
         shown = display(channel, CHANNEL_UNITS[channel])
         rows = [_score_row(comparison, model, channel) for model in comparison.models]
@@ -139,44 +132,55 @@ def _reasons(comparison: Comparison) -> list[str]:
     ]
 
 
-def scatter_blocks(comparison: Comparison) -> list[Block]:
-    """Measured against predicted, a picture a channel."""
-    return [
-        Picture(
-            measured_against_predicted(comparison, channel),
-            f"{words(channel).capitalize()}: a perfect model lies on the line; the band is twice "
-            "the repeatability, where it is known.",
-        )
-        for channel in comparison.channels
-    ]
+def model_plots(comparison: Comparison) -> list[Block]:
+    """Measured against predicted, and residuals over any setting: the best model beside another."""
+    errors = [m.held_out or m.in_sample for m in comparison.models]
+    table = TableData(comparison.measurements, errors, settings_of(comparison.measurements))
+    if not table.rows:
+        return []
+    channel = next(iter(table.rows))
+    best = comparison.best(channel)
+    at = next((i for i, m in enumerate(comparison.models) if m is best), 0)
+    shown = len(errors) - 1 if at != len(errors) - 1 else 0
+    names = [m.contender.name for m in comparison.models]
+    models = "".join(
+        f'<option value="{i}"{" selected" if i == shown else ""}>{escape(name)}</option>'
+        for i, name in enumerate(names)
+    )
+    over = "".join(
+        f'<option value="{escape(name, quote=True)}">'
+        f"{escape(column_display(comparison.measurements, name).label)}</option>"
+        for name in table.settings
+    )
+    inside = (
+        f'<p><label>Model <select name="model">{models}</select></label> '
+        f'<label>Residuals over <select name="over">{over}</select></label></p>'
+    )
+    data = {
+        "table": table.data({n: f.value for n, f in comparison.noise.items()}),
+        "models": [{"name": name, "residual": table.residual(e)}
+                   for name, e in zip(names, errors, strict=True)],
+        "best": at,
+    }  # fmt: skip
+    caption = (
+        f"Grey: {names[at]}, the best of {words(channel)}. Held out where a model was fitted to this "
+        "data. Grey band: twice the noise floor, where it is known; tinted: 95 % of the smooth, rows of "
+        "a run taken together. An error that follows two conditions which were varied together shows "
+        "in both."
+    )
+    return [Drawing("models", data, caption, inside)]
+
+
+def settings_of(measurements: Measurements) -> list[str]:
+    """The settings that were varied, or the load where none was."""
+    return list(varied_settings(measurements)) or ["load"]
 
 
 def failure_blocks(comparison: Comparison) -> list[Block]:
-    """What the last model leaves, over each condition and in the worst parts of the data."""
-    blocks: list[Block] = []
+    """What the last model leaves in the worst parts of the data."""
+    blocks: list[Block] = ratio_blocks(comparison.measurements)
     focus = comparison.models[-1]
-    ratio = resistance_ratio(comparison.measurements)
-    if ratio is not None:
-        blocks.append(
-            Picture(
-                ratio,
-                "A check free of k and m: compaction alone puts every point on the line of its n. "
-                "Points above the lines are a resistance that compaction does not make, or a wheel "
-                "that digs itself deeper than its load presses it.",
-            )
-        )
     for channel in comparison.channels:
-        figure = residuals(comparison, channel)
-        if figure is None:
-            continue
-        blocks.append(
-            Picture(
-                figure,
-                f"What {focus.contender.name} leaves of {words(channel)}, over each condition that "
-                "varies. A band that leaves zero is an error that follows that condition; an error "
-                "that follows two conditions which were varied together shows in both.",
-            )
-        )
         rows = _part_rows(comparison, focus, channel)
         if rows:
             unit = display(channel, CHANNEL_UNITS[channel]).unit

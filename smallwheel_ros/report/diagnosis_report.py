@@ -1,4 +1,4 @@
-"""The report of a diagnosis, made from its JSON document and pictures."""
+"""The blocks of a diagnosis, made from its JSON document alone."""
 
 from __future__ import annotations
 
@@ -7,26 +7,14 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from smallwheel_ros.display import brief, display, effect_words, listed, number, shown_value, words
-from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.pictures.diagnosis import SHOWN, ranking_bars, staircase, unknown_curves
-from smallwheel_ros.report.page import (
-    Block,
-    Callout,
-    Details,
-    Picture,
-    ReportError,
-    Section,
-    Table,
-    Text,
-    page,
-)
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
+from smallwheel_ros.report.page import Block, Callout, Details, Drawing, ReportError, Table, Text
 from smallwheel_ros.report.verdict_section import (
     HEADLINES,
     p_text,
     parameter_cells,
     per_cent,
     said,
-    verdict_block,
 )
 
 _STATUS = {
@@ -35,39 +23,8 @@ _STATUS = {
     "not_testable": "not testable",
     "confounded": "cannot be told apart",
 }
+_SHOWN = 0.01  # probability under which an effect is counted, not shown
 _TOLD = 3.0  # standard errors by which a part's residual must differ to be stressed
-
-
-def diagnosis_report(
-    document: Mapping[str, Any],
-    pictures: Mapping[str, Sequence[Picture]] | None = None,
-    *,
-    source: str = "",
-) -> str:
-    """One self-contained HTML page for a diagnosis.
-
-    document: what `smallwheel diagnose --json` writes. pictures: further ones for the sections
-    "data", "where_it_fails". source: the data's file.
-    Raises ReportError where the document is not one of a diagnosis.
-    """
-    check_diagnosis(document)
-    more = pictures or {}
-    return page(
-        "Which effect is missing?",
-        [
-            Section("In short", [verdict_block(document)]),
-            Section("The data", [*_data(document), *more.get("data", ())]),
-            Section("Where the model fails",
-                    [*region_blocks(document), *more.get("where_it_fails", ())]),
-            Section("Which effect is missing",
-                    ranking_blocks(document)),
-            Section("Error, step by step", step_blocks(document)),
-            Section("What this data cannot tell", unknowable_blocks(document)),
-            Section("What to measure next", next_blocks(document)),
-            Section("What to keep in mind", [Text(items=caveats(document))]),
-        ],
-        source,
-    )  # fmt: skip
 
 
 def check_diagnosis(document: Mapping[str, Any]) -> None:
@@ -79,7 +36,8 @@ def check_diagnosis(document: Mapping[str, Any]) -> None:
         )
 
 
-def _data(document: Mapping[str, Any]) -> list[Block]:
+def channel_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """What was measured, and what the base model leaves of it."""
     channels = document.get("channels") or {}
     known = any(c.get("repeatability") is not None for c in channels.values())
     rows = [
@@ -132,30 +90,38 @@ def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
     if not tested:
         return []
     likely = [r for r in tested if r["status"] != "not_significant"]
-    others = [r for r in tested if r not in likely and (r.get("probability") or 0.0) < SHOWN]
+    others = [r for r in tested if r not in likely and (r.get("probability") or 0.0) < _SHOWN]
     named = set(document.get("missing_effects") or [])
     blocks: list[Block] = []
-    figure = ranking_bars(document)
-    if figure is not None:
-        caption = (
-            "Probability that the base model lacks it. Blue: named; orange: cannot be told apart; "
-            "grey: not significant. Hatched: an error of the instrument."
-        )
-        blocks.append(Picture(figure, caption))
     if document["verdict"] == "unknown_effect":
-        curves = unknown_curves(document)
-        caption = "The factor over the setting that it follows, with its 95 % band."
-        blocks += [Picture(curves, caption)] if curves is not None else []
+        blocks += _curves(document)
     header = ["effect", "parameter", "value", "std", "unit", "published", "plausible"]
     if len(others) < len(tested):
         blocks.append(_ranking([r for r in tested if r not in others], named))
     if shown := _parameters(likely):
         blocks.append(Table(header, shown, "Fitted parameters", numbers=(2, 3)))
     if others:
-        title = f"{len(others)} others, each with a probability under {SHOWN:g}"
+        title = f"{len(others)} others, each with a probability under {_SHOWN:g}"
         fitted = Table(header, _parameters(others), "Fitted parameters", numbers=(2, 3))
         blocks.append(Details(title, [_ranking(others, named), fitted]))
     return blocks
+
+
+def _curves(document: Mapping[str, Any]) -> list[Block]:
+    """The smooth of each setting that something without a name follows."""
+    found: list[Block] = []
+    for curve in document.get("curves") or []:
+        across = display(curve["setting"], unit_of(curve["setting"]))
+        x = [across.scale * value for value in curve["x"]]
+        line = {"kind": "line", "x": x, "y": curve["factor"], "low": curve["low"],
+                "high": curve["high"]}  # fmt: skip
+        none = {"kind": "line", "x": x[:: len(x) - 1], "y": [1.0, 1.0], "colour": "--base"}
+        factor = f"factor on {curve['stage']}"
+        data = {"x": across.label, "y": factor, "label": f"{factor} over {across.label}",
+                "layers": [none, line]}  # fmt: skip
+        caption = "The factor over the setting that it follows, with its 95 % band."
+        found.append(Drawing("xy", data, caption))
+    return found
 
 
 def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table:
@@ -170,7 +136,7 @@ def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table
     strong = [i for i, r in enumerate(rows) if r["effect"] in named]
     header = ["effect", "kind", "verdict", "probability", "p", "error removed", ""]
     caption = "p and error removed: of the effect alone, added to the base model"
-    return Table(header, cells, caption, numbers=(3, 4, 5), strong=strong)
+    return Table(header, cells, caption, numbers=(3, 4, 5), strong=strong, bars=3)
 
 
 def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
@@ -186,24 +152,32 @@ def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 def step_blocks(document: Mapping[str, Any]) -> list[Block]:
     """The staircase of held-out errors."""
-    # With too little data nothing was held out: there is one error, in sample, and no stairs.
-    figure = None if document["verdict"] == "insufficient_data" else staircase(document)
-    if figure is None:
-        return []
     steps = document["steps"]
-    last = steps[-1]["added"]
+    channels = [name for name in CHANNEL_UNITS if any(name in s["held_out_rmse"] for s in steps)]
+    # With too little data nothing was held out: there is one error, in sample, and no stairs.
+    if document["verdict"] == "insufficient_data" or not channels:
+        return []
+    floors = {n: (document.get("channels") or {}).get(n, {}).get("noise_floor") for n in channels}
+    rows = [
+        ["base model" if s["added"] is None else f"+ {words(s['added'])}",
+         *(shown_value(n, s["held_out_rmse"].get(n)) for n in channels)]
+        for s in steps
+    ]  # fmt: skip
     caption = "Held-out error of the base model" + (
-        "" if last is None else " and after each effect that was added"
+        "" if steps[-1]["added"] is None else " and after each effect that was added"
     )
-    if any(c.get("noise_floor") is not None for c in (document.get("channels") or {}).values()):
+    if any(floor is not None for floor in floors.values()):
+        rows.append(["noise floor", *(shown_value(n, floors[n]) for n in channels)])
         caption += (
-            "; the dashed line is the noise floor: the held-out error that the true model would "
+            "; noise floor: the held-out error that the true model would "
             "leave, with the noise of each row and the scatter from run to run"
         )
         if document["verdict"] == "unknown_effect":
             caption += "; with something still missing, part of that may pass for scatter, and the "
             caption += "true floor be lower"
-    blocks: list[Block] = [Picture(figure, caption + ".")]
+    header = ["", *(words(name) for name in channels)]
+    numbers = range(1, 1 + len(channels))
+    blocks: list[Block] = [Table(header, rows, caption + ".", numbers)]
     scatter = document.get("run_scatter") or {}
     if scatter.get("tau") is not None:
         own = [f"{words(n)} by {per_cent(v)}" for name, v in scatter.items()

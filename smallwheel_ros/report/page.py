@@ -1,26 +1,34 @@
-"""Building blocks of a report. Whatever text they are given is escaped."""
+"""Building blocks of a page, and the page: one file with its data, its script and its look.
+
+Whatever text a block is given is escaped; what the script shows of the data it sets as text.
+"""
 
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
+import json
+import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from html import escape
+from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from matplotlib import rc_context
-from matplotlib.figure import Figure
+import numpy as np
 
 from smallwheel_ros import __version__
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.output import write_bytes
-from smallwheel_ros.report.style import CSS
 
-# Nothing may be fetched and nothing run, even if a text should slip through unescaped.
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DIGITS = 4  # of a number that is drawn
 
 
 class ReportError(SmallwheelError):
@@ -58,13 +66,18 @@ class Callout:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts under a header; columns in `numbers` set right, rows in `strong` stressed."""
+    """Rows of texts under a header.
+
+    Columns in `numbers` are set right, rows in `strong` stressed, shares (0 to 1) in the column
+    `bars` drawn as bars too.
+    """
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
     numbers: Sequence[int] = ()
     strong: Sequence[int] = ()
+    bars: int | None = None
 
     def html(self) -> str:
         """The block as HTML."""
@@ -75,32 +88,72 @@ class Table:
             + "</tr>"
             for r, row in enumerate(self.rows)
         )
-        caption = f"<caption>{escape(self.caption)}</caption>" if self.caption else ""
+        caption = f"<caption><span>{escape(self.caption)}</span></caption>" if self.caption else ""
+        label = escape(self.caption or next(iter(self.header), "table"), quote=True)
         return (
-            f'<div class="scroll"><table>{caption}<thead><tr>{head}</tr></thead>'
-            f"<tbody>{body}</tbody></table></div>"
+            f'<div class="scroll" tabindex="0" role="region" aria-label="{label}"><table>{caption}'
+            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
         )
 
     def _cell(self, tag: str, column: int, text: str) -> str:
         kind = ' class="number"' if column in self.numbers else ""
-        return f"<{tag}{kind}>{escape(text)}</{tag}>"
+        kind += ' scope="col"' if tag == "th" else ""
+        shown = escape(text)
+        if tag == "td" and column == self.bars and text != "-":
+            shown = f'<b class="bar" style="--part:{100.0 * float(text):.0f}%">{shown}</b>'
+        return f"<{tag}{kind}>{shown}</{tag}>"
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What the page's script draws.
+
+    kind: which part of the script. data: what it draws, plain values; a number that is not finite is
+    a gap. inside: HTML that stands there beforehand, safe as it is.
+    """
+
+    kind: Literal["xy", "models", "effects", "drive"]
+    data: Mapping[str, Any]
+    caption: str = ""
+    inside: str = ""
+
+    @property
+    def key(self) -> str:
+        """Name of the data in the page: the same data has the same."""
+        text = self.kind + json.dumps(drawn(self.data), sort_keys=True)
+        return self.kind + hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:12]
+
+    def html(self) -> str:
+        """The block as HTML."""
+        caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
+        tag = "div" if self.kind in ("effects", "drive") else "figure"
+        return f'<{tag} data-{self.kind}="{self.key}">{self.inside}{caption}</{tag}>'
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure, drawn into the page. description: what a reader who cannot see it should know."""
+    """A figure that does not move. description: what a reader who cannot see it should know."""
 
     figure: Figure
     caption: str
     description: str = ""
 
     def html(self) -> str:
-        """The block as HTML."""
+        """The block as HTML: an SVG inside an address, so that pictures share no names."""
+        from matplotlib import rc_context
+
+        buffer = io.BytesIO()
+        # A fixed salt and no date: the same data gives the same page.
+        with rc_context({"svg.hashsalt": "smallwheel_ros"}), warnings.catch_warnings():
+            # A column's name may have letters that the font lacks: the picture shows boxes.
+            warnings.filterwarnings("ignore", message="Glyph .* missing")
+            self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        image = base64.b64encode(buffer.getvalue()).decode("ascii")
         alt = escape(self.description or self.caption, quote=True)
-        caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
-        width = int(96 * self.figure.get_size_inches()[0])
-        image = f'<img width="{width}" alt="{alt}" src="{_data_uri(self.figure)}">'
-        return f"<figure>{image}{caption}</figure>"
+        return (
+            f'<figure><img alt="{alt}" src="data:image/svg+xml;base64,{image}">'
+            f"<figcaption>{escape(self.caption)}</figcaption></figure>"
+        )
 
 
 @dataclass(frozen=True)
@@ -116,7 +169,7 @@ class Details:
         return f"<details><summary>{escape(self.summary)}</summary>{body}</details>"
 
 
-Block = Text | Callout | Table | Picture | Details
+Block = Text | Callout | Table | Drawing | Picture | Details
 
 
 @dataclass(frozen=True)
@@ -127,20 +180,58 @@ class Section:
     blocks: Sequence[Block] = field(default=())
 
 
-def _data_uri(figure: Figure) -> str:
-    """The figure as an SVG inside an address, so that pictures share no names and need no file."""
-    buffer = io.BytesIO()
-    # A fixed salt and no date: the same data gives the same page.
-    fixed = rc_context({"svg.hashsalt": "smallwheel_ros", "svg.fonttype": "path"})
-    with fixed, warnings.catch_warnings():
-        # A column's name may have letters that the font lacks: the picture shows boxes.
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None}, dpi=150)
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+def drawn(value: Any) -> Any:
+    """Plain values with few digits; what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): drawn(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [drawn(one) for one in value]
+    if isinstance(value, np.ndarray):
+        return [drawn(one) for one in value.tolist()]
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if not math.isfinite(value):
+        return None
+    short = float(f"{value:.{_DIGITS}g}")
+    return int(short) if short.is_integer() and abs(short) < 1e15 else short
 
 
-def page(title: str, sections: Sequence[Section], subtitle: str = "", footer: str = "") -> str:
-    """One HTML page with everything in it. Sections without blocks are left out."""
+def embedded(data: Mapping[str, Any]) -> str:
+    """JSON that nothing can break out of: no letter of it begins or ends anything in HTML."""
+    text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    for letter in "<>&\u2028\u2029":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    return text
+
+
+@lru_cache(maxsize=1)
+def _web() -> dict[str, str]:
+    folder = files("smallwheel_ros.report") / "web"
+    names = ("uPlot.iife.min.js", "plots.js", "residuals.js", "effects.js", "drive.js",
+             "uPlot.min.css", "page.css")  # fmt: skip
+    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+
+
+_SCRIPTS = {
+    "xy": (),
+    "models": ("residuals.js",),
+    "effects": ("residuals.js", "effects.js"),
+    "drive": ("drive.js",),
+}
+
+
+def page(
+    title: str,
+    sections: Sequence[Section],
+    subtitle: str = "",
+    footer: str = "",
+    *,
+    served: bool = False,
+) -> str:
+    """One HTML page with everything in it. Sections without blocks are left out.
+
+    served: by a server of this machine, which the page may ask.
+    """
     shown = [section for section in sections if section.blocks]
     links = " ".join(f'<a href="#s{i}">{escape(s.title)}</a>' for i, s in enumerate(shown, start=1))
     body = "".join(
@@ -150,13 +241,48 @@ def page(title: str, sections: Sequence[Section], subtitle: str = "", footer: st
         for i, section in enumerate(shown, start=1)
     )
     end = f"Made by smallwheel_ros {__version__}." + (f" {footer}" if footer else "")
+    drawings = list(_drawings([block for section in shown for block in section.blocks]))
+    script, data = _script(drawings), embedded({d.key: drawn(d.data) for d in drawings})
+    web = _web()
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_policy(script, served)}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{CSS}</style></head>'
+        '<meta name="color-scheme" content="light dark">'
+        f'<link rel="icon" href="data:,"><title>{escape(title)}</title>'
+        f"<style>{web['uPlot.min.css']}{web['page.css']}</style></head>"
         f"<body><header><h1>{escape(title)}</h1><p>{escape(subtitle)}</p></header>"
-        f"<nav>{links}</nav><main>{body}</main><footer>{escape(end)}</footer></body></html>\n"
+        f'<nav aria-label="sections">{links}</nav>'
+        "<noscript><p>The plots need JavaScript; tables and sentences do not.</p></noscript>"
+        f"<main>{body}</main><footer>{escape(end)}</footer>"
+        f'<script type="application/json" id="data">{data}</script>'
+        f"<script>{script}</script></body></html>\n"
+    )
+
+
+def _drawings(blocks: Sequence[Block]) -> Iterator[Drawing]:
+    for block in blocks:
+        if isinstance(block, Drawing):
+            yield block
+        elif isinstance(block, Details):
+            yield from _drawings(block.blocks)
+
+
+def _script(drawings: Sequence[Drawing]) -> str:
+    """As much of the script as the page needs; uPlot comes first, with its licence's line."""
+    wanted = {name for d in drawings for name in _SCRIPTS[d.kind]}
+    web = _web()
+    names = ["uPlot.iife.min.js", "plots.js", *(n for n in web if n in wanted)]
+    return "\n".join(web[name] for name in names)
+
+
+def _policy(script: str, served: bool) -> str:
+    """Nothing may be fetched and nothing run but this very script, whatever the data is called."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    own = "connect-src 'self'; form-action 'self'" if served else "form-action 'none'"
+    return (
+        f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; "
+        f"img-src data:; base-uri 'none'; {own}"
     )
 
 

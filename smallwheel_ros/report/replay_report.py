@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.display import number
-from smallwheel_ros.pictures.replay import (
-    Courses,
-    map_of_way,
-    read_courses,
-    slip_over_time,
-    soil_over_time,
-    wheels_over_time,
-)
 from smallwheel_ros.replay.folder import FILES
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.summary import Event
+from smallwheel_ros.report.drive_data import drive_data, read_courses, stride
 from smallwheel_ros.report.page import (
     Block,
     Callout,
     Details,
-    Picture,
+    Drawing,
     Section,
     Table,
     Text,
@@ -50,7 +41,19 @@ _REASONS = {
     "range_out_of_limits": "outside the range sensor's limits",
 }
 _MOST_EVENTS = 25
-_MOST_POINTS = 3000  # of each wheel, from which pictures are drawn
+_MAP = (
+    '<p><label>The way, coloured by <select name="colour"><option value="sinkage">sinkage, mean of the '
+    'wheels</option><option value="margin">drawbar margin</option><option value="cost">cost</option>'
+    "</select></label></p>"
+)
+_CAPTION = (
+    "The way is in the frame of the odometry. Drawbar margin: drawbar pull over load at the reference "
+    "slip, of all wheels together; it is the tangent of the slope that could be climbed beyond the "
+    "present one. Under 0 the wheels do not carry the vehicle on level ground. Cost: the risk, in per "
+    "cent, that the margin is under the one required, as the node's cost map has it. The reference "
+    "pressure is what the drive determines first; k is the pressure at one metre of sinkage, far from "
+    "what small wheels do. Where something is not known there is a gap."
+)
 
 
 def write_replay_report(result: Replayed, path: Path) -> None:
@@ -58,17 +61,15 @@ def write_replay_report(result: Replayed, path: Path) -> None:
 
     Raises OutputError where it cannot be written.
     """
-    summary, events = result.document({}), result.summary.events
-    most = max(counts["estimates"] for counts in summary["wheels"].values())
-    every = max(1, most // _MOST_POINTS)
-    courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
+    summary = result.document({})
+    every = stride({name: counts["estimates"] for name, counts in summary["wheels"].items()})
     html = page(
         "Replay of a drive",
         [
             Section("In short", _in_short(summary)),
-            Section("The way", _way(courses, events)),
-            Section("The wheels", _wheels(courses, every, events, summary)),
-            Section("The soil", _soil(courses, events, summary)),
+            Section("The drive", _drive(result, every)),
+            Section("The wheels", [_match_rates(summary)]),
+            Section("The soil", _soil(summary)),
             Section("What happened", _events(summary)),
             Section("What was not used", _not_used(summary)),
             Section("Inputs", _inputs(summary)),
@@ -132,39 +133,26 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _way(courses: Courses, events: Sequence[Event]) -> list[Block]:
-    figure = map_of_way(courses, events) if courses else None
-    if figure is None:
+def _drive(result: Replayed, every: int) -> list[Block]:
+    """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
+    courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
+    if not courses:
         return []
+    data = drive_data(courses, result.summary.events, result.settings.cost.rules)
+    choice = "" if data["way"] is None else _MAP
+    thinned = f" One estimate in {every} is shown." if every > 1 else ""
+    inside = (
+        f'{choice}<div data-part="map"></div><h3>Wheels over time</h3><div data-part="wheels"></div>'
+        '<h3>The soil over time: p = k zⁿ Dᵐ as it was believed</h3><div data-part="soil"></div>'
+    )
     return [
-        Picture(
-            figure,
-            "The vehicle's way in the frame of its odometry. Drawbar margin: drawbar pull over load "
-            "at the reference slip, of all wheels together; it is the tangent of the slope that "
-            "could be climbed beyond the present one. Red: the wheels do not carry the vehicle on "
-            "level ground. Grey: not known.",
-        )
+        Text(
+            "Point at the way or at a line: all show the same time. Drag to zoom in, click twice to see "
+            "all. Sinkage is predicted before the measurement of that instant is used, drawbar pull is "
+            f"at the slip of that instant; bands: 95 %.{thinned}"
+        ),
+        Drawing("drive", data, _CAPTION, inside),
     ]
-
-
-def _wheels(
-    courses: Courses, every: int, events: Sequence[Event], summary: dict[str, Any]
-) -> list[Block]:
-    blocks: list[Block] = []
-    if courses:
-        thinned = f" Every {every}th estimate is shown." if every > 1 else ""
-        blocks.append(
-            Picture(
-                wheels_over_time(courses, events),
-                "Sinkage as predicted before the measurement of that instant is used, and drawbar "
-                f"pull at the slip of that instant; bands: 95 %. Dotted: the soil changed.{thinned}",
-            )
-        )
-        slip = slip_over_time(courses)
-        if slip is not None:
-            blocks.append(Picture(slip, "Slip: positive when driving, negative when braking."))
-    blocks.append(_match_rates(summary))
-    return blocks
 
 
 def _share(part: int, whole: int) -> str:
@@ -191,7 +179,7 @@ def _match_rates(summary: dict[str, Any]) -> Table:
     return Table(header, rows, caption, range(1, 6))
 
 
-def _soil(courses: Courses, events: Sequence[Event], summary: dict[str, Any]) -> list[Block]:
+def _soil(summary: dict[str, Any]) -> list[Block]:
     soil = summary["soil"]
     if summary["estimates"] == 0:
         return []
@@ -207,14 +195,6 @@ def _soil(courses: Courses, events: Sequence[Event], summary: dict[str, Any]) ->
     blocks: list[Block] = [Table(header, rows, numbers=(1, 2))]
     if soil["status"]:
         blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
-    blocks.append(
-        Picture(
-            soil_over_time(courses, events),
-            "The law p = k zⁿ Dᵐ as it was believed; bands: 95 %. The reference pressure is what "
-            "the drive determines first; k is the pressure at one metre of sinkage, far from what "
-            "small wheels do.",
-        )
-    )
     return blocks
 
 

@@ -1,23 +1,25 @@
-"""The whole story of one table: models compared, where they fail, which effect is missing, what next."""
+"""The whole story of one table: what is missing, models side by side, where they fail, what next."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import Floor
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.report.compare_report import (
     caveats,
     failure_blocks,
     model_blocks,
-    scatter_blocks,
+    model_plots,
     summary,
 )
 from smallwheel_ros.report.data_section import data_blocks
 from smallwheel_ros.report.diagnosis_report import caveats as diagnosis_caveats
 from smallwheel_ros.report.diagnosis_report import (
+    channel_blocks,
     check_diagnosis,
     next_blocks,
     ranking_blocks,
@@ -25,7 +27,9 @@ from smallwheel_ros.report.diagnosis_report import (
     step_blocks,
     unknowable_blocks,
 )
-from smallwheel_ros.report.page import Picture, Section, Text, page
+from smallwheel_ros.report.effects_section import EffectsPage
+from smallwheel_ros.report.page import Block, Section, Text, page
+from smallwheel_ros.report.resistance_ratio import ratio_blocks
 from smallwheel_ros.report.verdict_section import verdict_block
 
 _FLOOR = "with the scatter of the soil from run to run"
@@ -35,43 +39,62 @@ _TWICE = (
     "the size that its own predictions have, the diagnosis all models with one size, so that they can "
     "be ranked: their held-out errors of the same base model differ a little."
 )
+_HOW = (
+    "Tick an effect: error, residuals and parameters follow. Each point is predicted by a fit without "
+    "its run. Point at one to see what it is; click on it to put its run aside."
+)
 
 
 def whole_report(
-    comparison: Comparison,
     document: Mapping[str, Any],
-    pictures: Mapping[str, Sequence[Picture]] | None = None,
+    *,
+    effects: EffectsPage | None = None,
+    comparison: Comparison | None = None,
+    measurements: Measurements | None = None,
+    served: bool = False,
 ) -> str:
-    """One self-contained HTML page for a comparison and a diagnosis of the same measurements.
+    """One self-contained HTML page for a diagnosis, and a comparison of the same measurements.
 
-    document: what `smallwheel diagnose --json` writes. pictures: further ones for the sections
-    "where_it_fails" and "steps". Raises ReportError where the document is not one of a diagnosis.
+    document: what `smallwheel diagnose --json` writes. effects: those to set and unset; None where
+    nothing could be held out. served: by `explore`, which fits what the page lacks.
+    Raises ReportError where the document is not one of a diagnosis.
     """
     check_diagnosis(document)
-    data = comparison.measurements
-    comparison = replace(comparison, noise=_floors(comparison, document))
-    more = pictures or {}
-    said = dict.fromkeys([*caveats(comparison), *diagnosis_caveats(document), _TWICE])
+    table = measurements if comparison is None else comparison.measurements
+    short: list[Block] = [verdict_block(document)]
+    data, models, failures = channel_blocks(document), [], []
+    said = diagnosis_caveats(document)
+    if comparison is not None:
+        comparison = replace(comparison, noise=_floors(comparison, document))
+        short.append(Text(items=summary(comparison)))
+        data = data_blocks(comparison)
+        models = [*model_blocks(comparison), *model_plots(comparison)]
+        failures = failure_blocks(comparison)
+        said = [*caveats(comparison), *said, _TWICE]
+    elif table is not None:
+        failures = ratio_blocks(table)
+    play: list[Block] = [] if effects is None else [Text(_HOW), effects.block()]
+    title = "Which effect is missing?" if comparison is None else (
+        "Models, measurements, and what is missing"
+    )  # fmt: skip
     return page(
-        "Models, measurements, and what is missing",
+        title,
         [
-            Section("In short", [verdict_block(document), Text(items=summary(comparison))]),
-            Section("The data", data_blocks(comparison)),
-            Section("Models side by side",
-                    [*model_blocks(comparison), *scatter_blocks(comparison)]),
-            Section("Where the model fails",
-                    [*region_blocks(document), *more.get("where_it_fails", ()),
-                     *failure_blocks(comparison)]),
+            Section("In short", short),
+            Section("Set and unset effects", play),
+            Section("The data", data),
+            Section("Models side by side", models),
+            Section("Where the model fails", [*region_blocks(document), *failures]),
             Section("Which effect is missing", ranking_blocks(document)),
-            Section("Held-out error, step by step",
-                    [*step_blocks(document), *more.get("steps", ())]),
+            Section("Held-out error, step by step", step_blocks(document)),
             Section("What this data cannot tell", unknowable_blocks(document)),
             Section("What to measure next", next_blocks(document)),
-            Section("What to keep in mind", [Text(items=[*said])]),
+            Section("What to keep in mind", [Text(items=[*dict.fromkeys(said)])]),
         ],
-        data.source,
-        f"Data: SHA-256 {data.sha256}." if data.sha256 else "",
-    )  # fmt: skip
+        "" if table is None else table.source,
+        f"Data: SHA-256 {table.sha256}." if table is not None and table.sha256 else "",
+        served=served,
+    )
 
 
 def _floors(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, Floor]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,19 +31,6 @@ class Shown(NamedTuple):
     errors: CvErrors
     colour: str
     label: str
-
-
-def failing_settings(
-    document: Mapping[str, Any], settings: Collection[str]
-) -> list[tuple[str, str]]:
-    """Channel and setting of each region in which a diagnosis says that the model fails."""
-    found = []
-    for region in document.get("where_it_fails") or []:
-        text = str(region["region"]).lstrip("|")  # |slip| > 0.5 is a region of slip
-        meant = [name for name in settings if text.startswith(name)]
-        if meant:
-            found.append((str(region["channel"]), max(meant, key=len)))
-    return list(dict.fromkeys(found))
 
 
 def residual_panels(

@@ -1,0 +1,40 @@
+"""Pages of a diagnosis with the effects to set and unset in them."""
+
+from __future__ import annotations
+
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.diagnosis import Diagnosis
+from smallwheel_ros.explore.data import SessionData
+from smallwheel_ros.explore.session import Count, ExploreError, Session
+from smallwheel_ros.report.effects_section import EffectsPage
+from smallwheel_ros.report.whole_report import whole_report
+
+
+def diagnosis_page(
+    diagnosis: Diagnosis,
+    session: Session | None = None,
+    comparison: Comparison | None = None,
+    progress: Count = lambda done, needed: None,
+) -> str:
+    """The diagnosis as one self-contained HTML page.
+
+    session: where every effect and every pair shall be in it, and not only the steps to the verdict;
+    progress: told how many of these fits are done.
+    """
+    return whole_report(
+        diagnosis.document,
+        effects=_effects(diagnosis, session, progress),
+        comparison=comparison,
+        measurements=diagnosis.measurements,
+    )
+
+
+def _effects(diagnosis: Diagnosis, session: Session | None, progress: Count) -> EffectsPage | None:
+    """What can be set and unset; None where nothing could be held out."""
+    try:
+        opened = session or Session(diagnosis)
+        data = SessionData(opened)
+    except ExploreError:
+        return None
+    views = opened.steps() if session is None else opened.fit_beforehand(progress)
+    return data.page(views, opened.chosen)

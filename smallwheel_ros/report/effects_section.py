@@ -1,0 +1,105 @@
+"""The part of a page in which effects are set and unset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any, NamedTuple
+
+from smallwheel_ros.display import words
+from smallwheel_ros.report.effect_meaning import Meaning
+from smallwheel_ros.report.page import Drawing
+
+_KINDS = {"soil": "Effects", "instrument": "Errors of the instrument"}
+_HINT = "The number: probability, from the diagnosis of this data, that the base model lacks the effect."
+
+
+_PARTS = ("progress", "headline", "stairs", "errors", "residuals", "point")
+_PARAMETERS = '<h3>Parameters</h3><div data-part="parameters"></div>'
+
+
+class Label(NamedTuple):
+    """An effect that can be set. kind: soil or instrument. chance: None where none was worked out."""
+
+    name: str
+    kind: str
+    summary: str
+    chance: float | None
+    ticked: bool
+
+
+class EffectsPage(NamedTuple):
+    """What the block shows.
+
+    data: what the script draws. blocked: effects that cannot be set, why, and whether the model has
+    them. settings: names and labels; over: the one of the residuals at first. served: a server fits
+    what is not in the data.
+    """
+
+    data: Mapping[str, Any]
+    labels: Sequence[Label]
+    blocked: Sequence[tuple[str, str, bool]]
+    settings: Sequence[tuple[str, str]]
+    over: str
+    meanings: Sequence[Meaning]
+    served: bool = False
+
+    def block(self) -> Drawing:
+        """The block of a page."""
+        parts = "".join(f'<div data-part="{name}" class="{name}"></div>' for name in _PARTS)
+        cards = "".join(m.html(i) for i, m in enumerate(self.meanings))
+        inside = (
+            f'<div class="play">{self._form()}<div class="view" data-part="view">{parts}'
+            f"{_PARAMETERS}{cards}</div></div>"
+        )
+        return Drawing("effects", self.data, inside=inside)
+
+    def _form(self) -> str:
+        over = "".join(
+            f'<option value="{escape(s, quote=True)}"{" selected" if s == self.over else ""}>'
+            f"{escape(label)}</option>"
+            for s, label in self.settings
+        )
+        effects = "".join(
+            f"<fieldset><legend>{title}</legend>{lines}</fieldset>"
+            for kind, title in _KINDS.items()
+            if (lines := self._effects(kind))
+        )
+        save = (
+            '<button data-save="1" formaction="model.yaml">Save this model file</button>'
+            if self.served
+            else ""
+        )
+        return (
+            f'<form aria-label="effects of the model">{effects}<p class="hint">{_HINT}</p>'
+            f'<label>Residuals over <select name="over">{over}</select></label>{save}'
+            f"{self._blocked()}</form>"
+        )
+
+    def _effects(self, kind: str) -> str:
+        lines = []
+        for i, label in enumerate(self.labels):
+            if label.kind != kind:
+                continue
+            name, ticked = escape(label.name, quote=True), " checked" if label.ticked else ""
+            share = 100.0 * (label.chance or 0.0)
+            lines.append(
+                f'<label title="{escape(label.summary, quote=True)}"><input type="checkbox" '
+                f'name="effects" value="{name}" data-index="{i}"{ticked}>'
+                f"<span>{escape(words(label.name))}</span>"
+                f'<b style="--part:{share:.0f}%">'
+                f"{'-' if label.chance is None else f'{label.chance:.2f}'}</b></label>"
+            )
+        return "".join(lines)
+
+    def _blocked(self) -> str:
+        """The effects that cannot be set, each with the reason; those in the model are ticked."""
+        lines = [
+            f'<label class="off"><input type="checkbox" disabled{" checked" if there else ""}>'
+            f"<span>{escape(words(name))}<small>{escape(why)}</small></span></label>"
+            for name, why, there in self.blocked
+        ]
+        if not lines:
+            return ""
+        title = f"{len(lines)} not testable with this data"
+        return f"<details><summary>{title}</summary><fieldset>{''.join(lines)}</fieldset></details>"
