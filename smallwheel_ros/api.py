@@ -32,9 +32,14 @@ from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.lab.agreement import agreements
+from smallwheel_ros.lab.lab import LabFit, fit_lab
 from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.learn.learning import learn as learn_law
+from smallwheel_ros.measurements.joining import joined, joined_shear
+from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.tests import read_tests
 from smallwheel_ros.model import Geometry
 from smallwheel_ros.prediction import PredictionTable, on_one_soil, predict_table
 
@@ -51,6 +56,8 @@ def read(
     sheet: str | int | None = None,
     diameter: float | None = None,
     width: float | None = None,
+    contact: str | None = None,
+    compliance: float | None = None,
 ) -> Measurements:
     """Read a table of measurements: a file, or a DataFrame of pandas.
 
@@ -64,6 +71,10 @@ def read(
         Of a spreadsheet, by name or number.
     diameter, width
         Of the wheel (m), for all rows, where the table has no such column.
+    contact
+        ``plate``, ``pressed`` or ``rolling``, for all rows, where the table has no such column.
+    compliance
+        m/N by which the machine gives way: the soil's sinkage is that measured less this times the load.
 
     Raises
     ------
@@ -79,27 +90,47 @@ def read(
     """
     if isinstance(data, Measurements):
         return data
+    return read_measurements(
+        _source(data),
+        diameter=diameter,
+        width=width,
+        contact=contact,
+        compliance=compliance,
+        map=map,
+        sheet=sheet,
+    )
+
+
+def read_test(data: Data | ShearTests, **how: Any) -> Measurements | ShearTests:
+    """Read a table of any test of a lab, shear tests too. how: as in ``read``."""
+    if isinstance(data, (Measurements, ShearTests)):
+        return data
+    return read_tests(_source(data), **how)
+
+
+def _source(data: Any) -> Any:
+    """A file's path or a DataFrame. Raises ArgumentError for anything else."""
     if not (isinstance(data, (str, PathLike)) or hasattr(data, "columns")):
         raise ArgumentError(
             f"data: found {kind(data)}, expected a file, a DataFrame or what sw.read returned"
         )
-    source = Path(data) if isinstance(data, (str, PathLike)) else data
-    return read_measurements(source, diameter=diameter, width=width, map=map, sheet=sheet)
+    return Path(data) if isinstance(data, (str, PathLike)) else data
 
 
 def fit(
-    data: Data,
+    data: Data | ShearTests | Sequence[Data | ShearTests],
     effects: AnyEffect | Iterable[AnyEffect] = (),
     model: AnyModel | None = None,
     *,
     geometry: Geometry | None = None,
-) -> FitResult:
-    """Calibrate soil and effects on measurements.
+) -> FitResult | LabFit:
+    """Calibrate soil and effects on measurements; with plates or shear tests, all tests of a lab.
 
     Parameters
     ----------
     data
-        The measurements.
+        The measurements: one table, or several of one lab (plates, wheels, shear tests), as files or as
+        what ``read`` returned.
     effects
         To fit with the soil: ids (``"slip_sinkage"``, or with a form ``"slip_sinkage/hyperbolic"``),
         classes, effects with numbers to start from, or a Python file with effects of your own, which
@@ -120,19 +151,39 @@ def fit(
     >>> sorted(again.held_out)
     ['resistance', 'sinkage']
     """
-    measurements = read(data)
-    if model is None:
-        base = Base(geometry=geometry or "contact_integral")
-    elif geometry is None:
-        base = base_of(model_of(model), measurements, free=True)
-    else:
+    tests, tables = _tests_of(data)
+    measurements = joined(tables) if tables else None
+    known = None if model is None else model_of(model)
+    if known is not None and geometry is not None:
         raise ArgumentError(
             "model and geometry: found both, expected one: a model has its geometry"
         )
+    if measurements is None:
+        return fit_lab(None, joined_shear(tests), known=known)
+    base = Base(geometry=geometry or "contact_integral")
+    if known is not None:
+        base = base_of(known, measurements, free=True)
     parts = [part_of(effect) for effect in effects_of(effects, measurements)]
-    problem = Problem.of(measurements, changed(base, parts=(*base.parts, *parts)))
-    errors = problem.held_out()
-    return changed(problem.result(), held_out={} if errors is None else errors.rmse())
+    base = changed(base, parts=(*base.parts, *parts))
+    if tests or not measurements.conditions.rolling.all():
+        return fit_lab(measurements, joined_shear(tests) if tests else None, base, known)
+    problem = Problem.of(measurements, base)
+    errors, found = problem.held_out(), problem.result()
+    said = [a.sentence() for a in agreements(measurements, base) if not a.agrees]
+    rmse = {} if errors is None else errors.rmse()
+    return changed(found, held_out=rmse, notes=(*found.notes, *said))
+
+
+def _tests_of(
+    data: Data | ShearTests | Sequence[Data | ShearTests],
+) -> tuple[list[ShearTests], list[Measurements]]:
+    """Shear tests, and tables of load and sinkage."""
+    given: list[Any] = list(data) if isinstance(data, (list, tuple)) else [data]
+    if not given:
+        raise ArgumentError("data: found an empty list, expected measurements")
+    found = [read_test(one) for one in given]
+    tests = [one for one in found if isinstance(one, ShearTests)]
+    return tests, [one for one in found if isinstance(one, Measurements)]
 
 
 def compare(

@@ -17,6 +17,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult
+from smallwheel_ros.lab.lab import LabFit
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
-    AnyModel: TypeAlias = Model | Soil | FitResult | Diagnosis | Added | str | PathLike[str]
+    AnyModel: TypeAlias = (
+        Model | Soil | FitResult | LabFit | Diagnosis | Added | str | PathLike[str]
+    )
     AnyEffect: TypeAlias = Effect | type[Effect] | str
     OwnEffects: TypeAlias = Registry | str | PathLike[str] | None
     Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
@@ -72,7 +75,7 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
     Raises ArgumentError, ModelFileError.
     """
-    if isinstance(given, (FitResult, Diagnosis, Added)):
+    if isinstance(given, (FitResult, LabFit, Diagnosis, Added)):
         return given.model
     if isinstance(given, Model):
         return as_calibrated(given)
@@ -121,7 +124,9 @@ def contenders_of(
     if isinstance(models, Mapping):
         named = [(str(name), model) for name, model in models.items()]
     else:
-        single = isinstance(models, (str, PathLike, Model, Soil, FitResult, Diagnosis, Added))
+        single = isinstance(
+            models, (str, PathLike, Model, Soil, FitResult, LabFit, Diagnosis, Added)
+        )
         named = [("", model) for model in ([models] if single else _listed("models", models))]
     found: list[Contender] = []
     for name, given in named:

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from smallwheel_ros import cli
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-FAST, SLOW = ("theory", "tutorial_bench"), ("tutorial_robot",)
+FAST, SLOW = ("theory", "tutorial_bench", "lab_tests"), ("tutorial_robot",)
 BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 # Another processor or numerical library moves the last digits; of small differences, more.

@@ -1,4 +1,4 @@
-"""Make the drawings of docs/theory.md, as SVG: `PYTHONPATH=. python docs/drawings/draw.py`.
+"""Make the drawings of docs, as SVG: `PYTHONPATH=. python docs/drawings/draw.py`.
 
 The same bytes each time; text stays text; the background is transparent and the ink half-dark, so that
 they can be read on a dark page as well (which inverts them, see _static/site.css).
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import curves
+import lab
 import matplotlib as mpl
 import scenes
 from matplotlib.figure import Figure
@@ -27,6 +28,11 @@ DRAWINGS: dict[str, Callable[[], Figure]] = {
     "closed_form": curves.draw_closed_form,
     "effects": scenes.draw_effects,
     "ridge": curves.draw_ridge,
+    "lab_plates": lab.draw_plates,
+    "lab_bevameter": lab.draw_bevameter,
+    "lab_shear": lab.draw_shear_tests,
+    "lab_pressed": lab.draw_pressed,
+    "lab_lugs": lab.draw_lugs,
 }
 
 

@@ -12,6 +12,7 @@ from smallwheel_ros.commands.inputs import (
     DATA,
     HTML,
     JSON,
+    MODEL,
     OWN,
     WITHOUT,
     BenchError,
@@ -20,6 +21,7 @@ from smallwheel_ros.commands.inputs import (
     progress_of_fits,
     progress_of_steps,
     read_table,
+    read_test,
     show,
     table_options,
 )
@@ -32,28 +34,36 @@ _PLOTS = click.option("--plots", type=_PATH, metavar="DIR",
 
 
 @click.command("fit", short_help="Calibrate soil and effects on measurements.")
-@DATA
+@click.argument("data", type=_PATH, nargs=-1, required=True)
 @click.option("-o", "--output", required=True, type=_PATH, help="Model file to write.")
 @click.option("--effects", "names", default="", metavar="A,B",
               help="Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a "
               "name that ends in .py is a file with effects of your own, which is run.")  # fmt: skip
 @click.option("--geometry", type=click.Choice(["contact_integral", "closed_form"]),
-              default="contact_integral", show_default=True)  # fmt: skip
+              help="How load and sinkage belong together; contact_integral where there is no "
+              "model.")  # fmt: skip
+@MODEL
 @table_options
 @JSON
 def fit(
-    data: Path,
+    data: tuple[Path, ...],
     output: Path,
     names: str,
-    geometry: Geometry,
+    geometry: Geometry | None,
+    model_file: Path | None,
     how: dict[str, Any],
     json_file: str | None,
 ) -> None:
-    """Calibrate soil and effects on the measurements in DATA and write a model file."""
+    """Calibrate soil and effects on the measurements in DATA and write a model file.
+
+    DATA is one table, or several of one lab: plates, pressed and rolling wheels, shear tests. Plates of
+    several sizes are put under the laws of Bekker and Reece too; shear tests give cohesion, friction
+    angle and shear modulus.
+    """
     given = names_of(names)
-    check_targets([output, json_file], [data, *(n for n in given if n.endswith(".py"))])
-    measurements = read_table(data, how)
-    result = api.fit(measurements, given, geometry=geometry)
+    check_targets([output, json_file], [*data, *(n for n in given if n.endswith(".py"))])
+    tables = [read_test(path, how) for path in data]
+    result = api.fit(tables, given, model_file, geometry=geometry)
     result.model.save(output)
     show(result, json_file, [output])
 

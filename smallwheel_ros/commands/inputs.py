@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from smallwheel_ros import api
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.soil import nearest
 from smallwheel_ros.results import Result
@@ -52,9 +53,12 @@ def table_options(command: _Command) -> _Command:
         width: float | None,
         mapping: tuple[str, ...],
         sheet: str | None,
+        contact: str | None,
+        compliance: float | None,
         **options: Any,
     ) -> Any:
         how = {"diameter": diameter, "width": width, "map": _headers(mapping), "sheet": sheet}
+        how |= {"contact": contact, "compliance": compliance}
         return command(*args, how=how, **options)
 
     for add in (
@@ -62,6 +66,11 @@ def table_options(command: _Command) -> _Command:
         click.option("--map", "mapping", multiple=True, metavar="NAME=HEADER",
                      help="Which column is what, where its header does not say it: load=F3, or "
                      "with a unit 'load [kN]=F3'. May be given several times."),
+        click.option("--compliance", type=float, metavar="M/N",
+                     help="By how much the machine gives way [m/N]: times the load it is taken off "
+                     "each measured sinkage; 1 mm under 500 N is 2e-6."),
+        click.option("--contact", type=click.Choice(["rolling", "pressed", "plate"]),
+                     help="What meets the soil in all rows, where the table does not say."),
         click.option("--width", type=float, help="Wheel width [m] for all rows."),
         click.option("--diameter", type=float, help="Wheel diameter [m] for all rows."),
     ):  # fmt: skip
@@ -85,11 +94,22 @@ def _headers(mapping: tuple[str, ...]) -> dict[str, str]:
 def read_table(data: Path, how: Mapping[str, Any]) -> Measurements:
     """The table; what was made of it, and its warnings, on standard error. how: as `table_options`."""
     measurements = api.read(data, **how)
-    for line in measurements.understood:
-        click.echo(f"understood: {line}", err=True)
-    for warning in measurements.warnings:
-        click.echo(f"warning: {warning}", err=True)
+    _say(measurements.understood, measurements.warnings)
     return measurements
+
+
+def read_test(data: Path, how: Mapping[str, Any]) -> Measurements | ShearTests:
+    """A table of any test of a lab, as `read_table`."""
+    test = api.read_test(data, **how)
+    _say(test.understood, () if isinstance(test, ShearTests) else test.warnings)
+    return test
+
+
+def _say(understood: Sequence[str], warnings: Sequence[str]) -> None:
+    for line in understood:
+        click.echo(f"understood: {line}", err=True)
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
 
 
 def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) -> None:

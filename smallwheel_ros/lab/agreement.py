@@ -78,11 +78,11 @@ class Agreement:
             f"{self.ratio:.2f} times (95 %: {self.low:.2f} to {self.high:.2f}). "
         )
         if self.agrees:
-            return said + f"{self.first} and {self.second} agree about {self.soil}"
-        return said + (
-            f"{self.first} and {self.second} disagree about {self.soil}: the law of one does not carry "
-            "over to the other as it stands. Check zero of the sinkage, sizes and preparation of both; "
-            "fit each alone where it is to be used"
+            return f"{said}They agree about {self.soil}"
+        return (
+            f"{said}They disagree about {self.soil}: the law of one does not carry over to the other as it "
+            "stands. Check zero of the sinkage, sizes and preparation of both; fit each alone where it is "
+            "to be used"
         )
 
 

@@ -7,25 +7,36 @@ strength comes from shear tests (`shear`, `strength`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from smallwheel_ros.display import sentence
 from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.problem import Base, Problem
-from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
 from smallwheel_ros.lab.agreement import Agreement, agreements
 from smallwheel_ros.lab.plate_laws import PlateLaws, plate_laws
 from smallwheel_ros.lab.shear import ShearFit, fit_shear
 from smallwheel_ros.lab.strength import Strength, StrengthError, strength_of, with_strength
+from smallwheel_ros.lab.text import (
+    agreement_document,
+    laws_document,
+    laws_text,
+    shear_document,
+    shear_text,
+)
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.results import Result, Writer
+from smallwheel_ros.tables import plain
 
 _NO_MODEL = (
     "shear tests tell cohesion, friction angle and shear modulus, and a model needs k and n too: give "
@@ -33,23 +44,79 @@ _NO_MODEL = (
 )
 
 
-@dataclass(frozen=True)
-class LabFit:
+@dataclass(frozen=True, repr=False)
+class LabFit(Result):
     """What the tests say.
 
-    model: as it is written to a file. fit: of load and sinkage, None where only shear was tested;
-    held_out: its held-out error (rmse) by channel, m or N. laws: one for each soil whose plates have
-    several sizes. strengths: of each soil that was sheared.
+    model: as it is written to a file. fit: of load and sinkage, None where only shear was tested. laws:
+    one for each soil whose plates have several sizes. strengths: of each soil that was sheared.
     """
 
     model: CalibratedModel
     fit: FitResult | None
-    held_out: Mapping[str, float]
     laws: tuple[PlateLaws, ...]
     agreements: tuple[Agreement, ...]
     shear: tuple[ShearFit, ...]
     strengths: tuple[Strength, ...]
     notes: tuple[str, ...]
+
+    @property
+    def held_out(self) -> Mapping[str, float]:
+        """Held-out error (rmse) of load and sinkage by channel, m or N."""
+        return {} if self.fit is None else self.fit.held_out
+
+    @property
+    def parameters(self) -> tuple[FittedParameter, ...]:
+        """Parameters of load and sinkage, then those of the strength."""
+        of_fit = () if self.fit is None else self.fit.parameters
+        return (*of_fit, *(p for strength in self.strengths for p in strength.parameters))
+
+    def headline(self) -> str:
+        """How well load and sinkage are fitted, and what else was tested."""
+        said = [] if self.fit is None else [self.fit.headline()]
+        if self.laws:
+            said.append(f"plates of {len(self.laws[0].diameters)} sizes")
+        if self.shear:
+            said.append(f"{sum(len(fit.plain.runs) for fit in self.shear)} shear tests")
+        return "; ".join(said)
+
+    def text(self) -> str:
+        """As `smallwheel fit` prints it."""
+        parts = [] if self.fit is None else [self.fit.text()]
+        parts += [laws_text(laws) for laws in self.laws]
+        parts += [sentence(agreement.sentence()) for agreement in self.agreements]
+        parts += [shear_text(*pair) for pair in zip(self.shear, self.strengths, strict=True)]
+        parts += [sentence(note) for note in self.notes]
+        return "\n\n".join(parts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel fit --json` writes it."""
+        found = {} if self.fit is None else self.fit.to_dict()
+        more = {
+            "plate_laws": [laws_document(laws) for laws in self.laws],
+            "agreements": [agreement_document(agreement) for agreement in self.agreements],
+            "shear": [
+                shear_document(*pair) for pair in zip(self.shear, self.strengths, strict=True)
+            ],
+            "lab_notes": list(self.notes),
+        }
+        return found | dict(plain(more))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The parameters of the model, and the constants of the laws of size."""
+        found = [] if self.fit is None else self.fit.rows()
+        constants = [
+            (law.name, c) for laws in self.laws for law in laws.laws for c in law.constants
+        ]
+        constants += [("shear tests", p) for s in self.strengths for p in s.parameters]
+        return found + [
+            {"of": f"{p.owner}, {of}", "parameter": p.name, "value": p.value, "std": p.std,
+             "unit": p.unit, "status": p.status}
+            for of, p in constants
+        ]  # fmt: skip
+
+    def _writers(self) -> dict[str, Writer]:
+        return self.model._writers()
 
 
 def fit_lab(
@@ -57,30 +124,34 @@ def fit_lab(
     tests: ShearTests | None = None,
     base: Base | None = None,
     known: CalibratedModel | None = None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> LabFit:
     """Fit a model to the tests of a lab.
 
-    measurements: plates, pressed and rolling wheels. tests: shear. base: the model to fit, where not the
-    plain one; known: a model file to start from instead, whose soils are refitted within their
-    covariance and whose strength stays where no shear test says otherwise.
+    measurements: plates, pressed and rolling wheels. tests: shear. base: the model to fit, where it is not
+    the plain one, nor `known`: a model to start from, whose soils are refitted within their covariance and
+    whose strength stays where no shear test says otherwise. progress: told what is done next.
 
     Raises FittingError or StrengthError where the tests are not enough for a model.
     """
+    progress("shear tests")
     shear = () if tests is None else fit_shear(tests)
     strengths = tuple(strength_of(fit) for fit in shear)
     fit: FitResult | None = None
-    held_out: dict[str, float] = {}
     laws: tuple[PlateLaws, ...] = ()
     agree: tuple[Agreement, ...] = ()
     notes: list[str] = []
     if measurements is not None:
+        progress("load and sinkage")
         start = base or (Base() if known is None else base_of(known, measurements))
         problem = Problem.of(measurements, start)
         fitter, own = fit_points(problem.points, problem.vector)
         errors = problem.held_out()
         held_out = {} if errors is None else errors.rmse()
         fit = replace(result_of(fitter, own, problem.outliers), held_out=held_out)
+        progress("laws of plates")
         laws, notes = _laws(measurements, problem, fitter, own)
+        progress("plates against wheels")
         agree = agreements(measurements, start)
         model = _keep_strength(fit.model, known)
     elif known is None:
@@ -89,7 +160,7 @@ def fit_lab(
         model = known
     if tests is not None:
         model = with_strength(model, strengths, tests)
-    return LabFit(model, fit, held_out, laws, agree, shear, strengths, tuple(notes))
+    return LabFit(model, fit, laws, agree, shear, strengths, tuple(notes))
 
 
 def _laws(
@@ -109,7 +180,7 @@ def _laws(
             found.append(plate_laws(own_fitter, own, name or "soil"))
         except FittingError as error:
             notes.append(str(error))
-    return tuple(found), notes
+    return tuple(found), list(dict.fromkeys(notes))
 
 
 def _keep_strength(model: CalibratedModel, known: CalibratedModel | None) -> CalibratedModel:

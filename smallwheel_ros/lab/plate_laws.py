@@ -156,8 +156,8 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     diameters, size = _sizes(points)
     if diameters.size < 2:
         raise FittingError(
-            f"soil '{soil}': all plates have a diameter of {1e3 * diameters[0]:.4g} mm: m, and kc "
-            "apart from kphi, need plates of two sizes, and three to check the laws"
+            f"all plates have a diameter of {1e3 * diameters[0]:.4g} mm: m, and kc apart from kphi, need "
+            "plates of two sizes, and three to check the laws"
         )
     edges = np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1))
     where = np.clip(np.searchsorted(edges, points.value, side="right") - 1, 0, _RANGES - 1)

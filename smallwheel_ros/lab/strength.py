@@ -20,6 +20,7 @@ from smallwheel_ros.lab.shear_curves import RunFit, normal_stresses
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.physics.shear import peaked_share
 from smallwheel_ros.physics.soil import Soil, nearest
 
 Array = NDArray[np.float64]
@@ -83,9 +84,12 @@ def strength_of(fit: ShearFit) -> Strength:
         bounded_friction = friction - law.covariance[1, 0] / law.covariance[0, 0] * c
     notes += _about_displacement(fit)
     if fit.shows_peak:
+        residual = float(np.clip(fit.peaked.values[3], 0.1, 1.0))
+        # for K_r off 0.66 the law's largest stress is a little over tau_max
+        left = residual / float(peaked_share(np.linspace(0.0, 5.0, 501), 1.0, residual).max())
         notes.append(
-            f"stress rises to a peak and falls to {100.0 * fit.peaked.values[3]:.0f} % of it: the model's "
-            "law of thrust (Janosi-Hanamoto) has no peak, and its c, phi, K are fitted to whole curves"
+            f"stress rises to a peak and falls to {100.0 * left:.0f} % of it: the model's law of thrust "
+            "(Janosi-Hanamoto) has no peak, and its c, phi, K are fitted to whole curves"
         )
     phi = float(np.arctan(bounded_friction))
     scale = np.diag([1.0, np.cos(phi) ** 2, 1.0])

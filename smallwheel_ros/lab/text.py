@@ -13,20 +13,20 @@ from smallwheel_ros.lab.plate_laws import FittedLaw, PlateLaws
 from smallwheel_ros.lab.shear import FittedShearLaw, ShearFit
 from smallwheel_ros.lab.shear_curves import normal_stresses
 from smallwheel_ros.lab.strength import Strength
-from smallwheel_ros.tables import text_table
 
 
 def laws_text(laws: PlateLaws) -> str:
     """The laws of size side by side, and which holds where."""
     sizes = listed([f"{1e3 * d:.4g}" for d in laws.diameters])
     lines = [f"Plates of {sizes} mm in {laws.soil}, {laws.runs} runs"]
-    header = ["law", "", "constants", "size left out: sinkage off by"]
-    rows = [
-        [law.name, law.formula, ", ".join(_constant(c) for c in law.constants),
-         "-" if law.held_out is None else _percent(law.held_out)]
-        for law in laws.laws
-    ]  # fmt: skip
-    lines += [f"  {line}" for line in text_table(header, rows).splitlines()]
+    for law in laws.laws:
+        lines.append(f"  {law.name}: {law.formula}")
+        off = (
+            ""
+            if law.held_out is None
+            else (f"; the sinkage of a size left out is off by {_percent(law.held_out)}")
+        )
+        lines.append(f"    {', '.join(_constant(c) for c in law.constants)}{off}")
     return "\n".join([*lines, *(f"  {said}" for said in which_law(laws))])
 
 

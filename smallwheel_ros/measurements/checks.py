@@ -130,11 +130,12 @@ def _runs(data: Measurements) -> Iterator[str]:
     if vehicle:
         return  # its wheels carry different loads, each one load
     low, high = _spread(data.conditions.load, index, names.size)
-    wide = high > _STEADY_LOAD * low
+    rolling = np.bincount(index, data.conditions.rolling) > 0  # what is pressed in is a curve
+    wide = rolling & (high > _STEADY_LOAD * low)
     if wide.any():
         first = int(np.flatnonzero(wide)[0])
         yield (
-            f"the load varies within {int(wide.sum())} of {names.size} runs (run '{names[first]}': "
+            f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[first]}': "
             f"{low[first]:.4g} to {high[first]:.4g} N): a curve, not repeats. Its rows stay "
             "together in every split, and say nothing of the repeatability"
         )

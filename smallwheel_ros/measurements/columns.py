@@ -108,6 +108,16 @@ COLUMNS: dict[str, ColumnSpec] = {
         "height of the grousers", "m", 0.0, 1.0, usual=(0.0, 0.2), same=5e-4
     ),
 }  # fmt: skip
+# Of plates and shear tests; they are taken up when the table is read (`plates`, `shear`).
+# Hard snow crust and dry clay bear a few MPa; steel under a tracked vehicle far less than 10 GPa.
+_STRESS = (-1e10, 1e10)
+LAB_COLUMNS: dict[str, ColumnSpec] = {
+    "pressure": ColumnSpec("pressure under a plate", "Pa", *_STRESS),
+    "length": ColumnSpec("longer side of a rectangular plate", "m", *_SIZE),
+    "normal_stress": ColumnSpec("normal stress of a shear test", "Pa", *_STRESS),
+    "shear_stress": ColumnSpec("shear stress", "Pa", *_STRESS),
+    "shear_displacement": ColumnSpec("displacement of a shear test", "m", -20.0, 20.0),
+}
 # Any other column of numbers, in SI. Seconds since 1970 and pressures of machines are below it, and
 # its square and fourth power are far from the largest double.
 OTHER = ColumnSpec("a column that is not of the contract", "", -1e12, 1e12)

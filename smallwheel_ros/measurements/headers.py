@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from smallwheel_ros.measurements.columns import COLUMNS, TEXTS
+from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, TEXTS
 from smallwheel_ros.measurements.units import (
     DIMENSIONLESS,
     TORQUE,
@@ -51,7 +51,8 @@ def expected_unit(name: str) -> str | None:
         return "m"
     if name == "torque":
         return TORQUE
-    return COLUMNS[name].unit if name in COLUMNS else None
+    spec = COLUMNS.get(name) or LAB_COLUMNS.get(name)
+    return None if spec is None else spec.unit
 
 
 def read_heading(text: str, known: Match | None = None) -> Heading:

@@ -19,6 +19,7 @@ from smallwheel_ros.measurements.cells import (
 )
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
+    LAB_COLUMNS,
     LEAST,
     OTHER,
     TEXTS,
@@ -65,6 +66,14 @@ class Columns:
         """The column as messages name it: by our name where the file does so too."""
         heading = self.headings.get(name)
         return name if heading is None or name in heading.text else heading.text
+
+    def keep(self, rows: Mask) -> None:
+        """Keep the rows of that mask."""
+        index = np.flatnonzero(rows)
+        self.lines = self.lines[index]
+        self.cells = {name: [cells[i] for i in index] for name, cells in self.cells.items()}
+        self.numbers = {name: values[index] for name, values in self.numbers.items()}
+        self.texts = {name: texts[index] for name, texts in self.texts.items()}
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
         """Add a problem of a column, in these rows or of its header."""
@@ -187,8 +196,8 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
             columns.problem("the whole column is blank", name)
         else:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
-    elif name in COLUMNS:
-        _take_numbers(columns, heading, parsed, COLUMNS[name])
+    elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
+        _take_numbers(columns, heading, parsed, _spec(name))
     elif heading.rank == UNKNOWN and _is_label(heading, parsed):
         columns.texts[name] = np.array([shown_whole(c) for c in columns.cells[name]], dtype=np.str_)
         columns.notes.append(
@@ -196,6 +205,14 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
         )
     else:
         _take_numbers(columns, heading, parsed, OTHER)
+
+
+def _spec(name: str) -> ColumnSpec:
+    return COLUMNS.get(name) or LAB_COLUMNS[name]
+
+
+# Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
+BEFORE_TOUCH = ("load", "sinkage")
 
 
 def shown_whole(cell: Cell) -> str:
@@ -223,19 +240,10 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     values = heading.factor * _in_header_unit(columns, heading, parsed, expected)
     if heading.unit is not None:
         values = to_base(values, heading.unit, expected)
-    bad = spec.bad(values) & np.isfinite(parsed.values)
-    no_unit = heading.unit is None and name in ("diameter", "width")
-    unusual = (values < spec.usual[0]) | (values > spec.usual[1])
-    if no_unit:  # a size that no small wheel has is in another unit, and not in metres
-        bad |= unusual
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        limits = spec.usual if no_unit and not spec.bad(values[bad]).any() else None
-        wanted = spec.expected() if limits is None else f"{limits[0]:g} to {limits[1]:g} m"
-        columns.problem(
-            f"{clipped(name)} is {columns.found(name, values, row)}, expected {wanted}"
-            f"{_hint(name, heading, spec)}", name, bad,
-        )  # fmt: skip
+    early = name in BEFORE_TOUCH
+    outside(
+        columns, name, spec, values, np.isfinite(parsed.values) & ~(early & (values < spec.low))
+    )
     if len(columns.problems.found) > before:
         values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
@@ -244,7 +252,24 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
             f"column '{clipped(name)}': {tiny.sum()} numbers under {LEAST:g} are taken as 0"
         )
         values = np.where(tiny, 0.0, values)
-    columns.numbers[name] = np.clip(values, spec.low, spec.high)
+    columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
+
+
+def outside(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
+    """Add a problem for values of these rows that no wheel or plate has."""
+    heading = columns.headings[name]
+    bad = spec.bad(values) & rows
+    no_unit = heading.unit is None and name in ("diameter", "width")
+    if no_unit:  # a size that no small wheel has is in another unit, and not in metres
+        bad |= (values < spec.usual[0]) | (values > spec.usual[1])
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        limits = spec.usual if no_unit and not spec.bad(values[bad]).any() else None
+        wanted = spec.expected() if limits is None else f"{limits[0]:g} to {limits[1]:g} m"
+        columns.problem(
+            f"{clipped(name)} is {columns.found(name, values, row)}, expected {wanted}"
+            f"{_hint(name, heading, spec)}", name, bad,
+        )  # fmt: skip
 
 
 def _in_header_unit(

@@ -7,6 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.measurements.columns import LAB_COLUMNS
+from smallwheel_ros.measurements.matching import listed
+from smallwheel_ros.measurements.reading import Columns
+
 Array = NDArray[np.float64]
 
 
@@ -25,8 +29,8 @@ class ShearTests:
     run: NDArray[np.str_]
     soil: NDArray[np.str_]
     line: NDArray[np.intp]
-    warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    understood: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
 
@@ -37,3 +41,76 @@ class ShearTests:
         """Keep the rows of that mask."""
         arrays = ("normal_stress", "shear_stress", "displacement", "run", "soil", "line")
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+
+
+_NEEDED = ("normal_stress", "shear_stress", "shear_displacement")
+_NEW_STRESS = 0.10  # of the normal stress: a change that begins another test
+_BACK = 0.5  # of the displacement that was reached: less begins another test
+
+
+def is_shear(columns: Columns) -> bool:
+    """Whether a table is one of shear tests: it has a shear stress, and no load beside a sinkage."""
+    wheels = columns.there("load") and columns.there("sinkage")
+    return "shear_stress" in columns.headings and not wheels
+
+
+def shear_tests(columns: Columns) -> ShearTests:
+    """The shear tests in the columns of a table.
+
+    Raises MeasurementsError that lists everything that is wrong.
+    """
+    lacking = [
+        f"no column '{name}' ({LAB_COLUMNS[name].description})"
+        for name in _NEEDED
+        if name not in columns.headings
+    ]
+    if lacking:
+        names = listed([heading.text for heading in columns.headings.values()])
+        lacking[0] += f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
+    for message in lacking:
+        columns.problems.add(message)
+    columns.problems.raise_any()
+    for name in (n for n in _NEEDED if n not in columns.numbers):
+        columns.problem("the whole column is blank", name)
+    columns.problems.raise_any()
+    bad = columns.numbers["normal_stress"] <= 0.0
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        found = columns.found("normal_stress", columns.numbers["normal_stress"], row)
+        columns.problem(f"normal_stress is {found}, expected over 0", "normal_stress", bad)
+    columns.problems.raise_any()
+    blank = np.any([np.isnan(columns.numbers[name]) for name in _NEEDED], axis=0)
+    if blank.any():
+        columns.notes.append(f"{int(blank.sum())} rows with a blank cell are left out")
+        columns.keep(~blank)
+    sigma, stress, j = (columns.numbers[name] for name in _NEEDED)
+    soil = columns.texts.get("soil", np.full(sigma.size, ""))
+    return ShearTests(
+        sigma,
+        stress,
+        j,
+        _runs(columns, sigma, j, soil),
+        soil,
+        columns.lines,
+        tuple(columns.notes),
+        tuple(columns.understood),
+        columns.source,
+        columns.sha256,
+    )
+
+
+def _runs(columns: Columns, sigma: Array, j: Array, soil: NDArray[np.str_]) -> NDArray[np.str_]:
+    named = columns.texts.get("run")
+    if named is not None and (named != "").all():
+        return named
+    run, first = np.zeros(sigma.size, dtype=np.intp), 0
+    for i in range(1, sigma.size):
+        other = abs(sigma[i] - sigma[first]) > _NEW_STRESS * sigma[first] or soil[i] != soil[first]
+        if other or j[i] < _BACK * j[first:i].max():
+            first = i
+        run[i] = run[i - 1] + (first == i)
+    columns.notes.append(
+        f"no column 'run': {int(run[-1]) + 1} tests, each begins where the normal stress changes or the "
+        "displacement begins anew"
+    )
+    return np.array([f"test {i + 1}" for i in run])

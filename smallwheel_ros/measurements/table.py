@@ -20,9 +20,16 @@ from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEX
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
 from smallwheel_ros.measurements.matching import listed
+from smallwheel_ros.measurements.plates import (
+    contact_of_rows,
+    name_curves,
+    rows_on_soil,
+    take_plates,
+)
 from smallwheel_ros.measurements.reading import Columns, read_columns
 from smallwheel_ros.measurements.settings import runs_of_rows
-from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array, Conditions
+from smallwheel_ros.measurements.shear import is_shear
+from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,6 +47,10 @@ _VEHICLE = (
     "place. If runs are numbered anew for each wheel, give each a name of its own"
 )
 
+_SHEAR = (
+    "a table of shear tests: they are fitted by `smallwheel fit`, beside a table of load and sinkage or "
+    "with --model"
+)
 _BLANK = "the cell is blank, expected a value"
 _ANSWERS = "taken as what the wheel answers, not as settings: {}"
 
@@ -141,25 +152,47 @@ def read_measurements(
     *,
     diameter: float | None = None,
     width: float | None = None,
+    contact: str | None = None,
+    compliance: float | None = None,
     map: Mapping[str, str] | None = None,
     sheet: str | int | None = None,
 ) -> Measurements:
     """Read a table of measurements; everything in SI units afterwards.
 
     source: a CSV, xlsx, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
-    may look like. diameter, width: m, for all rows, where there is no such column. map: our name ->
-    their header, for headers that are not understood: {"load": "F3"}. sheet: of a workbook, by name
-    or number.
+    may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
+    there is no such column. compliance: m/N by which the machine gives way; it is taken off the
+    sinkage. map: our name -> their header, for headers that are not understood: {"load": "F3"}. sheet:
+    of a workbook, by name or number.
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
     grid = read_grid(source, None if sheet is None else str(sheet))
     columns = read_columns(grid, {"diameter": diameter, "width": width}, map or {})
-    contact = _contact(columns)
+    return measurements_of(columns, contact, compliance)
+
+
+def measurements_of(
+    columns: Columns, given: str | None = None, compliance: float | None = None
+) -> Measurements:
+    """The measurements in the columns of a table. Raises MeasurementsError, as `read_measurements`."""
+    if is_shear(columns):
+        columns.problems.add(_SHEAR)
+        columns.problems.raise_any()
+    contact = contact_of_rows(columns, given)
+    take_plates(columns, contact, compliance)
     _check_there(columns, contact)
     _check_blanks(columns, contact)
     _check_depth(columns, contact)
     columns.problems.raise_any()
+    name_curves(columns, contact)
+    keep = rows_on_soil(columns, contact, _runs(columns)[0])
+    if not keep.any():
+        columns.problems.add("no row of load and sinkage over 0 is left")
+        columns.problems.raise_any()
+    if not keep.all():
+        columns.keep(keep)
+        contact = contact[keep]
     return _measurements(columns, contact)
 
 
@@ -208,20 +241,6 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         notes.append(_VEHICLE)
     warnings = tuple(suspicions(data, columns.place))
     return replace(data, notes=tuple(notes), warnings=warnings)
-
-
-def _contact(columns: Columns) -> NDArray[np.str_]:
-    given = columns.texts.get("contact")
-    if given is None:
-        return np.full(columns.lines.size, ROLLING)
-    contact = np.where(given == "", ROLLING, given)
-    for word in np.unique(contact[~np.isin(contact, CONTACTS)]):
-        columns.problem(
-            f"'{word}' found, expected one of {', '.join(CONTACTS)} (blank is {ROLLING})",
-            "contact",
-            contact == word,
-        )
-    return contact
 
 
 def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:

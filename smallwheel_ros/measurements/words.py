@@ -41,6 +41,13 @@ WORDS: dict[str, str] = {
     "Überrollungen, passage, passages, numéro de passage, nombre de passages",
     "grouser_height": "lug height, Stollenhöhe, Greiferhöhe, hauteur de crampon, "
     "hauteur des crampons",
+    "pressure": "plate pressure, normal pressure, Plattendruck, Bodendruck, Flächenpressung, Druck, "
+    "pression, pression au sol | p",
+    "length": "plate length, Plattenlänge, Länge, longueur",
+    "normal_stress": "normal stress, sigma n, Normalspannung, contrainte normale | σ",
+    "shear_stress": "Scherspannung, Schubspannung, contrainte de cisaillement | τ tau",
+    "shear_displacement": "shear deformation, Scherweg, Scherverschiebung, déplacement de cisaillement, "
+    "cisaillement déplacement | j",
     "torque": "wheel torque, drive torque, Drehmoment, Antriebsmoment, Raddrehmoment, couple",
     "moisture": "moisture content, water content, Feuchte, Wassergehalt, humidité, teneur en eau",
     "run": "run id, run no, run number, run name, Lauf, Versuch, Versuchsnummer, Versuch Nr, Lauf Nr, "
@@ -134,7 +141,10 @@ def find(text: str) -> Match | None:
     rest = [token for token in tokens if plain(token) not in _QUALIFIERS]
     if rest and len(rest) < len(tokens):
         match = find(" ".join(rest))
-        return None if match is None else Match(match.name, 2)
+        # the pressure of a tyre is not that on the soil, nor a wheel's length that of a plate
+        if match is None or match.name in ("pressure", "length"):
+            return None
+        return Match(match.name, 2)
     return None
 
 

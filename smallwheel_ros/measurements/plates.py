@@ -1,0 +1,228 @@
+"""Rows of plates and pressed wheels in a table: pressure, rectangles, the machine's compliance, curves.
+
+load = pressure x area of the plate
+sinkage = measured sinkage - compliance x load
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import spearmanr
+
+from smallwheel_ros.measurements.columns import COLUMNS
+from smallwheel_ros.measurements.reading import Columns, outside
+from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
+from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
+
+Mask = NDArray[np.bool_]
+
+_STIFFEST, _SOFTEST = 1e-10, 1e-2  # m/N: a press's steel frame, and a soft spring
+_UNLOADED = 0.9  # of the largest load before it: less is a load that was taken off
+_REBOUND = 0.002  # of the depth: less is noise of the sinkage
+# Rank correlation of depth with the row's number from which rows are in the order of time: rebound is a
+# small share of the depth, and rows in no order have none.
+_IN_ORDER = 0.7
+_FEWEST = 5  # rows of a curve
+_NO_AREA = (
+    "pressure needs the area that it acts on, and that of a wheel changes with its depth: give the "
+    "wheel's load; for plates say contact = plate (--contact plate)"
+)
+
+
+def contact_of_rows(columns: Columns, given: str | None) -> NDArray[np.str_]:
+    """What meets the soil in each row; a table of pressures without a width is of plates."""
+    rows = columns.lines.size
+    texts = columns.texts.get("contact")
+    if given is not None and given not in CONTACTS:
+        columns.problems.add(f"contact given as '{given}', expected one of {', '.join(CONTACTS)}")
+    elif given is not None and texts is not None:
+        columns.problem("contact was given for all rows too, expected one of the two", "contact")
+    if texts is None:
+        pressed = _known(columns, "pressure") and not columns.there("load")
+        plates = pressed and not (columns.there("width") and not columns.there("length"))
+        if plates and given is None:
+            columns.understood.append("pressure over sinkage and no width: tests of plates")
+        return np.full(rows, given or (PLATE if plates else ROLLING))
+    contact = np.where(texts == "", ROLLING, texts)
+    for word in np.unique(contact[~np.isin(contact, CONTACTS)]):
+        columns.problem(
+            f"'{word}' found, expected one of {', '.join(CONTACTS)} (blank is {ROLLING})",
+            "contact",
+            contact == word,
+        )
+    return contact
+
+
+def _known(columns: Columns, name: str) -> bool:
+    """Whether the table has that quantity with numbers."""
+    return name in columns.headings and name in columns.numbers
+
+
+def take_plates(columns: Columns, contact: NDArray[np.str_], compliance: float | None) -> None:
+    """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
+    plate = contact == PLATE
+    _take_sizes(columns, plate)
+    _take_pressure(columns, plate)
+    for name in ("load", "sinkage"):
+        if name in columns.numbers and name in columns.headings:
+            outside(columns, name, COLUMNS[name], columns.numbers[name], contact == ROLLING)
+    if compliance is not None:
+        _take_compliance(columns, contact == ROLLING, compliance)
+
+
+def _take_sizes(columns: Columns, plate: Mask) -> None:
+    """A round plate has a diameter; a rectangular one width and length, and an equivalent diameter."""
+    if not plate.any():
+        return
+    blank = np.full(plate.size, np.nan)
+    diameter, width = (columns.numbers.get(name, blank).copy() for name in ("diameter", "width"))
+    if _known(columns, "length"):
+        length = columns.numbers.pop("length")
+        rectangular = plate & np.isfinite(length)
+        both = rectangular & np.isfinite(diameter)
+        if both.any():
+            columns.problem("a plate with a diameter too, expected one of the two: round or "
+                            "rectangular", "length", both)  # fmt: skip
+        lacking = rectangular & np.isnan(width)
+        if lacking.any():
+            columns.problem("a plate's length without its width", "length", lacking)
+        sides = np.minimum(width, length)
+        diameter = np.where(rectangular, equivalent_diameter(width, length), diameter)
+        width = np.where(rectangular, sides, np.where(plate, np.nan, width))
+        columns.understood.append(
+            f"rectangular plates in {int(rectangular.sum())} rows: b is the smaller side, D of the round "
+            "plate of the same area"
+        )
+    else:
+        width = np.where(plate, np.nan, width)
+    if np.isfinite(diameter).any():
+        columns.numbers["diameter"], columns.units["diameter"] = diameter, "m"
+    if "width" in columns.numbers:
+        columns.numbers["width"] = width
+
+
+def _take_pressure(columns: Columns, plate: Mask) -> None:
+    """Load from pressure, where a plate's area is known."""
+    if not _known(columns, "pressure"):
+        return
+    load = columns.numbers.get("load", np.full(plate.size, np.nan))
+    wanted = np.isnan(load)
+    if not wanted.any():
+        return  # a column beside the load: a covariate, as any other
+    pressure = columns.numbers.pop("pressure")
+    wheels = wanted & ~plate & np.isfinite(pressure)
+    if wheels.any():
+        columns.problem(_NO_AREA, "pressure", wheels)
+    diameter = columns.numbers.get("diameter", np.full(plate.size, np.nan))
+    borne = pressure * plate_area(diameter)
+    columns.numbers["load"] = np.where(wanted & plate, borne, load)
+    columns.units["load"] = "N"
+    columns.understood.append("load = pressure x area of the plate")
+
+
+def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None:
+    load, sinkage = (columns.numbers.get(name) for name in ("load", "sinkage"))
+    if not _STIFFEST <= compliance <= _SOFTEST:
+        columns.problems.add(
+            f"compliance given as {compliance!r} m/N, expected {_STIFFEST:g} to {_SOFTEST:g} m/N: 1 mm "
+            "under 1 kN is 1e-6 m/N"
+        )
+    elif load is not None and sinkage is not None:
+        soil = sinkage - compliance * load
+        if (rolling & (soil < 0.0)).any():
+            columns.problem(
+                f"sinkage less {compliance:g} m/N x load is under 0: is the compliance right?",
+                "sinkage", rolling & (soil < 0.0),
+            )  # fmt: skip
+        columns.numbers["sinkage"] = soil
+        most = 1e3 * compliance * float(np.nanmax(load))
+        columns.understood.append(
+            f"sinkage less {compliance:g} m/N x load, what the machine gives way by: up to {most:.3g} mm"
+        )
+
+
+def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
+    """Find the runs of a table of curves that names none: where size, soil, load and depth begin anew.
+
+    Else each row of a curve would count as a run of its own.
+    """
+    texts, sinkage = columns.texts.get("run"), columns.numbers.get("sinkage")
+    named = texts is not None and (texts != "").any()
+    if named or sinkage is None or (contact == ROLLING).any():
+        return
+    load, z = columns.numbers["load"], np.nan_to_num(sinkage)
+    key = [columns.numbers["diameter"], np.nan_to_num(columns.numbers.get("width", z * 0.0))]
+    for text in columns.texts.values():
+        key.append(np.unique(text, return_inverse=True)[1].reshape(-1).astype(float))
+    same = np.all(np.diff(np.array(key), axis=1) == 0.0, axis=0)
+    curve, first = np.zeros(load.size, dtype=np.intp), 0
+    for i in range(1, load.size):
+        anew = load[i] < 0.5 * load[first:i].max() and z[i] < 0.5 * z[first:i].max()
+        if anew or not same[i - 1]:
+            first = i
+        curve[i] = curve[i - 1] + (first == i)
+    columns.texts["run"] = np.array([f"curve {c + 1}" for c in curve])
+    columns.notes.append(
+        f"no column 'run': {int(curve[-1]) + 1} curves, each begins where size or soil changes or load "
+        "and sinkage begin anew"
+    )
+
+
+def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.str_]) -> Mask:
+    """Rows of plates and pressed wheels that press on the soil, for the first time; all others too.
+
+    Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
+    again is not what a law of first loading is of. What is left out is said.
+    """
+    load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
+    pushed = contact != ROLLING
+    keep = np.ones(pushed.size, dtype=bool)
+    if sinkage is None or not pushed.any():
+        return keep
+    touches = (load >= COLUMNS["load"].low) & ~(sinkage < 0.0)
+    early = pushed & ~touches
+    if early.any():
+        columns.notes.append(
+            f"{int(early.sum())} rows of plates or pressed wheels are left out: load or sinkage is not "
+            f"over 0 there (first in {columns.place} {columns.lines[np.flatnonzero(early)[0]]})"
+        )
+    keep &= ~early
+    off = np.zeros(pushed.size, dtype=bool)
+    for name in dict.fromkeys(run[pushed].tolist()):
+        rows = np.flatnonzero((run == name) & pushed & keep)
+        if rows.size >= _FEWEST:
+            off[rows] = _unloaded(load[rows], sinkage[rows])
+            _say_falling(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
+    if off.any():
+        columns.notes.append(
+            f"{int(off.sum())} rows of curves are left out: the load was taken off or put on again there "
+            f"(first in {columns.place} {columns.lines[np.flatnonzero(off)[0]]})"
+        )
+    return keep & ~off
+
+
+def _unloaded(load: Array, sinkage: Array) -> Mask:
+    """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
+    nothing = np.zeros(load.size, dtype=bool)
+    if np.isnan(sinkage).all():
+        return nothing
+    end = int(np.nanargmax(sinkage))
+    if end < _FEWEST or np.ptp(sinkage[: end + 1]) == 0.0:
+        return nothing
+    if not spearmanr(np.arange(end + 1), sinkage[: end + 1])[0] > _IN_ORDER:
+        return nothing
+    reached, deepest = np.maximum.accumulate(load), np.fmax.accumulate(sinkage)
+    back = sinkage < deepest - _REBOUND * sinkage[end]
+    return np.asarray((load < _UNLOADED * reached) & back)
+
+
+def _say_falling(columns: Columns, name: str, load: Array, sinkage: Array) -> None:
+    known = np.isfinite(sinkage)
+    if known.sum() < _FEWEST or np.ptp(load) == 0.0 or np.ptp(sinkage[known]) == 0.0:
+        return
+    if spearmanr(load[known], sinkage[known])[0] < 0.0:
+        columns.notes.append(
+            f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
+            "does that: are load and sinkage in the right columns, with the right signs?"
+        )
