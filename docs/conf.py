@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
+import library_pages
 import plain_docstrings
 
 import smallwheel_ros
+
+HERE = Path(__file__).parent
+library_pages.write(HERE.parent / "smallwheel_ros", HERE / "_api")
 
 project = "smallwheel_ros"
 version = release = smallwheel_ros.__version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "mathml",
     "ros_messages",
 ]
 exclude_patterns = ["_build"]
-templates_path = ["_templates"]
 default_role = "code"
 highlight_language = "text"
 
@@ -33,9 +34,6 @@ myst_enable_extensions = ["dollarmath", "deflist"]
 suppress_warnings = ["misc.highlighting_failure", "ref.python"]
 
 napoleon_use_ivar = True
-# Its pages are made from the modules that there are now: none of an earlier build stays.
-shutil.rmtree(Path(__file__).parent / "_api", ignore_errors=True)
-autosummary_generate = True
 toc_object_entries = (
     False  # a page of the library lists its modules; with their members it takes twice the time
 )
