@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -35,25 +38,47 @@ def commands(block: str) -> list[tuple[str, list[str]]]:
     return found
 
 
-def output(command: str) -> list[str]:
-    """What a command prints, on both streams; those of this package run in this process."""
+def subprocess_of(command: str) -> dict[str, Any]:
+    """How to start a command in a process of its own: this Python, this checkout."""
     program, *arguments = shlex.split(command)
-    if program == "smallwheel":
+    python = {"python": [sys.executable], "smallwheel": [sys.executable, "-m", "smallwheel_ros"]}
+    return {
+        "args": [*python.get(program, [program]), *arguments],
+        "env": {**os.environ, "PYTHONPATH": str(DOCS.parent)},
+        "text": True,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+    }
+
+
+def output(command: str) -> list[str]:
+    """What a command prints; those of this package run in this process, `play` with its threads not."""
+    program, *arguments = shlex.split(command)
+    if program == "smallwheel" and arguments[0] != "play":
         result = CliRunner().invoke(cli.main, arguments)
         assert result.exit_code == 0, f"{command}\n{result.output}"
         text = result.output
     else:
-        words = [sys.executable if program == "python" else program, *arguments]
-        done = subprocess.run(
-            words,
-            capture_output=True,
-            text=True,
-            timeout=300,
-            env={**os.environ, "PYTHONPATH": str(DOCS.parent)},
-        )
+        done = subprocess.run(**subprocess_of(command), timeout=300)
         assert done.returncode == 0, f"{command}\n{done.stderr}"
         text = done.stdout
     return [line.rstrip() for line in text.rstrip().splitlines()]
+
+
+def played(block: str) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Each command of a block, what is shown and what is printed; `&` runs on until the end of it."""
+    background = []
+    try:
+        for command, shown in commands(block):
+            if command.endswith("&"):
+                quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+                start = subprocess_of(command.removesuffix("&")) | quiet
+                background.append(subprocess.Popen(**start))
+            yield command, shown, [] if command.endswith("&") else output(command)
+    finally:
+        for process in background:
+            process.send_signal(signal.SIGINT)
+            process.wait(60)
 
 
 def same(shown: str, printed: str) -> bool:
@@ -67,29 +92,37 @@ def same(shown: str, printed: str) -> bool:
     return True
 
 
-def run(block: str) -> list[tuple[list[str], list[str]]]:
-    """What is shown, and what is printed, for each command of a block; in the working folder."""
-    return [(shown, output(command)) for command, shown in commands(block)]
-
-
 def set_up(folder: Path) -> None:
     """Put beside the commands what the tutorials expect beside them."""
     for part in ("config", "examples"):
         (folder / part).symlink_to(DOCS.parent / part)
 
 
-@pytest.mark.parametrize(
-    "page", [*FAST, *(pytest.param(page, marks=pytest.mark.slow) for page in SLOW)]
-)
-def test_it_prints_what_it_says(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    set_up(tmp_path)
-    monkeypatch.chdir(tmp_path)
+def check(page: str) -> None:
+    """Run a page's commands in the working folder and compare."""
+    set_up(Path.cwd())
     blocks = BLOCK.findall((DOCS / f"{page}.md").read_text(encoding="utf-8"))
     assert blocks
     for block in blocks:
-        for shown, printed in run(block):
+        for _, shown, printed in played(block):
             for a, b in zip_longest(shown, printed, fillvalue="(no line)"):
                 assert same(a, b), f"shown: {a}\nprinted: {b}\nrun `python test/test_tutorials.py`"
+
+
+@pytest.mark.parametrize("page", FAST)
+def test_it_prints_what_it_says(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    check(page)
+
+
+@pytest.mark.slow
+@pytest.mark.dds
+@pytest.mark.parametrize("page", SLOW)
+def test_it_prints_what_it_says_with_ros(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    check(page)
 
 
 def test_lines_are_compared_with_room_for_rounding_only() -> None:
@@ -104,8 +137,9 @@ def write_anew(page: Path) -> None:
     """Put what is printed now into a page."""
 
     def renewed(block: re.Match[str]) -> str:
-        shown = commands(block[0])
-        return "".join("\n".join([f"$ {command}", *output(command), ""]) for command, _ in shown)
+        return "".join(
+            "\n".join([f"$ {command}", *printed, ""]) for command, _, printed in played(block[0])
+        )
 
     page.write_text(BLOCK.sub(renewed, page.read_text(encoding="utf-8")), encoding="utf-8")
 
