@@ -91,6 +91,31 @@ def test_theory_has_the_stage_of_each_effect() -> None:
     assert shown == in_code
 
 
+def test_a_docstring_of_plain_text_is_shown_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    core = pytest.importorskip("docutils.core")
+    monkeypatch.syspath_prepend(str(DOCS))
+    from plain_docstrings import as_restructured_text
+
+    text = [
+        "Sinkage grows with |slip| and b* of every_ `row_*`; see *this.",
+        "",
+        "H0 = b l c          (eq. 1)",
+        "  with its second line indented",
+        "",
+        "Raises",
+        "------",
+        "Error",
+        "    Where |x| > 1.",
+    ]
+    lines = as_restructured_text(text)
+    assert lines[-4:] == ["Raises", "------", "Error", "    Where \\|x\\| > 1."]
+    settings = {"halt_level": 2, "report_level": 2}  # a warning is raised
+    page = core.publish_doctree("\n".join(lines[:-4]), settings_overrides=settings)
+    assert "|slip| and b* of every_ row_*; see *this." in page.astext()
+    (formula,) = page.findall(lambda node: node.tagname == "literal_block")
+    assert formula.astext() == "\n".join(text[2:4])
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site; a warning of Sphinx is an error."""
@@ -115,6 +140,13 @@ def test_the_library_has_its_functions(site: Path) -> None:
     assert 'id="smallwheel_ros.physics.traction.thrust"' in thrust
     assert "shear_displacement: kappa, m." in thrust
     assert 'href="_api/physics.html"' in text_of(site / "api.html")
+
+
+@pytest.mark.slow
+def test_messages_have_every_field(site: Path) -> None:
+    shown = re.findall(r'<span class="pre">(\w+)</span>', text_of(site / "messages.html"))
+    for file in (ROOT / "msg").glob("*.msg"):
+        assert set(re.findall(r"^[\w/\[\]]+ (\w+)", text_of(file), re.MULTILINE)) <= set(shown)
 
 
 @pytest.mark.slow
