@@ -155,6 +155,11 @@ class Model(Result):
         ]
         return (*known, *self.effects)
 
+    def cautions(self, conditions: Conditions) -> tuple[str, ...]:
+        """What effects say of rows beyond what they are known for."""
+        found = [guarded(e, "caution", e.caution, conditions) for e in self.effects]
+        return tuple(said for said in found if said)
+
     def missing_covariates(self, conditions: Conditions) -> dict[str, list[str]]:
         """By effect, the covariates that it needs and that the conditions do not have."""
         lacks = {

@@ -257,4 +257,4 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
         calibrated, notes = with_usual_strength(calibrated)
     result = predict_with_uncertainty(calibrated, conditions)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
-    return PredictionTable(columns, varied, result, notes)
+    return PredictionTable(columns, varied, result, notes + calibrated.model.cautions(conditions))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +22,13 @@ from smallwheel_ros.effects.registry import load_effects
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.chance import chance
+from smallwheel_ros.learn.draft import Number, class_text, file_text
 from smallwheel_ros.learn.drivers import drivers_of
-from smallwheel_ros.learn.grammar import terms_of
-from smallwheel_ros.learn.law import places_for
+from smallwheel_ros.learn.grammar import Term, terms_of
+from smallwheel_ros.learn.law import Law, places_for
 from smallwheel_ros.learn.pipeline import SURE
 from smallwheel_ros.learn.search import Grid, Search
+from smallwheel_ros.learn.shapes import SATURATION
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -265,3 +268,28 @@ def test_a_law_file_that_is_nonsense_says_so_in_one_message(
 def test_a_name_that_is_none_is_refused(name: str, said: str, data: Measurements) -> None:
     with pytest.raises(LearnError, match=said):
         learn(data, name=name)
+
+
+HOSTILE = """x"]); raise SystemExit('no'); ("""
+
+
+def test_a_column_of_any_name_makes_no_code(data: Measurements, tmp_path: Path) -> None:
+    """A drafted file is run by whoever loads it, and a table's header may come from anybody."""
+    name = HOSTILE + '\n\\ """ diameter'
+    column = np.linspace(1.0, 2.0, len(data))
+    conditions = replace(data.conditions, covariates={**data.conditions.covariates, name: column})
+    hostile = replace(data, conditions=conditions, source=f"{name}.csv")
+    points = Problem.of(hostile).judged.points
+    drivers, _ = drivers_of(points, np.full(len(points.conditions), 0.02))
+    driver = next(d for d in drivers if d.name == name)
+    law = Law(places_for(points.channels)[0], "exponential", (Term(((driver, SATURATION),), 0.5),))
+    numbers = [
+        Number("a1", 0.2, 0.1, "1", (0.0, 1.0), True),
+        Number("c1", 0.5, 0.1, "1", (0.1, 1.0), False),
+    ]
+    path = tmp_path / "law.py"
+    path.write_text(file_text([class_text(law, numbers, "odd", hostile, 24, 3, name)]))
+    effect = load_effects(path)["odd"][0]()
+    assert effect.needs == (name,)
+    expected = np.exp(0.2 * np.tanh(column / 0.5))
+    np.testing.assert_allclose(effect.modulus_factor(conditions), expected, rtol=1e-4)  # beyond the means

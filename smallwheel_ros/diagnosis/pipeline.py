@@ -193,9 +193,20 @@ def diagnose(
     verdict, steps = _steps(problem, found, verdict)
     progress("ranking")
     document = _document(problem, found, verdict, steps, seed)
+    if verdict.word == "unknown_effect":
+        document["notes"].insert(0, _may_learn(measurements, without))
     progress("what to measure next")
     document["next_measurements"] = [asdict(p) for p in proposals(found, verdict, limits or {})]
     return Diagnosis(written.plain(document), problem, found, verdict, tuple(steps))
+
+
+def _may_learn(measurements: Measurements, without: Collection[str]) -> str:
+    """What to run where no known effect explains what is missing."""
+    taken_out = f" --without {','.join(without)}" if without else ""
+    return (
+        f"to look for a law that explains it: `smallwheel learn {measurements.source}{taken_out} -o "
+        "law.py`, with the same --model if one was given"
+    )
 
 
 def _insufficient(points: Points) -> str:

@@ -90,7 +90,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         parts = urlsplit(self.path)
         pages = {"/": self._page, "/view": self._view, "/without": self._without,
-                 "/model.yaml": self._model}  # fmt: skip
+                 "/model.yaml": self._model, "/learn.html": self._learn}  # fmt: skip
         if parts.path == "/progress":
             done, needed = self.server.session.progress
             self._send(200, _JSON, json.dumps({"done": done, "needed": needed}))
@@ -162,6 +162,11 @@ class _Handler(BaseHTTPRequestHandler):
         disposition = f"attachment; filename=\"{plain}.yaml\"; filename*=UTF-8''{quote(stem)}.yaml"
         headers = {"Content-Disposition": disposition}
         self._send(200, "application/yaml", session.model_file(names), headers)
+
+    def _learn(self, names: tuple[str, ...], over: str, run: str) -> None:
+        from smallwheel_ros.report.learn_report import learn_page
+
+        self._send(200, _HTML, learn_page(self.server.session.learnt()))
 
     def _send(
         self, status: int, kind: str, content: str | bytes, headers: dict[str, str] | None = None

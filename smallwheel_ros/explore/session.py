@@ -22,6 +22,7 @@ from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
+from smallwheel_ros.learn.learning import Learnt, learn
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model_file import write_model
 from smallwheel_ros.physics.soil import nearest
@@ -94,6 +95,15 @@ class Session:
         self._problems = {self.chosen: problem}
         self._made: dict[tuple[Names, Names], Grown] = {}
         self.progress = (0, 0)  # fits done and needed of what is being fitted; read from any thread
+        self._searched = registry, problem.base, tuple(without)
+        self._learnt: Learnt | None = None
+
+    def learnt(self) -> Learnt:
+        """What `learn` finds in the table, on the base model; searched for once."""
+        if self._learnt is None:
+            known, base, without = self._searched
+            self._learnt = learn(self.measurements, base, registry=known, without=without)
+        return self._learnt
 
     @classmethod
     def of(

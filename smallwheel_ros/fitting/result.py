@@ -307,6 +307,7 @@ def _notes(
         lines = ", ".join(str(line) for line in points.measurements.line[outliers][:20])
         few = "1 row lies" if outliers.size == 1 else f"{outliers.size} rows lie"
         notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
+    notes += fit.model.cautions(points.conditions)
     if not settings_repeated(points):
         notes.append(
             "no setting was repeated in another run: lack of fit of the law and scatter from run to "

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import keyword
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -123,7 +125,7 @@ def _term_text(term: Term, constant: float | None) -> str:
         else:
             text = shape.text.format(u=driver.text, c=f"{c:.3g}")
         parts.append(text)
-    return " ".join(parts)
+    return " ".join(parts).replace("- -", "+ ")
 
 
 def file_name_problem(name: str) -> str:
@@ -148,9 +150,10 @@ from smallwheel_ros.effects.drafted import Drafted, continued
 """
 
 
-def file_text(classes: list[str], about: str) -> str:
-    """The file with these laws. about: its first line."""
-    return "\n\n".join([f'"""Drafted by `smallwheel learn`. {about}"""\n\n{HEAD}', *classes])
+def file_text(classes: list[str]) -> str:
+    """The file with these laws."""
+    about = '"""Drafted by `smallwheel learn`: learnt from data, not published."""'
+    return "\n\n".join([f"{about}\n\n{HEAD}", *classes])
 
 
 def class_text(
@@ -164,13 +167,17 @@ def class_text(
 ) -> str:
     """The Python class of a law. Numbers have all their digits: what reads it predicts the same."""
     method, returned = _METHODS[law.place.stage]
-    lines, variables = [], {}
+    lines: list[str] = []
+    variables: dict[str, str] = {}
     for term in law.terms:
         for driver, _ in term.factors:
             if driver.name not in variables:
-                variables[driver.name] = driver.variable
+                variable = driver.variable
+                if variable in variables.values() or variable == "diameter":
+                    variable = f"{variable}_{len(variables) + 1}"  # two columns may read alike
+                variables[driver.name] = variable
                 less = f" - {driver.reference!r}" if driver.reference else ""
-                lines.append(f"        {driver.variable} = {driver.code}{less}")
+                lines.append(f"        {variable} = {driver.code}{less}")
     eta = " + ".join(_term_code(i, term, variables) for i, term in enumerate(law.terms, 1))
     factor = f"np.exp({eta})"
     if law.link == "linear":
@@ -179,11 +186,12 @@ def class_text(
     lines.append(f"        return {returned.format(factor=factor, eta=eta, carrier=carrier)}")
     needs = sorted(law.columns - {"load", "width", "diameter"})
     columns = sorted(law.columns)
-    valid = {c: _range(measurements, c) for c in columns}
+    valid = [f"{_quoted(c)}: {_range(measurements, c)!r}" for c in columns]
     others = (
         f"{tied - 1} other formulas fit as well" if tied != 2 else "1 other formula fits as well"
     )
     value = {n.name: n.value for n in numbers}
+    data = f"{Path(measurements.source).name}, " if measurements.source else ""
     head = [
         "@dataclass(frozen=True)",
         f"class {''.join(part.title() for part in name.split('_'))}(Drafted):",
@@ -192,11 +200,11 @@ def class_text(
         f"    version = {VERSION}",
         f"    summary = {_quoted(summary)}",
         f"    formula = {_quoted(formula(law, value))}",
-        f"    source = {_quoted(f'smallwheel learn, {settings} settings; {others}')}",
+        f"    source = {_quoted(f'smallwheel learn, {data}{settings} settings; {others}')}",
         f"    learnt_from = {_quoted(measurements.sha256)}",
         f"    needs = {_tuple(needs)}",
         f"    drivers = {_tuple(columns)}",
-        f"    valid = {valid!r}".replace("'", '"'),
+        f"    valid = {{{', '.join(valid)}}}",
     ]
     fields = [_field(n, law) for n in numbers]
     body = [f"    def {method}:", *lines]
@@ -244,5 +252,5 @@ def _tuple(names: list[str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+    """A Python literal of any text: names of columns and files may have any character."""
+    return json.dumps(text)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import keyword
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,6 +17,8 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
+# Variables of a drafted method that are no drivers, and those of compounds.
+_TAKEN = ("self", "conditions", "state", "sinkage", "np", "u", "continued")
 GRAVITY = 9.81  # m/s^2
 DEPTH = "sinkage/diameter"
 _FEWEST_LEVELS = 3  # two values are a difference between two days, no law
@@ -98,8 +102,9 @@ _COMPOUND: Mapping[str, _Compound] = {
 
 def identifier(name: str) -> str:
     """A column's name as a Python variable."""
-    made = re.sub(r"\W+", "_", name).strip("_").lower() or "column"
-    return made if made.isidentifier() else f"column_{made}"
+    made = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower() or "column"
+    taken = keyword.iskeyword(made) or made in _TAKEN
+    return f"column_{made}" if taken or not made.isidentifier() else made
 
 
 def _raw(name: str, conditions: Conditions, sinkage: Array | None) -> Array:
@@ -184,7 +189,7 @@ def _driver(name: str, conditions: Conditions, sinkage: Array, points: Points) -
 def _code(name: str) -> str:
     if name in ("load", "width", "diameter"):
         return f"conditions.{name}"
-    return f"conditions[{name!r}]".replace("'", '"')
+    return f"conditions[{json.dumps(name)}]"  # quoted: a name may have any character
 
 
 def _unit(name: str, points: Points) -> str:

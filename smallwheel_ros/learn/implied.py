@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 _STEPS = 12  # of a secant, each halving at least what is left
 _FAR = 3.0  # ln factor that no setting may ask for: its measurement says nothing of the place
+_ENOUGH = 0.5  # share of the points that must say both
 _DULL = 0.02  # slope of ln value by ln factor, under which the channel does not show the place
 
 
@@ -38,7 +39,7 @@ class Implied:
 
     @property
     def disagreement(self) -> float | None:
-        """Mean squared difference of the channels over its variance; None with one channel."""
+        """Mean squared difference of the channels over its variance; None where few points say both."""
         if len(self.value) < 2:
             return None
         a, b = self.value.values()
@@ -46,7 +47,7 @@ class Implied:
         with np.errstate(invalid="ignore"):
             off = (a - b) ** 2 / (sa**2 + sb**2)
         known = off[np.isfinite(off)]
-        return float(np.mean(known)) if known.size >= 3 else None
+        return float(np.mean(known)) if known.size >= _ENOUGH * off.size else None
 
 
 def implied(fitter: Fitter, fit: Fit, place: Place) -> Implied:

@@ -185,8 +185,7 @@ def learn(
     first = documents[0]
     first["more"] = [d for d in documents[1:] if d["verdict"] == "law"]
     first["notes"] += _after_first(documents)
-    about = f"From {Path(measurements.source).name or 'a table'}; learnt, not published."
-    source = file_text(classes, about) if classes else None
+    source = file_text(classes) if classes else None
     return Learnt(first, source, tuple(searches), measurements)
 
 
@@ -206,7 +205,7 @@ def _effect(written: str, id: str) -> Effect:
     """The law as whoever loads its file gets it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "law.py"
-        path.write_text(file_text([written], ""))
+        path.write_text(file_text([written]))
         return load_effects(path)[id][0]()
 
 

@@ -17,7 +17,7 @@ from smallwheel_ros.pictures.smoothing import smooth
 
 Array = NDArray[np.float64]
 
-_CHANNELS = {"sinkage": ("std", 0), "resistance": ("resistance_std", 1)}
+_CHANNELS = {"sinkage": ("std", 2), "resistance": ("resistance_std", 0)}
 _AXES = {"n": "added to n", "R": "added resistance over what carries it"}
 _FEWEST = 8  # points from which a smooth is drawn
 
