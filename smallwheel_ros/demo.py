@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,14 +19,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess, check_ros, config_file, own_ros
 from smallwheel_ros.onboard.message_fields import VALID
+from smallwheel_ros.pictures.costmap import draw_cost
 from smallwheel_ros.pictures.drive import draw_drive
+from smallwheel_ros.pictures.known import draw_known
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -34,7 +36,11 @@ if TYPE_CHECKING:
 
 DEFAULT_FOLDER = Path("out") / "demo"
 _BAG, _ANSWER, _LOG = "drive", "drive.answer.json", "node.log"
-_MOBILITY, _SOIL, _PICTURE = "mobility.csv", "soil.csv", "drive.png"
+_MOBILITY, _SOIL = "mobility.csv", "soil.csv"
+_BARE_MOBILITY = "mobility_bare.csv"
+_PICTURE, _COST, _KNOWN = "drive.png", "cost.png", "known.png"
+_FILES = (_ANSWER, _LOG, _MOBILITY, _SOIL, _BARE_MOBILITY, _PICTURE, _COST, _KNOWN)
+_BARE_SECONDS = 25.0  # of the drive, played a second time
 
 
 class DemoError(SmallwheelError):
@@ -42,37 +48,57 @@ class DemoError(SmallwheelError):
 
 
 @dataclass(frozen=True)
-class DemoResult:
-    """What the demo made: files, and the tables in them."""
+class Clip:
+    """What the node answered to a bag that was played into it.
 
-    picture: Path
-    mobility_file: Path
-    soil_file: Path
+    mobility: one row per estimate, quantities that are not known blank; soil: one per message.
+    """
+
     mobility: pd.DataFrame
     soil: pd.DataFrame
+    recording: Recording
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What the demo made: files, and the tables in them.
+
+    full: the drive with everything measured. bare: its beginning, with load and slip only.
+    """
+
+    folder: Path
+    full: Clip
+    bare: Clip
     answer: dict[str, Any]
-    published: int
-    unanswered: int
-    latencies: NDArray[np.float64]
     seconds: float
+
+    @property
+    def pictures(self) -> tuple[Path, ...]:
+        """The drive, the cost map, and what was known with and without sensors."""
+        return tuple(self.folder / name for name in (_PICTURE, _COST, _KNOWN))
+
+    @property
+    def tables(self) -> tuple[Path, ...]:
+        """Mobility and soil of the drive, mobility of the bare one."""
+        return tuple(self.folder / name for name in (_MOBILITY, _SOIL, _BARE_MOBILITY))
 
 
 def run_demo(
     folder: Path | str = DEFAULT_FOLDER,
     *,
     seed: int = 1,
-    distance: float = 30.0,
+    distance: float = 24.0,
     rate: float = 4.0,
     say: Callable[[str], None] = lambda _: None,
 ) -> DemoResult:
-    """Simulate a drive, play it into the node, write table and picture.
+    """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
 
     Parameters
     ----------
     folder
         For everything that is made; files of an earlier run are replaced.
     seed, distance
-        Of the drive; m.
+        Of the drive; m before the slope that ends it.
     rate
         Times as fast as real time, at most: the player waits for the node.
     say
@@ -90,40 +116,65 @@ def run_demo(
     start = time.monotonic()
     check_ros()
     folder = _prepared(Path(folder))
-    say("1/3 simulating a drive of a rover with two wheel sizes over three soils")
-    drive = simulate_drive(DriveSettings(seed=seed, distance=distance, wheels="two_sizes"))
+    say("1/4 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
+    settings = DriveSettings(seed=seed, distance=distance, wheels="two_sizes", finish="slope")
+    drive = simulate_drive(settings)
     bag = folder / _BAG
     write_drive_bag(drive, bag)
     answer = drive.answer()
     (folder / _ANSWER).write_text(json.dumps(answer), encoding="utf-8")
-    say(f"2/3 playing {drive.message_count} messages over DDS into the node mobility_estimator")
-    recording = recorded(bag, config_file("two_wheel_sizes.yaml"), folder, rate=rate)
-    say("3/3 writing table and picture")
     epoch = int(answer["epoch_ns"])
-    mobility = _table(recording.mobility, epoch)
-    soil = _soil_table(recording.soil, epoch)
-    mobility.to_csv(folder / _MOBILITY, index=False, float_format="%.9g")
-    soil.to_csv(folder / _SOIL, index=False, float_format="%.9g")
-    draw_drive(mobility, soil, folder / _PICTURE, truth=answer)
-    return DemoResult(
-        picture=folder / _PICTURE,
-        mobility_file=folder / _MOBILITY,
-        soil_file=folder / _SOIL,
-        mobility=mobility,
-        soil=soil,
-        answer=answer,
-        published=recording.published,
-        unanswered=recording.unanswered,
-        latencies=np.array(recording.latencies),
-        seconds=time.monotonic() - start,
+    say(f"2/4 playing {drive.message_count} messages over DDS into the node mobility_estimator")
+    parameters = config_file("two_wheel_sizes.yaml")
+    balance = config_file("vehicle_balance.yaml")
+    # So large that it holds the whole drive.
+    whole = {"cost.size": f"{4.0 * (distance + 10.0):.1f}"}
+    full = _clip(recorded(bag, [parameters, balance], folder, rate=rate, overrides=whole), epoch)
+    say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
+    blind = {f"{wheel.name}.sinkage_topic": "''" for wheel in drive.rover.wheels}
+    bare = _clip(
+        recorded(
+            bag,
+            [parameters],
+            folder,
+            rate=rate,
+            overrides=blind,
+            seconds=_BARE_SECONDS,
+            by_sinkage=False,
+        ),
+        epoch,
     )
+    say("4/4 writing tables and pictures")
+    for name, table in (
+        (_MOBILITY, full.mobility),
+        (_SOIL, full.soil),
+        (_BARE_MOBILITY, bare.mobility),
+    ):
+        table.to_csv(folder / name, index=False, float_format="%.9g")
+    warned = [(stamp - epoch) / 1e9 for stamp, _ in full.recording.warnings]
+    draw_drive(full.mobility, full.soil, folder / _PICTURE, truth=answer, warned=warned)
+    way = np.array([answer["rover"]["x"], answer["rover"]["y"]]).T
+    if full.recording.cost is not None:
+        title = "What the soil costs, as the node tells it to a planner"
+        draw_cost(full.recording.cost, folder / _COST, way=way, title=title)
+    draw_known(
+        {"with sinkage, imu and mass": full.mobility, "with load and slip only": bare.mobility},
+        {"with sinkage, imu and mass": full.soil, "with load and slip only": bare.soil},
+        answer,
+        folder / _KNOWN,
+    )
+    return DemoResult(folder, full, bare, answer, time.monotonic() - start)
+
+
+def _clip(recording: Recording, epoch: int) -> Clip:
+    return Clip(_table(recording.mobility, epoch), _soil_table(recording.soil, epoch), recording)
 
 
 def _prepared(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(folder / _BAG, ignore_errors=True)
-        for name in (_ANSWER, _LOG, _MOBILITY, _SOIL, _PICTURE):
+        for name in _FILES:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise DemoError(f"the folder {folder} cannot be used: {error.strerror}") from error
@@ -145,17 +196,30 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def recorded(bag: Path, parameters: Path, folder: Path, *, rate: float) -> Recording:
+def recorded(
+    bag: Path,
+    parameters: Sequence[Path],
+    folder: Path,
+    *,
+    rate: float,
+    overrides: Mapping[str, str] | None = None,
+    seconds: float = math.inf,
+    by_sinkage: bool = True,
+) -> Recording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
     Parameters
     ----------
     parameters
-        The node's parameter file.
+        The node's parameter files; later ones win.
     folder
         For the node's log.
     rate
         Times as fast as recorded, at most.
+    overrides
+        Further parameters.
+    seconds, by_sinkage
+        As in `drive_through`.
 
     Raises
     ------
@@ -169,12 +233,20 @@ def recorded(bag: Path, parameters: Path, folder: Path, *, rate: float) -> Recor
 
     with BagReader(bag) as reader:
         total = reader.message_count
+    more = {"use_sim_time": "true", **(overrides or {})}
     with (
         _environment(own_ros(folder / "ros_log")),
-        NodeProcess([parameters], folder / _LOG, {"use_sim_time": "true"}) as node,
+        NodeProcess(parameters, folder / _LOG, more) as node,
         tqdm(total=total, unit=" messages", disable=None, leave=False) as bar,
     ):
-        return drive_through(bag, rate=rate, alive=node.death, progress=bar.update)
+        return drive_through(
+            bag,
+            rate=rate,
+            seconds=seconds,
+            by_sinkage=by_sinkage,
+            alive=node.death,
+            progress=bar.update,
+        )
 
 
 def _table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
@@ -191,9 +263,10 @@ def _table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
 
 
 def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
+    """One row per message; the first is of the node's start, before there was a measurement."""
     table = pd.DataFrame(rows)
-    # The first message is of the node's start, before there was a measurement.
-    table = table[table["measurements_accepted"] > 0].reset_index(drop=True)
+    measured = table["measurements_accepted"] > 0
+    table = table[measured].reset_index(drop=True) if measured.any() else table.iloc[-1:]
     table.insert(0, "time", (table.pop("stamp") - epoch) / 1e9)
     covariance = np.stack([np.asarray(c).reshape(3, 3) for c in table.pop("covariance")])
     for i, name in enumerate(("k", "n", "m")):
@@ -203,45 +276,10 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     return table.drop(columns=["frame_id"])
 
 
-def summary(result: DemoResult) -> str:
-    """Put the result into a few lines for people."""
-    table, soil = result.mobility, result.soil
-    lines = ["wheel         estimates  not used  sinkage measured - predicted   drawbar pull > 0"]
-    for wheel, rows in table.groupby("wheel"):
-        used = rows[rows["status"] != 3]
-        error = (used["sinkage_measured"] - used["sinkage_predicted"]).dropna() * 1e3
-        share = (rows["probability_drawbar_pull_positive"].dropna() > 0.5).mean()
-        lines.append(
-            f"{wheel:<12} {len(rows):>10} {len(rows) - len(used):>9}"
-            f" {np.sqrt(np.mean(error**2)):>20.2f} mm rms {share:>17.0%}"
-        )
-    last = soil.iloc[-1]
-    place = np.interp(last["time"], result.answer["rover"]["time"], result.answer["rover"]["way"])
-    true = [s for s in result.answer["stretches"] if s["start"] <= place][-1]
-    lines += ["", "soil at the end    estimated                  true"]
-    for name, unit in (("k", "Pa/m^(n+m)"), ("n", ""), ("m", "")):
-        deviation = last[f"{name}_standard_deviation"]
-        lines.append(
-            f"{name:<12} {last[name]:>15.5g} +- {deviation:<9.2g} {true[name]:>9.5g} {unit}"
-        )
-    lines += [
-        "",
-        f"{result.published} messages played, {len(table)} estimates,"
-        f" {result.unanswered} sinkages without answer",
-        f"from a sinkage to its estimate: median {np.median(result.latencies) * 1e3:.0f} ms, while"
-        " it waits for the other wheels' sinkages; 99 % within"
-        f" {np.percentile(result.latencies, 99) * 1e3:.0f} ms",
-        f"took {result.seconds:.0f} s",
-        "",
-        f"picture  {result.picture}",
-        f"table    {result.mobility_file}",
-        f"soil     {result.soil_file}",
-    ]
-    return "\n".join(lines)
-
-
 def main() -> int:
     """Run the demo with everything at its default; return the exit code."""
+    from smallwheel_ros.demo_summary import summary
+
     try:
         print(summary(run_demo(say=lambda line: print(line, file=sys.stderr))))
     except SmallwheelError as error:

@@ -331,7 +331,7 @@ def in_sqlite(drive, tmp_path) -> Path:
 @pytest.mark.parametrize("cell", ["12345", "'text'", "1.5"])
 def test_a_cell_that_is_no_message_costs_that_message_alone(in_sqlite, rover, tmp_path, cell):
     with BagReader(in_sqlite) as reader:
-        count = reader.message_count
+        count = sum(topic.message_count for topic in reader.topics if topic.name != "/imu")
     with contextlib.closing(database(in_sqlite)) as changed:
         changed.execute(f"UPDATE messages SET data = {cell} WHERE id = 40")
         changed.commit()

@@ -50,6 +50,7 @@ def test_topics_and_types_are_those_of_the_interface(bag):
     with BagReader(bag) as reader:
         found = {topic.name: topic.type for topic in reader.topics}
     expected = {"/odom": "nav_msgs/msg/Odometry", "/joint_states": "sensor_msgs/msg/JointState"}
+    expected["/imu"] = "sensor_msgs/msg/Imu"
     for wheel in WHEELS:
         expected[f"/{wheel}/load"] = "geometry_msgs/msg/WrenchStamped"
         expected[f"/{wheel}/sinkage"] = "smallwheel_ros/msg/WheelSinkage"
@@ -62,7 +63,7 @@ def test_default_drive_is_about_a_minute_and_30_metres(drive):
 
 
 def test_rates_stamps_and_delays(messages):
-    rates = {"load": 50, "sinkage": 10, "odom": 30, "joint_states": 50}
+    rates = {"load": 50, "sinkage": 10, "odom": 30, "joint_states": 50, "imu": 50}
     first = set()
     for topic, recorded in messages.items():
         stamp = stamps(recorded)
@@ -187,11 +188,68 @@ def test_loads_carry_the_rover_and_balance_on_slopes():
     assert loads[0] @ y / weight == pytest.approx(rover.gravity_y, abs=1e-9)
 
 
-def test_wheels_together_pull_what_the_rover_needs(drive):
-    truth, rover = drive.truth, drive.rover
-    needed = rover.mass * (GRAVITY * np.sin(truth.travel.climb) + truth.travel.acceleration)
-    free = (truth.slip > -0.29) & (truth.slip < 0.64)
-    assert truth.drawbar_pull.sum(axis=1)[free] == pytest.approx(needed[free], abs=0.1)
+@pytest.mark.parametrize("finish", ["none", "slope", "slippery"])
+def test_wheels_together_pull_what_the_rover_needs(finish):
+    made = simulate_drive(DriveSettings(seed=2, distance=8.0, finish=finish))
+    truth, trip = made.truth, made.truth.travel
+    needed = made.rover.mass * (GRAVITY * np.sin(trip.climb) + trip.acceleration)
+    moves = trip.speed > 1e-3
+    assert truth.slip.max() > 0.64  # also where the slip is at the end of its range
+    assert truth.drawbar_pull.sum(axis=1)[moves] == pytest.approx(needed[moves], abs=0.1)
+    gained = np.gradient(trip.speed, trip.time)
+    driven = moves & (trip.time < trip.time[-1] - 0.5)
+    assert trip.acceleration[driven] == pytest.approx(gained[driven], abs=0.2)
+
+
+@pytest.mark.parametrize("finish", ["slope", "slippery"])
+@pytest.mark.parametrize("wheels", ["four", "two_sizes"])
+def test_a_drive_ends_where_the_soil_does_not_give_what_it_takes(finish, wheels):
+    settings = DriveSettings(seed=1, distance=4.0, finish=finish, wheels=wheels)
+    made = simulate_drive(settings)
+    truth, trip = made.truth, made.truth.travel
+    stuck = made.answer()["stuck"]
+    assert stuck is not None
+    assert 4.0 < stuck["way"] <= trip.way[-1] < 20.0
+    # The wheels turn on, and slip tells how little comes of it.
+    over = trip.time > stuck["time"]
+    assert np.all(truth.slip[over] > 0.9)
+    assert np.all(truth.rim[over] > 0.1)
+    assert trip.way[-1] - stuck["way"] < 0.2
+    free = np.isfinite(trip.rim) & ~over
+    share = 1.0 - trip.speed[free] / trip.rim[free]
+    assert truth.slip[free & (truth.slip > 0)] == pytest.approx(share[share > 0], abs=1e-9)
+    if finish == "slope":
+        assert trip.climb[-1] > trip.climb[free][0] + np.radians(5.0)
+    # Everything before is the same drive.
+    plain = simulate_drive(DriveSettings(seed=1, distance=4.0, wheels=wheels)).truth
+    early = trip.time < 4.0
+    assert np.array_equal(truth.load[early], plain.load[: early.sum()])
+    assert made.answer()["stuck"]
+    assert simulate_drive(DriveSettings(distance=4.0)).answer()["stuck"] is None
+
+
+def test_imu_and_motors_tell_of_the_forces(drive, messages):
+    truth, mass = drive.truth, drive.rover.mass
+    at = (stamps(messages["/imu"]) - EPOCH) / 1e9
+    felt = np.array([m.message.linear_acceleration.x for m in messages["/imu"]])
+    pull = np.interp(at, truth.travel.time, truth.drawbar_pull.sum(axis=1))
+    moves = np.interp(at, truth.travel.time, truth.travel.speed) > 0.05
+    off = mass * felt[moves] - pull[moves]
+    assert abs(np.mean(off)) < 1.0
+    assert np.std(off) == pytest.approx(mass * 0.1, rel=0.25)
+    pitch = [2.0 * (m.message.orientation.w * m.message.orientation.y) for m in messages["/imu"]]
+    climb = np.interp(at, truth.travel.time, truth.travel.climb)
+    assert np.abs(np.array(pitch) + climb).max() < np.radians(2.5)
+    joint = (stamps(messages["/joint_states"]) - EPOCH) / 1e9
+    effort = np.array([m.message.effort for m in messages["/joint_states"]])
+    assert effort.shape == (joint.size, 4)
+    for j, wheel in enumerate(drive.rover.wheels):
+        true = np.interp(joint, truth.travel.time, truth.torque[:, j])
+        assert np.std(effort[:, j] - true) < 0.05 + 0.1 * np.std(true)
+        # What is left of the thrust after motion resistance pulls.
+        turning = truth.travel.speed > 0.05
+        by_motor = truth.torque[turning, j] / (wheel.diameter / 2)
+        assert np.all(by_motor > truth.drawbar_pull[turning, j])
 
 
 def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):

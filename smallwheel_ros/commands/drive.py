@@ -22,7 +22,11 @@ _JSON = click.option(
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the drive.")
 @click.option(
-    "--distance", type=click.FloatRange(2, 500), default=30.0, show_default=True, help="Way, m."
+    "--distance",
+    type=click.FloatRange(2, 500),
+    default=24.0,
+    show_default=True,
+    help="Way before the slope that ends it, m.",
 )
 @click.option(
     "--rate",
@@ -37,10 +41,12 @@ def demo(
 ) -> None:
     """Play a simulated drive into the node over DDS, draw what it finds.
 
-    A rover with two wheel sizes drives over three soils. Its bag is played into the node
-    mobility_estimator, which runs in a process of its own and sees only what sensors measure.
+    A rover with two wheel sizes drives over three soils and up a slope until it is stuck. Its bag is
+    played into the node mobility_estimator, which runs in a process of its own and sees only what
+    sensors measure; the beginning of it once more, into a node that is given load and slip only.
     """
-    from smallwheel_ros.demo import DEFAULT_FOLDER, run_demo, summary
+    from smallwheel_ros.demo import DEFAULT_FOLDER, run_demo
+    from smallwheel_ros.demo_summary import summary
 
     result = run_demo(
         output or DEFAULT_FOLDER,
@@ -49,18 +55,20 @@ def demo(
         rate=rate,
         say=lambda line: click.echo(line, err=True),
     )
+    found = result.full.recording
     content = {
-        "picture": str(result.picture),
-        "mobility": str(result.mobility_file),
-        "soil": str(result.soil_file),
-        "messages": result.published,
-        "estimates": len(result.mobility),
-        "unanswered": result.unanswered,
+        "picture": str(result.pictures[0]),
+        "pictures": [str(path) for path in result.pictures],
+        "mobility": str(result.tables[0]),
+        "soil": str(result.tables[1]),
+        "messages": found.published,
+        "estimates": len(result.full.mobility),
+        "unanswered": found.unanswered,
         "seconds": round(result.seconds, 1),
     }
     _report(json_file, content, summary(result))
-    if result.unanswered > 0:
-        click.echo(f"{result.unanswered} sinkages got no answer from the node", err=True)
+    if found.unanswered > 0:
+        click.echo(f"{found.unanswered} sinkages got no answer from the node", err=True)
         raise SystemExit(1)
 
 

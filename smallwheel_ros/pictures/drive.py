@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 _MEASURED, _MODEL, _TRUE, _REJECTED = "#8a8a8a", "#1f6fb4", "#d1495b", "#e3a008"
 _GROUND = ("#f6efe2", "#e9eef2", "#efe9ef")
 _BAND = 1.96  # standard deviations: 95 %
+_EVERY = 0.5  # s, over which the wheels' margins are put together
 
 
 def draw_drive(
@@ -25,6 +26,7 @@ def draw_drive(
     soil: pd.DataFrame,
     path: Path,
     truth: Mapping[str, Any] | None = None,
+    warned: Sequence[float] = (),
 ) -> None:
     """Draw a drive.
 
@@ -37,13 +39,16 @@ def draw_drive(
         PNG file.
     truth
         Answer of a simulated drive: true values are drawn as well, dashed.
+    warned
+        Times (s) at which the node warned of something.
     """
     wheels = sorted(mobility["wheel"].unique())
     columns = 2
     rows_of_wheels = (len(wheels) + 1) // columns
-    figure = Figure(figsize=(15, 3.1 * (2 * rows_of_wheels + 1) + 1.2), layout="constrained")
+    count = 2 * rows_of_wheels + 2
+    figure = Figure(figsize=(15, 3.1 * count + 1.2), layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2 * rows_of_wheels + 1, 6)
+    grid = figure.add_gridspec(count, 6)
     limits = (0.0, float(mobility["time"].max()))
     first: list[Axes] = []
     for i, wheel in enumerate(wheels):
@@ -58,6 +63,10 @@ def draw_drive(
     for i, name in enumerate(("k", "n", "m")):
         axes = figure.add_subplot(grid[rows_of_wheels, 2 * i : 2 * i + 2])
         _draw_parameter(axes, name, soil, truth)
+        first.append(axes)
+    for place, draw in ((slice(0, 3), _draw_slip), (slice(3, 6), _draw_margin)):
+        axes = figure.add_subplot(grid[count - 1, place])
+        draw(axes, mobility, truth, warned)
         first.append(axes)
     for axes in first:
         axes.set_xlim(limits)
@@ -122,8 +131,53 @@ def _draw_pull(axes: Axes, wheel: str, rows: pd.DataFrame, truth: Mapping[str, A
         low, high = np.percentile(known, [0.5, 99.5])
         axes.set_ylim(low - 0.35 * (high - low) - 1.0, high + 0.35 * (high - low) + 1.0)
     axes.set_ylabel("drawbar pull [N]")
-    axes.set_title(f"{wheel}: drawbar pull (cohesion and friction are configured, not estimated)")
+    axes.set_title(f"{wheel}: drawbar pull")
     axes.legend(loc="lower left", fontsize=8, ncols=3)
+
+
+def _draw_warnings(axes: Axes, warned: Sequence[float]) -> None:
+    for i, time in enumerate(warned):
+        label = "the node warns" if i == 0 else None
+        axes.axvline(time, color=_REJECTED, linewidth=2.0, alpha=0.6, label=label)
+
+
+def _draw_slip(
+    axes: Axes, mobility: pd.DataFrame, truth: Mapping[str, Any] | None, warned: Sequence[float]
+) -> None:
+    for i, (_, rows) in enumerate(mobility.groupby("wheel")):
+        label = "measured, each wheel" if i == 0 else None
+        axes.plot(rows["time"], rows["slip"], color=_MODEL, linewidth=0.6, alpha=0.6, label=label)
+    if truth is not None:
+        moving = np.array(truth["rover"]["speed"]) > 1e-3
+        true = np.where(moving, truth["rover"]["slip"], np.nan)
+        axes.plot(truth["rover"]["time"], true, "--", color=_TRUE, linewidth=1.0, label="true")
+    _draw_warnings(axes, warned)
+    axes.set(ylim=(-0.3, 1.05), ylabel="slip", title="slip")
+    axes.legend(loc="upper left", fontsize=8, ncols=3)
+
+
+def _draw_margin(
+    axes: Axes, mobility: pd.DataFrame, truth: Mapping[str, Any] | None, warned: Sequence[float]
+) -> None:
+    """Steepest slope that the vehicle holds, mean of the wheels by load, and the risk."""
+    known = mobility.dropna(subset=["mobility_margin"]).copy()
+    known["bin"] = (known["time"] / _EVERY).round() * _EVERY
+    for name in ("mobility_margin", "mobility_margin_standard_deviation"):
+        known[f"{name}_share"] = known[name] * known["load"]
+    sums = known.groupby("bin")[
+        ["load", "mobility_margin_share", "mobility_margin_standard_deviation_share"]
+    ].sum()
+    margin = sums["mobility_margin_share"] / sums["load"]
+    spread = _BAND * sums["mobility_margin_standard_deviation_share"] / sums["load"]
+    time = sums.index.to_numpy()
+    low, high = (np.degrees(np.arctan(margin + sign * spread)) for sign in (-1.0, 1.0))
+    _band(axes, time, np.degrees(np.arctan(margin)), low, high, "slope held", _MODEL)
+    if truth is not None:
+        climb = np.degrees(truth["rover"]["climb"])
+        axes.plot(truth["rover"]["time"], climb, "--", color=_TRUE, label="true slope here")
+    _draw_warnings(axes, warned)
+    axes.set(ylabel="slope [deg]", title="steepest slope that the soil holds, and the slope")
+    axes.legend(loc="upper left", fontsize=8, ncols=2)
 
 
 def _draw_parameter(

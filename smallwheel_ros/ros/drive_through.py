@@ -6,6 +6,7 @@ the answers: it holds back while too many sinkages are without one.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,24 +14,29 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
+from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
 from smallwheel_ros.onboard.parameters import NODE_NAME
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.conversions import nanoseconds_of
+from smallwheel_ros.ros.conversions import grid_from, nanoseconds_of
 from smallwheel_ros.ros.play import Player, PlaySettings, own_node
 
 _MOST_UNANSWERED = 20
+_FURTHEST_BEHIND = 2 * SECOND
 # s without an answer. Python and ROS start within seconds, but take half a minute where ten programs
 # compete for two processors; a node that has died is not waited for.
 _PATIENCE = 120.0
 _LAST = 6.0  # s without an answer at the end: a sinkage that the node refused gets none
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+_ALARMS = ": alarms"  # end of the name of their entry in the diagnostics
 _EVERYTHING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -48,6 +54,10 @@ class Recording:
         One row per message: its fields, with `stamp` (ns) and `frame_id` of the header.
     diagnostics
         Message of the newest entry of each name.
+    warnings
+        Stamp (ns) of the newest estimate, and message, of each alarm in the diagnostics.
+    cost
+        Newest grid of the cost map.
     published, sinkages
         Messages that were played, and how many of them were sinkages.
     latencies
@@ -57,6 +67,8 @@ class Recording:
     mobility: list[dict[str, Any]] = field(default_factory=list)
     soil: list[dict[str, Any]] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
+    warnings: list[tuple[int, str]] = field(default_factory=list)
+    cost: Grid | None = None
     published: int = 0
     sinkages: int = 0
     latencies: list[float] = field(default_factory=list)
@@ -80,6 +92,8 @@ def drive_through(
     bag: Path | str,
     *,
     rate: float = 1.0,
+    seconds: float = math.inf,
+    by_sinkage: bool = True,
     alive: Callable[[], str | None] = lambda: None,
     progress: Callable[[], object] = lambda: None,
 ) -> Recording:
@@ -87,6 +101,11 @@ def drive_through(
 
     Parameters
     ----------
+    seconds
+        Of the bag that are played.
+    by_sinkage
+        Whether the node listens to sinkages, and answers each; else it answers when it likes, and must
+        not fall behind by more than 2 s of the bag.
     alive
         Says why the node is dead, None while it lives.
     progress
@@ -102,17 +121,17 @@ def drive_through(
     if rclpy.ok():
         raise DriveThroughError("rclpy is running in this process already: shut it down first")
     with own_node("smallwheel_drive_through") as node:
-        recorder = _Recorder(node, alive)
+        recorder = _Recorder(node, alive, by_sinkage)
         with Player(node, bag, PlaySettings(rate=rate)) as player:
-            recorder.record(player, progress)
+            recorder.record(player, seconds, progress)
         return recorder.recording
 
 
 class _Recorder:
     """Records what the node publishes, and waits for it."""
 
-    def __init__(self, node: Node, alive: Callable[[], str | None]) -> None:
-        self._alive = alive
+    def __init__(self, node: Node, alive: Callable[[], str | None], by_sinkage: bool) -> None:
+        self._alive, self._by_sinkage = alive, by_sinkage
         self.recording = Recording()
         self._sent: dict[int, float] = {}
         self._diagnosed = 0  # messages of diagnostics
@@ -121,27 +140,36 @@ class _Recorder:
             MobilityEstimate, f"{own}/mobility", self._on_mobility, _EVERYTHING
         )
         node.create_subscription(SoilEstimate, f"{own}/soil", self._on_soil, qos.LATCHED)
+        node.create_subscription(OccupancyGrid, f"{own}/cost", self._on_cost, qos.LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
-    def record(self, player: Player, progress: Callable[[], object]) -> None:
+    def record(self, player: Player, seconds: float, progress: Callable[[], object]) -> None:
         """Play everything; wait for the node before it, for its answers meanwhile and after it."""
         found = self.recording
 
         def deaf() -> list[str]:
-            return [name for name in player.unheard() if player.topics[name] == _SINKAGE]
+            unheard = player.unheard() if self._by_sinkage else ()
+            return [name for name in unheard if player.topics[name] == _SINKAGE]
 
         def answered() -> bool:
-            return found.unanswered < _MOST_UNANSWERED
+            if self._by_sinkage or not found.mobility:
+                return found.unanswered < _MOST_UNANSWERED
+            return now - int(found.mobility[-1]["stamp"]) < _FURTHEST_BEHIND
 
         self._wait(player, lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
         # Topics that the node does not need may stay unheard.
         player.wait_for_listeners(_PATIENCE)
         # The node has found us as well when its first soil has come.
         self._wait(player, lambda: bool(found.soil), lambda: "it published no soil")
+        begin, now = -1, 0
         for raw in player.play():
+            now = raw.log_time
+            begin = now if begin < 0 else begin
+            if now - begin > seconds * SECOND:
+                break
             # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
             self._wait(player, answered, lambda: f"{len(found.mobility)} answers until then")
-            if raw.type == _SINKAGE:
+            if self._by_sinkage and raw.type == _SINKAGE:
                 message = deserialize_message(bytes(raw.data), WheelSinkage)
                 self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
                 found.sinkages += 1
@@ -186,5 +214,11 @@ class _Recorder:
 
     def _on_diagnostics(self, message: Any) -> None:
         self._diagnosed += 1
+        newest = self.recording.mobility[-1]["stamp"] if self.recording.mobility else 0
         for status in message.status:
             self.recording.diagnostics[status.name] = status.message
+            if status.name.endswith(_ALARMS) and status.level != DiagnosticStatus.OK:
+                self.recording.warnings.append((newest, status.message))
+
+    def _on_cost(self, message: Any) -> None:
+        self.recording.cost = grid_from(message)

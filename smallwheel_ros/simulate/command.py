@@ -24,7 +24,7 @@ from smallwheel_ros.simulate.rig import (
 )
 from smallwheel_ros.simulate.rig_design import CONTINUOUS
 from smallwheel_ros.simulate.rover import ROVERS
-from smallwheel_ros.simulate.terrain import TERRAINS
+from smallwheel_ros.simulate.terrain import FINISHES, TERRAINS
 from smallwheel_ros.simulate.truth import SimulationError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -140,6 +140,12 @@ def simulate() -> None:
     "--terrain", default="mixed", show_default=True, help=f"{' or '.join(TERRAINS)} soil."
 )
 @click.option(
+    "--finish",
+    default="none",
+    show_default=True,
+    help=f"What it ends in, stuck: {', '.join(FINISHES)}.",
+)
+@click.option(
     "--noise", type=float, default=1.0, show_default=True, help="Factor on every sensor's noise."
 )
 @click.option(
@@ -171,6 +177,7 @@ def drive(
     speed: float,
     wheels: str,
     terrain: str,
+    finish: str,
     noise: float,
     outliers: float,
     dropouts: float,
@@ -188,6 +195,7 @@ def drive(
             speed=speed,
             wheels=wheels,
             terrain=terrain,
+            finish=finish,
             hidden=hidden,
             strength=strength,
             form=form,

@@ -76,6 +76,10 @@ class Contact:
         """Horizontal component (N) of a stress (Pa) on these points."""
         return self._sum(stress * np.sin(self.angle), width)
 
+    def along(self, stress: Array, width: Array) -> Array:
+        """Sum (N) along the arc of a stress (Pa) on these points: its torque over the radius."""
+        return self._sum(stress, width)
+
     def _sum(self, stress: Array, width: Array) -> Array:
         force: Array = width * self.diameter / 2 * np.sum(stress * self.weight, axis=1)
         return force

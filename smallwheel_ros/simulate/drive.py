@@ -19,13 +19,21 @@ from smallwheel_ros.simulate.ride import WheelTruth, ride
 from smallwheel_ros.simulate.rover import ROVERS, Rover
 from smallwheel_ros.simulate.sensors import (
     EPOCH,
+    ImuReadings,
     JointReadings,
     LoadReadings,
     OdometryReadings,
     Sensors,
     SinkageReadings,
 )
-from smallwheel_ros.simulate.terrain import Stretch, draw_ground, draw_stretches, travel
+from smallwheel_ros.simulate.terrain import (
+    FINISHES,
+    Stretch,
+    draw_finish,
+    draw_ground,
+    draw_stretches,
+)
+from smallwheel_ros.simulate.travel import travel
 from smallwheel_ros.simulate.truth import SimulationError, check_range
 
 
@@ -43,6 +51,9 @@ class DriveSettings:
         Name of a rover (`ROVERS`), or one of your own.
     terrain
         ``"mixed"`` or ``"single"`` soil; `stretches`, where given, is used instead.
+    finish
+        ``"none"``, or what the drive ends in after `distance`: a ``"slope"`` that steepens, or
+        ``"slippery"`` ground, until the rover is stuck.
     hidden, strength, form
         Effects in the truth, factor on their size, and their form (module `hidden`).
     noise
@@ -60,6 +71,7 @@ class DriveSettings:
     wheels: str | Rover = "four"
     terrain: str = "mixed"
     stretches: tuple[Stretch, ...] | None = None
+    finish: str = "none"
     hidden: tuple[str, ...] = ()
     strength: float = 1.0
     form: Form = "own"
@@ -93,6 +105,10 @@ class DriveSettings:
         check_range("outliers", self.outliers, 0.0, 0.5)
         check_range("dropouts", self.dropouts, 0.0, 0.9)
         check_form(self.form)
+        if self.finish not in FINISHES:
+            raise SimulationError(
+                f"finish {self.finish!r} is unknown: expected {', '.join(FINISHES)}"
+            )
         self.rover()
         hidden = check_hidden(self.hidden)
         for name in hidden:
@@ -117,11 +133,12 @@ class Drive:
     sinkage: Mapping[str, SinkageReadings]
     odometry: OdometryReadings
     joints: JointReadings
+    imu: ImuReadings
 
     @property
     def message_count(self) -> int:
         """How many messages the readings are."""
-        stamps = [self.odometry.stamp, self.joints.stamp]
+        stamps = [self.odometry.stamp, self.joints.stamp, self.imu.stamp]
         stamps += [readings.stamp for readings in self.load.values()]
         stamps += [readings.stamp for readings in self.sinkage.values()]
         return sum(stamp.size for stamp in stamps)
@@ -145,14 +162,20 @@ class Drive:
                 "load": _rounded(np.interp(at, time, truth.load[:, j]), 4),
                 "slip": _rounded(np.interp(at, time, truth.slip), 5),
                 "drawbar_pull": _rounded(np.interp(at, time, truth.drawbar_pull[:, j]), 4),
+                "torque": _rounded(np.interp(at, time, truth.torque[:, j]), 4),
                 "stretch": truth.stretch[np.searchsorted(time, at, side="right") - 1, j].tolist(),
                 "moving": (np.interp(at, time, trip.speed) > 1e-3).tolist(),
                 "outlier": readings.outlier.tolist(),
             }
+        stuck = trip.stuck
         return {
             "kind": "drive",
             "epoch_ns": EPOCH,
             "settings": settings,
+            "mass": self.rover.mass,
+            "stuck": None
+            if stuck is None
+            else {"time": round(float(time[stuck]), 3), "way": round(float(trip.way[stuck]), 4)},
             "hidden": [effect.describe() for effect in self.effects],
             "stretches": [{"start": s.start} | asdict(s.soil) for s in self.stretches],
             "wheels": wheels,
@@ -160,6 +183,10 @@ class Drive:
                 "time": _rounded(time, 3),
                 "way": _rounded(trip.way, 4),
                 "speed": _rounded(trip.speed, 4),
+                "slip": _rounded(truth.slip, 5),
+                "climb": _rounded(trip.climb, 5),
+                "x": _rounded(trip.x, 4),
+                "y": _rounded(trip.y, 4),
             },
         }
 
@@ -189,7 +216,12 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     stretches = settings.stretches or draw_stretches(
         settings.terrain, settings.distance, np.random.default_rng([settings.seed, 11])
     )
-    ground = draw_ground(settings.distance, np.random.default_rng([settings.seed, 12]))
+    ground = replace(
+        draw_ground(settings.distance, np.random.default_rng([settings.seed, 12])),
+        finish=draw_finish(
+            settings.finish, settings.distance, np.random.default_rng([settings.seed, 13])
+        ),
+    )
     truth = ride(
         rover, ground, stretches, effects, travel(ground, settings.distance, settings.speed)
     )
@@ -212,4 +244,5 @@ def simulate_drive(settings: DriveSettings) -> Drive:
         sinkage={name: sensors.sinkage(j) for j, name in enumerate(names)},
         odometry=sensors.odometry(),
         joints=sensors.joints(),
+        imu=sensors.imu(),
     )

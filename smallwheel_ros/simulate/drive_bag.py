@@ -2,9 +2,10 @@
 
 Topics: ``/<wheel>/load`` (geometry_msgs/WrenchStamped, 50 Hz: force.z positive when the soil pushes
 the wheel up, force.x what it pushes the wheel forward with), ``/<wheel>/sinkage``
-(smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels) and
-``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``). Messages are
-recorded some milliseconds after the instant in their header.
+(smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels),
+``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``, effort in N m at the
+wheel) and ``/imu`` (sensor_msgs/Imu, 50 Hz, in base_link). Messages are recorded some milliseconds after
+the instant in their header.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.drive import Drive
 from smallwheel_ros.simulate.sensors import (
+    ImuReadings,
     JointReadings,
     LoadReadings,
     OdometryReadings,
@@ -31,6 +33,7 @@ LOAD = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
 ODOMETRY = "nav_msgs/msg/Odometry"
 JOINTS = "sensor_msgs/msg/JointState"
+IMU = "sensor_msgs/msg/Imu"
 
 
 class _Recorded(NamedTuple):
@@ -64,6 +67,7 @@ def _messages(drive: Drive) -> Iterator[_Recorded]:
         yield from _sinkages(wheel.name, drive.sinkage[wheel.name])
     yield from _odometry(drive.odometry)
     yield from _joints([f"{w.name}_joint" for w in drive.rover.wheels], drive.joints)
+    yield from _imu(drive.imu)
 
 
 def _header(stamp: int, frame: str) -> Any:
@@ -146,6 +150,22 @@ def _joints(names: list[str], readings: JointReadings) -> Iterator[_Recorded]:
             name=names,
             position=readings.position[i],
             velocity=readings.velocity[i],
-            effort=np.empty(0),
+            effort=readings.effort[i],
         )
         yield _Recorded(int(readings.log_time[i]), "/joint_states", JOINTS, message)
+
+
+def _imu(readings: ImuReadings) -> Iterator[_Recorded]:
+    kind = message_type(IMU)
+    angle, rate, felt = (np.diag([spread**2] * 3).ravel() for spread in (6e-3, 3e-3, 0.1))
+    for i, stamp in enumerate(readings.stamp):
+        message = kind(
+            header=_header(stamp, "base_link"),
+            orientation=_quaternion(readings.roll[i], readings.pitch[i], readings.yaw[i]),
+            orientation_covariance=angle,
+            angular_velocity=_vector(0.0, 0.0, readings.yaw_rate[i]),
+            angular_velocity_covariance=rate,
+            linear_acceleration=_vector(*readings.acceleration[i]),
+            linear_acceleration_covariance=felt,
+        )
+        yield _Recorded(int(readings.log_time[i]), "/imu", IMU, message)

@@ -9,7 +9,7 @@ import numpy as np
 
 from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, shear_thrust
+from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, shear_stress, shear_thrust
 
 
 @dataclass(frozen=True)
@@ -88,16 +88,17 @@ class Ground:
         return rut
 
 
-def thrust_at(
+def traction_at(
     soil: TruthSoil,
     effects: Sequence[HiddenEffect],
     at: Circumstances,
     scatter: Array | float,
     depth: Array,
-) -> Array:
-    """Thrust (N) of wheels whose depth (m) is known."""
+) -> tuple[Array, Array]:
+    """Thrust (N) and driving torque (N m) of wheels whose depth (m) is known."""
     contact = Contact.at(at.diameter, depth)
-    return shear_thrust(Ground(soil, effects, at, scatter).stress(contact), contact, soil, at)
+    shear = shear_stress(Ground(soil, effects, at, scatter).stress(contact), contact, soil, at)
+    return contact.upward(shear, at.width), at.diameter / 2 * contact.along(shear, at.width)
 
 
 def wheel_response(

@@ -9,22 +9,24 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.ride import WheelTruth
-from smallwheel_ros.simulate.rover import Rover
+from smallwheel_ros.simulate.rover import GRAVITY, Rover
+from smallwheel_ros.simulate.travel import STANDS
 
 Nanoseconds = NDArray[np.int64]
 
 # 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
 EPOCH = 1_749_720_600 * 10**9
 
-_RATES = {"load": 50.0, "sinkage": 10.0, "odometry": 30.0, "joints": 50.0}
+_RATES = {"load": 50.0, "sinkage": 10.0, "odometry": 30.0, "joints": 50.0, "imu": 50.0}
 # Shortest and typical further delay between measurement and recording (s).
 _DELAYS = {
     "load": (0.002, 0.002),
     "sinkage": (0.055, 0.015),
     "odometry": (0.015, 0.005),
     "joints": (0.002, 0.001),
+    "imu": (0.002, 0.001),
 }
-_JITTER = {"load": 0.0003, "sinkage": 0.002, "odometry": 0.001, "joints": 0.0003}
+_JITTER = {"load": 0.0003, "sinkage": 0.002, "odometry": 0.001, "joints": 0.0003, "imu": 0.0003}
 _GAP = 1.5  # s
 
 
@@ -70,12 +72,26 @@ class OdometryReadings:
 
 @dataclass(frozen=True)
 class JointReadings:
-    """All wheels at once, shape (times, wheels): rad and rad/s, positive forward."""
+    """All wheels at once, shape (times, wheels): rad, rad/s and N m, positive forward."""
 
     stamp: Nanoseconds
     log_time: Nanoseconds
     position: Array
     velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True)
+class ImuReadings:
+    """In base_link: angles of REP 103 (rad), and what is felt (m/s^2), shape (times, 3)."""
+
+    stamp: Nanoseconds
+    log_time: Nanoseconds
+    roll: Array
+    pitch: Array
+    yaw: Array
+    yaw_rate: Array
+    acceleration: Array
 
 
 class Sensors:
@@ -187,13 +203,14 @@ class Sensors:
         )
 
     def joints(self) -> JointReadings:
-        """Read the wheel encoders: 0.4 % and 0.01 rad/s (1 sigma)."""
+        """Read the wheel encoders: 0.4 % and 0.01 rad/s (1 sigma); and what the motors say.
+
+        Their torque is 3 % off in scale, another for each motor; it holds 0.05 N m of friction.
+        """
         rng = self._stream(7)
         time, stamp, log_time = self._times("joints", rng)
-        slip = self.truth.slip[:, None]
-        forward = np.where(slip >= 0, 1.0 / (1.0 - slip), 1.0 + slip)
         radius = np.array([wheel.diameter / 2 for wheel in self.rover.wheels])
-        omega = self.truth.speed * forward / radius
+        omega = self.truth.rim / radius
         steps = np.diff(self.truth.travel.time, prepend=self.truth.travel.time[0])
         turned = np.cumsum(omega * steps[:, None], axis=0)
         wheels = range(len(self.rover.wheels))
@@ -204,6 +221,45 @@ class Sensors:
             log_time,
             position=np.stack([self._at(time, turned[:, j]) for j in wheels], axis=1),
             velocity=velocity + rng.normal(0.0, 1.0, velocity.shape) * spread,
+            effort=self._effort(time),
+        )
+
+    def _effort(self, time: Array) -> Array:
+        """Read the torque of the motors, shape (times, wheels), N m."""
+        rng, count = self._stream(8), len(self.rover.wheels)
+        scale = 1.0 + self.noise * rng.normal(0.0, 0.03, count)
+        true = np.stack([self._at(time, self.truth.torque[:, j]) for j in range(count)], axis=1)
+        turns = self._at(time, self.truth.rim[:, 0]) > STANDS
+        friction = 0.05 * self.noise * turns[:, None]
+        noise = self.noise * rng.normal(0.0, 0.03, true.shape)
+        return np.asarray((true + friction) * scale + noise)
+
+    def imu(self) -> ImuReadings:
+        """Read the imu: angles 0.3 degrees off all the time and 0.2 more (1 sigma), 0.1 m/s^2."""
+        rng, trip = self._stream(9), self.truth.travel
+        time, stamp, log_time = self._times("imu", rng)
+        off = np.radians(0.3) * rng.normal(0.0, 1.0, (3, 1))
+        wrong = self.noise * (off + np.radians(0.2) * rng.normal(0.0, 1.0, (3, time.size)))
+        climb, roll = self._at(time, trip.climb), self._at(time, trip.roll)
+        rate = self._at(time, trip.speed * trip.curvature)
+        turning = self._at(time, trip.speed) * rate
+        felt = np.stack(
+            [
+                GRAVITY * np.sin(climb) + self._at(time, trip.acceleration),
+                GRAVITY * np.cos(climb) * np.sin(roll) + turning,
+                GRAVITY * np.cos(climb) * np.cos(roll),
+            ],
+            axis=1,
+        )
+        return ImuReadings(
+            stamp,
+            log_time,
+            # REP 103: positive about x lifts the left side, positive about y lowers the nose.
+            roll=roll + wrong[0],
+            pitch=-climb + wrong[1],
+            yaw=self._at(time, trip.heading) + wrong[2],
+            yaw_rate=rate + self.noise * rng.normal(0.0, 0.003, time.size),
+            acceleration=felt + self.noise * rng.normal(0.0, 0.1, felt.shape),
         )
 
 

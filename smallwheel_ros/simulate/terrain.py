@@ -1,4 +1,4 @@
-"""The ground of a drive: stretches of soil, slopes, slippery patches, and the way over it."""
+"""The ground of a drive: stretches of soil, slopes, slippery patches, and what ends it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.truth import Places, SimulationError, TruthSoil
 
 TERRAINS = ("mixed", "single")
-TICK = 0.1  # s, step of the truth
+FINISHES = ("none", "slope", "slippery")
 _GROUND_STEP = 0.02  # m, step of the soil's texture
 _REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
+_STEEPEST = 0.6  # rad, steeper than any soil here is climbed
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,29 @@ def stretch_index(stretches: Sequence[Stretch], way: Array) -> Places:
 
 
 @dataclass(frozen=True)
+class Finish:
+    """Ground at the end of a drive that gets worse until the rover is stuck.
+
+    From `start` (m along the way) on it rises by `rise` (rad/m) more and more, or over `edge` (m) the
+    grip falls to the factor `grip`.
+    """
+
+    start: float
+    rise: float = 0.0
+    grip: float = 1.0
+    edge: float = 1.0
+
+
+def draw_finish(name: str, distance: float, rng: np.random.Generator) -> Finish | None:
+    """Draw the end of a drive, one of `FINISHES`: a slope of 2.5 to 4.5 degrees more in each metre."""
+    if name == "none":
+        return None
+    if name == "slope":
+        return Finish(distance, rise=float(np.radians(rng.uniform(2.5, 4.5))))
+    return Finish(distance, grip=rng.uniform(0.05, 0.15), edge=rng.uniform(0.8, 1.6))
+
+
+@dataclass(frozen=True)
 class Ground:
     """Everything that depends on the place along the way."""
 
@@ -73,6 +97,7 @@ class Ground:
     speed_waves: Array
     turn_wave: Array  # (1, 3): heading (rad)
     patches: Array  # (patches, 2): start and end of slippery places (m)
+    finish: Finish | None = None
 
 
 def draw_ground(distance: float, rng: np.random.Generator) -> Ground:
@@ -115,70 +140,21 @@ def wave_value(waves: Array, way: Array) -> Array:
     return total
 
 
+def climb(ground: Ground, way: Array) -> Array:
+    """Slope in the direction of travel (rad), positive uphill."""
+    slope = wave_value(ground.climb_waves, way)
+    if ground.finish is not None:
+        slope = slope + ground.finish.rise * np.maximum(way - ground.finish.start, 0.0)
+    return np.minimum(slope, _STEEPEST)
+
+
 def grip(ground: Ground, way: Array) -> Array:
     """Factor on the thrust: 1, and 0.5 on slippery patches, with soft edges."""
     edge = 0.08
     inside = np.zeros_like(way)
     for start, end in ground.patches:
         inside = inside + (np.tanh((way - start) / edge) - np.tanh((way - end) / edge)) / 2
-    return 1.0 - 0.5 * np.clip(inside, 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Travel:
-    """How the rover goes, by time; arrays of shape (times,)."""
-
-    time: Array  # s
-    way: Array  # m along the way
-    speed: Array  # m/s
-    acceleration: Array  # m/s^2
-    heading: Array  # rad
-    curvature: Array  # 1/m
-    climb: Array  # rad
-    roll: Array  # rad
-    x: Array  # m, in the frame odom
-    y: Array  # m
-
-
-def travel(ground: Ground, distance: float, speed: float) -> Travel:
-    """Stand for 2 s, drive with varying speed, stop for 3 s on the way, arrive, stand for 1 s."""
-    pull = 0.35  # m/s^2
-    halt = 0.5 * distance
-    way, now, rows = 0.0, 0.0, []
-    waiting, halted = 2.0, False
-    while True:
-        rows.append((way, now))
-        if waiting > 0:
-            waiting -= TICK
-            continue
-        ahead = (distance if halted else halt) - way
-        if ahead < 1e-3:
-            if halted:
-                break
-            waiting, halted, now = 3.0, True, 0.0
-            continue
-        wave = wave_value(ground.speed_waves, np.array([way]))[0]
-        wish = min(speed * (1.0 + wave), np.sqrt(2.0 * pull * ahead) + 1e-3)
-        now = min(max(wish, now - 3.0 * pull * TICK), now + pull * TICK)
-        way += min(now * TICK, ahead)
-    rows += [(way, 0.0)] * round(1.0 / TICK)
-    path = np.array(rows)
-    place, velocity = path[:, 0], path[:, 1]
-    velocity[-round(1.0 / TICK) - 1 :] = 0.0
-    size, length, phase = ground.turn_wave[0]
-    turn = 2.0 * np.pi / length
-    heading = size * np.sin(turn * place + phase) - size * np.sin(phase)
-    climb = wave_value(ground.climb_waves, place)
-    steps = velocity * TICK * np.cos(climb)
-    return Travel(
-        time=np.arange(place.size, dtype=np.float64) * TICK,
-        way=place,
-        speed=velocity,
-        acceleration=np.gradient(velocity, TICK),
-        heading=heading,
-        curvature=size * turn * np.cos(turn * place + phase),
-        climb=climb,
-        roll=wave_value(ground.roll_waves, place),
-        x=np.cumsum(steps * np.cos(heading)),
-        y=np.cumsum(steps * np.sin(heading)),
-    )
+    factor: Array = 1.0 - 0.5 * np.clip(inside, 0.0, 1.0)
+    if (finish := ground.finish) is not None:
+        factor = factor * finish.grip ** np.clip((way - finish.start) / finish.edge, 0.0, 1.0)
+    return factor

@@ -131,8 +131,8 @@ def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array)
     return sinkage_under(load, diameter, lambda z: supported_load(law, diameter, width, z))
 
 
-def shear_thrust(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
-    """Thrust (N), negative when skidding: Janosi and Hanamoto's shear stress along the arc.
+def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
+    """Shear stress (Pa) along the arc, negative when skidding, after Janosi and Hanamoto.
 
     A wheel that has dug itself in presses on the soil with its load still, no more: the stress
     (Pa, shape (rows, nodes)) over the longer arc is scaled to that.
@@ -145,5 +145,10 @@ def shear_thrust(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
     displacement = ((1.0 - ratio) * length)[:, None] * contact.passed
     mobilised = np.sign(displacement) * -np.expm1(-np.abs(displacement) / soil.shear_deformation)
     pressure = stress * (at.load / contact.upward(stress, at.width))[:, None]
-    strength = soil.cohesion + pressure * np.tan(soil.friction_angle)
-    return contact.upward(strength * mobilised, at.width)
+    shear: Array = (soil.cohesion + pressure * np.tan(soil.friction_angle)) * mobilised
+    return shear
+
+
+def shear_thrust(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
+    """Thrust (N) of the shear stress that a normal stress (Pa) goes with."""
+    return contact.upward(shear_stress(stress, contact, soil, at), at.width)
