@@ -124,7 +124,7 @@ def run_node(trial: Trial, settings: TrialSettings, folder: Path) -> tuple[Fit, 
     bag = folder / "trial"
     shutil.rmtree(bag, ignore_errors=True)
     write_trial(trial, bag, settings)
-    recording = recorded(bag, config_file("press_rig.yaml"), folder, rate=4.0)
+    recording = recorded(bag, [config_file("press_rig.yaml")], folder, rate=4.0)
     last = recording.soil[-1]
     # ln of the pressure at the reference sinkage and the wheel's own diameter, with n
     k, n, m = last["k"], last["n"], last["m"]

@@ -315,9 +315,13 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
         timeout=600,
     )
     assert done.returncode == 0, done.stderr
-    for name in ("drive.png", "mobility.csv", "soil.csv"):
+    pictures = ("drive.png", "cost.png", "known.png")
+    for name in (*pictures, "mobility.csv", "soil.csv", "mobility_bare.csv"):
         assert str(folder / name) in done.stdout
-    assert (folder / "drive.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    for name in pictures:
+        assert (folder / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert "stuck on the slope at" in done.stdout
+    assert "the node does not know: k, n, m" in done.stdout
     table = pd.read_csv(folder / "mobility.csv")
     assert sorted(table["wheel"].unique()) == [
         "front_left",
@@ -327,6 +331,11 @@ def test_demo_makes_table_and_picture(tmp_path: Path) -> None:
     ]
     assert f"{len(table)} estimates, 0 sinkages without answer" in done.stdout
     assert (table["status"] == 0).sum() > 100
+    bare = pd.read_csv(folder / "mobility_bare.csv")
+    assert bare["sinkage_measured"].isna().all()
+    known = "drawbar_pull_standard_deviation"
+    early = table[table["time"] <= bare["time"].max()]
+    assert bare[known].median() > early[known].median()
     soil = pd.read_csv(folder / "soil.csv")
     assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
 

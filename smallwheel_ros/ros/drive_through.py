@@ -30,7 +30,7 @@ from smallwheel_ros.ros.conversions import grid_from, nanoseconds_of
 from smallwheel_ros.ros.play import Player, PlaySettings, own_node
 
 _MOST_UNANSWERED = 20
-_FURTHEST_BEHIND = 2 * SECOND
+_FURTHEST_BEHIND = SECOND // 2
 # s without an answer. Python and ROS start within seconds, but take half a minute where ten programs
 # compete for two processors; a node that has died is not waited for.
 _PATIENCE = 120.0
@@ -105,7 +105,7 @@ def drive_through(
         Of the bag that are played.
     by_sinkage
         Whether the node listens to sinkages, and answers each; else it answers when it likes, and must
-        not fall behind by more than 2 s of the bag.
+        not fall behind by more than half a second of the bag.
     alive
         Says why the node is dead, None while it lives.
     progress
@@ -161,6 +161,10 @@ class _Recorder:
         player.wait_for_listeners(_PATIENCE)
         # The node has found us as well when its first soil has come.
         self._wait(player, lambda: bool(found.soil), lambda: "it published no soil")
+
+        def silent() -> str:
+            return f"{len(found.mobility)} answers until then"
+
         begin, now = -1, 0
         for raw in player.play():
             now = raw.log_time
@@ -168,7 +172,7 @@ class _Recorder:
             if now - begin > seconds * SECOND:
                 break
             # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
-            self._wait(player, answered, lambda: f"{len(found.mobility)} answers until then")
+            self._wait(player, answered, silent if self._by_sinkage else None)
             if self._by_sinkage and raw.type == _SINKAGE:
                 message = deserialize_message(bytes(raw.data), WheelSinkage)
                 self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
