@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from robot_worlds import VEHICLES
-from traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
+from traction_worlds import GRAVITY, MASS, REFERENCE_SLIP, WORLDS, TractionDrive, make_drive
 
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
@@ -40,6 +40,7 @@ class Run:
     true_margin: list[float] = field(default_factory=list)
     ahead: float | None = None  # m before it was stuck, that it was warned of without a pause
     false: int = 0  # warnings on ground where it came nowhere near
+    needless: int = 0  # warnings after which it did not even come to the reference slip
     length: float = 0.0  # m
 
 
@@ -103,7 +104,11 @@ def run(drive: TractionDrive, kind: str, settle: float = 2.0) -> tuple[Assessor,
 
 
 def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -> None:
-    """How far ahead the last warning began; and those with no slip over 0.3 within 1.5 m."""
+    """How far ahead the last warning began; and those that were false.
+
+    False: from half a metre before to two metres after it no slip over 0.3, and no place with a true
+    reserve under 0.03. Stricter: no slip over 0.4.
+    """
     path = drive.path
     out.length, begin = float(path[-1]), float(path[-1])
     if drive.stuck:
@@ -116,8 +121,9 @@ def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -
     last = -math.inf
     for place, on in zip(path, warned, strict=True):
         if on and place - last > _EPISODE and place < begin:
-            near = (path > place - 0.5) & (path < place + 1.5)
+            near = (path > place - 0.5) & (path < place + 2.0)
             out.false += bool(drive.slip[near].max() < 0.3 and drive.reserve[near].min() > 0.03)
+            out.needless += bool(drive.slip[near].max() < REFERENCE_SLIP)
         if on:
             last = place
 
@@ -157,6 +163,7 @@ def rates(runs: list[Run]) -> dict[str, object]:
         "fifths": " ".join(fifths),
         "cost": " ".join(stuck),
         "warned ahead": ahead,
+        "needless warnings": sum(one.needless for one in runs),
         "false warnings": f"{sum(one.false for one in runs)} in {sum(one.length for one in runs):.0f} m",
     }
 

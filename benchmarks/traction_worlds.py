@@ -39,7 +39,8 @@ class TractionWorld:
     """A structure of ground and vehicle.
 
     patch: factors on grip between which that of one long patch is drawn; slope: rad that it rises
-    to; lowered: factor on k at half way; firmness: added to ln pressure.
+    to, over a ramp between these lengths (m); lowered: factor on k at half way; firmness: added to ln
+    pressure.
     """
 
     name: str
@@ -47,6 +48,7 @@ class TractionWorld:
     distance: float = 16.0
     patch: tuple[float, float] | None = None
     slope: float | None = None
+    ramp: tuple[float, float] = (4.0, 7.0)
     lowered: float = 1.0
     firmness: float = 0.0
     grip_varies: float = 0.18
@@ -62,6 +64,7 @@ WORLDS = {
         TractionWorld("patch", patch=(0.15, 0.7)),
         TractionWorld("patch, equal", "equal", patch=(0.15, 0.7)),
         TractionWorld("slope", slope=0.5),
+        TractionWorld("slow slope", slope=0.45, distance=34.0, ramp=(20.0, 28.0)),
         TractionWorld("soft ahead", lowered=0.5),
         TractionWorld("firm", firmness=1.5),
         TractionWorld("bad motors", torque_scale=0.12, friction=0.15),
@@ -171,8 +174,8 @@ def _truth(world, rng, wheels, way, law, strength):  # type: ignore[no-untyped-d
         for a, length in ((0.05, 9.0), (0.03, 3.5))
     )
     if world.slope is not None:
-        start = rng.uniform(0.25, 0.5) * world.distance
-        climb = climb + world.slope * np.clip((way - start) / rng.uniform(4.0, 7.0), 0.0, 1.0)
+        start = min(rng.uniform(0.25, 0.5) * world.distance, 9.0)
+        climb = climb + world.slope * np.clip((way - start) / rng.uniform(*world.ramp), 0.0, 1.0)
     grip = _blocks(rng, way, world.grip_varies)
     if world.patch is not None:
         low = math.log(rng.uniform(*world.patch))

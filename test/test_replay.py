@@ -460,12 +460,14 @@ def shift(message, nanoseconds: int):
 
 def test_messages_that_come_out_of_order_change_nothing(bag, rover, usual, tmp_path):
     rng = np.random.default_rng(0)
-    # Up to 60 ms later than they came: many change places, none comes too late.
-    other = rewritten(
-        bag,
-        tmp_path / "other",
-        lambda topic, kind, time, m: (topic, kind, time + int(rng.uniform(0, 60e6)), m),
-    )
+
+    def later(topic, kind, time, message):
+        """Up to 80 ms, but for what would come too late then: many change places."""
+        stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+        latest = max(time, stamp + 170_000_000)
+        return topic, kind, min(time + int(rng.uniform(0, 80e6)), latest), message
+
+    other = rewritten(bag, tmp_path / "other", later)
     table = replayed(other, rover, tmp_path / "out")
     assert_same_estimates(table, usual[1])
 

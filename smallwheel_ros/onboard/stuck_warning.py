@@ -1,16 +1,25 @@
 """The risk of getting stuck, and the warning before it.
 
-Over steps of 0.1 m of the vehicle's path, straight lines through the last metre:
+Over steps of 0.1 m of the vehicle's path, means over the step:
 
-    slip      of the middle wheel, mean over the step
-    reserve   net traction of all wheels at the reference slip over their load, less what slope and
-              gaining speed take now, over the weight (0 where that is not measured)
+    slip      of the middle wheel
+    demand    what slope and gaining speed take, over the weight (0 where that is not measured)
+    margin    net traction of all wheels at the reference slip over their load
 
-The risk is the probability that reserve is below 0 within the next metre, where a fall goes on. A
-warning is given where slip is over 0.3, or over 0.2 and on the way to the reference slip within the next
-metre: from there on the net traction of small wheels hardly rises. The warning rests on slip, not on
-the reserve, since slip is known without mass, slope or strength, and reserve within a few hundredths
-of the load only.
+The risk is the probability that within the next metre demand is more than the margin is in the mean of
+the last metre, where the rise of the demand over the last metre, a straight line, goes on. The margin's
+own trend is not used: grip comes in patches of half a metre to two, and what it did says little of what it
+will do, while a slope that steepens mostly does so for a metre more.
+
+A warning is given where
+
+    slip is over 0.3: from there on the net traction of small wheels hardly rises;
+    slip is over 0.2 and by its line through the last half metre at the reference slip within the next
+    half metre, the time to stop on a slippery patch;
+    slip is over 0.2 and the risk over 0.8: a slope that is too steep ahead.
+
+Slip has to be up in each of them: it is known without mass, slope and strength, and the margin within a
+few hundredths of the load only.
 """
 
 from __future__ import annotations
@@ -26,7 +35,9 @@ from smallwheel_ros.onboard.mobility import probability_positive
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Quantity
 
-_AHEAD = 1.0  # m, over which a line is laid, and goes on
+_AHEAD = 1.0  # m, over which the line of the demand is laid, and goes on
+_SOON = 0.5  # m, the same for the slip
+_LIKELY = 0.8  # risk: four times in five
 _STEP, _LONGEST_STEP = 0.1, 0.5  # m, s: wheels that spin on one spot
 _ENOUGH = 4  # steps
 _ORDINARY, _HIGH = 0.2, 0.3  # slip
@@ -70,7 +81,7 @@ class StuckWarning:
         self.warning = ""
         self._wheels: dict[str, _Wheel] = {}
         self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / _STEP))
-        self._reserves: deque[float] = deque(maxlen=round(_AHEAD / _STEP))
+        self._margins: deque[float] = deque(maxlen=round(_AHEAD / _STEP))
         self._begin: tuple[int, float] | None = None  # stamp and distance of the step
         self._demands: list[float] = []
         self._slips: dict[str, list[float]] = defaultdict(list)
@@ -105,28 +116,42 @@ class StuckWarning:
     def _judge(self, instant: Instant, reference_slip: float) -> None:
         """A step has ended."""
         known = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
+        self.risk = None
         if known:
             margin = mean_margin([(w.load, w.margin) for w in known])
-            self._reserves.append(margin.value - self._steps[-1].demand)
-            places = [step.distance for step in self._steps][-len(self._reserves) :]
-            now, trend = _line(places, list(self._reserves))
-            ahead = now + min(trend, 0.0) * _AHEAD
-            self.risk = 1.0 - probability_positive(Quantity(ahead, margin.standard_deviation))
+            self._margins.append(margin.value)
+            places, demands = [s.distance for s in self._steps], [s.demand for s in self._steps]
+            now, trend = _line(places, demands, _AHEAD)
+            left = float(np.mean(self._margins)) - now - max(trend, 0.0) * _AHEAD
+            self.risk = 1.0 - probability_positive(Quantity(left, margin.standard_deviation))
         else:
-            self.risk = None
-            self._reserves.clear()
-        slips = [(step.distance, step.slip) for step in self._steps if step.slip is not None]
+            self._margins.clear()
         self.warning = ""
+        slips = [(step.distance, step.slip) for step in self._steps if step.slip is not None]
         if slips and self._steps[-1].slip is not None:
-            now, trend = _line(*map(list, zip(*slips, strict=True)))
-            if max(now, self._steps[-1].slip) > _HIGH:
-                self.warning = f"the wheels slip by {now:.2f}: the vehicle may get stuck"
-            elif now > _ORDINARY and now + trend * _AHEAD > reference_slip:
-                left = (reference_slip - now) / trend
-                self.warning = (
-                    f"the wheels slip by {now:.2f} and more and more: the vehicle may get stuck in"
-                    f" {left:.1f} m{_in_time(left, instant.speed)}"
-                )
+            self.warning = self._words(slips, reference_slip, instant.speed)
+
+    def _words(
+        self, slips: list[tuple[float, float]], reference_slip: float, speed: float | None
+    ) -> str:
+        """Return the warning; slips: by distance (m)."""
+        places, values = map(list, zip(*slips, strict=True))
+        mean, _ = _line(places, values, _AHEAD)
+        now, trend = _line(places, values, _SOON)
+        if max(mean, values[-1]) > _HIGH:
+            return f"the wheels slip by {max(mean, values[-1]):.2f}: the vehicle may get stuck"
+        if now > _ORDINARY and now + trend * _SOON > reference_slip:
+            left = max(reference_slip - now, 0.0) / trend
+            return (
+                f"the wheels slip by {now:.2f} and more and more: the vehicle may get stuck in"
+                f" {left:.1f} m{_in_time(left, speed)}"
+            )
+        if mean > _ORDINARY and self.risk is not None and self.risk > _LIKELY:
+            return (
+                f"the wheels slip by {mean:.2f}, and the slope gets too steep for this soil: the vehicle"
+                f" may get stuck within {_AHEAD:g} m{_in_time(_AHEAD, speed)}"
+            )
+        return ""
 
 
 def mean_margin(wheels: list[tuple[float, Quantity]]) -> Quantity:
@@ -140,12 +165,14 @@ def mean_margin(wheels: list[tuple[float, Quantity]]) -> Quantity:
     return Quantity(float(loads @ values / loads.sum()), float(loads @ deviations / loads.sum()))
 
 
-def _line(distance: list[float], value: list[float]) -> tuple[float, float]:
-    """End of a straight line through the last metre, and its slope (1/m)."""
+def _line(distance: list[float], value: list[float], length: float) -> tuple[float, float]:
+    """End of a straight line through the last so many metres, and its slope (1/m)."""
     way = np.array(distance) - distance[-1]
+    inside = way > -length + 0.5 * _STEP
+    way, values = way[inside], np.array(value)[inside]
     if len(way) < _ENOUGH or np.ptp(way) < 0.5 * _STEP * _ENOUGH:
         return float(np.mean(value[-_ENOUGH:])), 0.0
-    trend, now = np.polyfit(way, value, 1)
+    trend, now = np.polyfit(way, values, 1)
     return float(now), float(trend)
 
 

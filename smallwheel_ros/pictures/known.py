@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 _MODEL, _TRUE = "#1f6fb4", "#d1495b"
 _BAND = 1.96  # standard deviations: 95 %
@@ -66,9 +67,10 @@ def draw_known(
 
 
 def _draw(
-    axes: Axes, time: pd.Series, value: pd.Series, deviation: pd.Series, scale: float = 1.0
+    axes: Axes, time: ArrayLike, value: ArrayLike, deviation: ArrayLike, scale: float = 1.0
 ) -> None:
-    centre, spread = scale * value, scale * _BAND * deviation
+    centre, spread = scale * np.asarray(value), scale * _BAND * np.asarray(deviation)
+    time = np.asarray(time)
     axes.plot(time, centre, color=_MODEL, linewidth=1.2, label="estimated")
     low, high = centre - spread, centre + spread
     axes.fill_between(time, low, high, color=_MODEL, alpha=0.25, linewidth=0, label="its 95 % band")
