@@ -24,16 +24,20 @@ few hundredths of the load only.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict, deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import probability_positive
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Quantity
+
+Array = NDArray[np.float64]
 
 _AHEAD = 1.0  # m, over which the line of the demand is laid, and goes on
 _SOON = 0.5  # m, the same for the slip
@@ -53,10 +57,10 @@ class _Wheel(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """The means of a step that ends at this distance (m); None where nothing is known."""
+    """The means of a step that ends at this distance (m); slip NaN where none is known."""
 
     distance: float
-    slip: float | None
+    slip: float
     demand: float
 
 
@@ -104,7 +108,7 @@ class StuckWarning:
             self._steps.append(
                 _Step(
                     instant.distance,
-                    slips[(len(slips) - 1) // 2] if slips else None,
+                    slips[(len(slips) - 1) // 2] if slips else math.nan,
                     float(np.mean(self._demands)) if self._demands else 0.0,
                 )
             )
@@ -116,26 +120,23 @@ class StuckWarning:
     def _judge(self, instant: Instant, reference_slip: float) -> None:
         """A step has ended."""
         known = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
-        self.risk = None
+        self.risk, steps = None, np.array(self._steps)
         if known:
             margin = mean_margin([(w.load, w.margin) for w in known])
             self._margins.append(margin.value)
-            places, demands = [s.distance for s in self._steps], [s.demand for s in self._steps]
-            now, trend = _line(places, demands, _AHEAD)
+            now, trend = _line(steps[:, 0], steps[:, 2], _AHEAD)
             left = float(np.mean(self._margins)) - now - max(trend, 0.0) * _AHEAD
             self.risk = 1.0 - probability_positive(Quantity(left, margin.standard_deviation))
         else:
             self._margins.clear()
         self.warning = ""
-        slips = [(step.distance, step.slip) for step in self._steps if step.slip is not None]
-        if slips and self._steps[-1].slip is not None:
-            self.warning = self._words(slips, reference_slip, instant.speed)
+        if not math.isnan(self._steps[-1].slip):
+            known_slip = steps[~np.isnan(steps[:, 1])]
+            self.warning = self._words(known_slip, reference_slip, instant.speed)
 
-    def _words(
-        self, slips: list[tuple[float, float]], reference_slip: float, speed: float | None
-    ) -> str:
-        """Return the warning; slips: by distance (m)."""
-        places, values = map(list, zip(*slips, strict=True))
+    def _words(self, steps: Array, reference_slip: float, speed: float | None) -> str:
+        """Return the warning; steps: those with a slip, as rows."""
+        places, values = steps[:, 0], steps[:, 1]
         mean, _ = _line(places, values, _AHEAD)
         now, trend = _line(places, values, _SOON)
         if max(mean, values[-1]) > _HIGH:
@@ -165,11 +166,11 @@ def mean_margin(wheels: list[tuple[float, Quantity]]) -> Quantity:
     return Quantity(float(loads @ values / loads.sum()), float(loads @ deviations / loads.sum()))
 
 
-def _line(distance: list[float], value: list[float], length: float) -> tuple[float, float]:
+def _line(distance: Array, value: Array, length: float) -> tuple[float, float]:
     """End of a straight line through the last so many metres, and its slope (1/m)."""
-    way = np.array(distance) - distance[-1]
+    way = distance - distance[-1]
     inside = way > -length + 0.5 * _STEP
-    way, values = way[inside], np.array(value)[inside]
+    way, values = way[inside], value[inside]
     if len(way) < _ENOUGH or np.ptp(way) < 0.5 * _STEP * _ENOUGH:
         return float(np.mean(value[-_ENOUGH:])), 0.0
     trend, now = np.polyfit(way, values, 1)
