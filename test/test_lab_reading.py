@@ -64,6 +64,7 @@ def test_the_width_of_a_round_plate_is_no_side(tmp_path: Path) -> None:
         ("diameter,width,pressure,sinkage\n0.2,0.1,2e4,0.01\n", "that of a wheel changes"),
         ("contact,diameter,width,length,load,sinkage\nplate,0.1,0.1,0.2,9,0.01\n", "round or rectangular"),
         ("contact,diameter,length,load,sinkage\nplate,,0.2,9,0.01\n", "length without its width"),
+        ("load,diameter,sinkage\n9,0.1,0.01\n", "say contact = plate"),
         ("pressure [kPa],sinkage [mm]\n20,5\n", "no column 'diameter'"),
         (HEADER + curve([-1, -2], [0.0, -1e-3]), "no row of load and sinkage over 0"),
         ("diameter,width,load,sinkage\n0.2,0.1,30,-0.01\n", "sinkage is -0.01, expected 0 to"),
@@ -96,7 +97,7 @@ def test_rows_before_the_soil_and_after_the_load_are_left_out(tmp_path: Path) ->
     depths = [1e-3 * z for z in depths]
     data = read_measurements(table(tmp_path, HEADER + curve(loads, depths)))
     assert data.conditions.load.tolist() == [*up, 95, 110]
-    said = " ".join(data.notes)
+    said = " ".join(data.understood)
     assert "2 rows of plates or pressed wheels are left out" in said
     assert "3 rows of curves are left out: the load was taken off" in said
 
@@ -111,7 +112,7 @@ def test_rows_in_no_order_are_no_unloading(tmp_path: Path) -> None:
 def test_a_load_that_falls_with_depth_is_said(tmp_path: Path) -> None:
     z = np.linspace(0.001, 0.02, 12)
     data = read_measurements(table(tmp_path, HEADER + curve((50 - 1e3 * z).tolist(), z.tolist())))
-    assert any("the load falls while the body goes deeper" in note for note in data.notes)
+    assert any("the load falls while the body goes deeper" in said for said in data.warnings)
 
 
 def test_curves_without_names_are_found(tmp_path: Path) -> None:
@@ -122,7 +123,7 @@ def test_curves_without_names_are_found(tmp_path: Path) -> None:
     )
     data = read_measurements(table(tmp_path, text.replace("a,plate", "plate")))
     assert data.runs.size == 3
-    assert any("3 curves" in note for note in data.notes)
+    assert any("3 curves" in said for said in data.understood)
 
 
 def test_the_pressure_of_a_tyre_stays_a_column_of_its_own(tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_a_shear_table_in_german(tmp_path: Path) -> None:
     assert isinstance(found, ShearTests)
     assert found.shear_stress == pytest.approx(tests.shear_stress)
     assert len(set(found.run.tolist())) == 3  # each begins where the normal stress changes
-    assert any("no column 'run': 3 tests" in note for note in found.notes)
+    assert any("no column 'run': 3 tests" in said for said in found.understood)
 
 
 def lab_files(tmp_path: Path) -> tuple[Path, Path]:

@@ -124,6 +124,18 @@ def test_strength_that_falls_with_normal_stress_is_refused() -> None:
         strength(shear(np.random.default_rng(1), cohesion=60e3, friction=-0.5))
 
 
+def test_a_clay_without_friction_is_a_soil() -> None:
+    found = strength(shear(np.random.default_rng(2), cohesion=20e3, friction=-0.02, scatter=0.02))
+    assert found.friction_angle == 0.0
+    assert found.cohesion == pytest.approx(20e3, rel=0.05)
+    assert "tan phi came out as" in found.notes[0]
+
+
+def test_a_curve_without_a_limit_is_no_strength() -> None:
+    with pytest.raises(StrengthError, match="shows no limit"):
+        strength(shear(np.random.default_rng(1), modulus=5.0, scatter=0.0))
+
+
 def test_runs_without_curve_are_left_out_or_refused() -> None:
     tests = shear(np.random.default_rng(1))
     short = tests.run == tests.run[0]
@@ -133,6 +145,8 @@ def test_runs_without_curve_are_left_out_or_refused() -> None:
     assert f"run '{tests.run[0]}' is left out" in fit.notes[0]
     with pytest.raises(FittingError, match="no shear test can be used"):
         fit_shear(replace(tests, displacement=-tests.displacement))
+    with pytest.raises(FittingError, match="is its sign reversed"):
+        fit_shear(replace(tests, shear_stress=-tests.shear_stress))
 
 
 def test_strength_goes_into_the_model_file_with_its_covariance(tmp_path: Path) -> None:

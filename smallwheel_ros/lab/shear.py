@@ -195,13 +195,13 @@ def _shape_errors(law: ShearLaw, runs: tuple[RunFit, ...]) -> Array:
 def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
     """Whether the curves show a peak: on runs left out, or, of one run, by Schwarz's criterion.
 
-    And the stress must fall by more than what the law without a peak is off: else there is none to see.
+    And the stress must fall by more than what the law with a peak is off: else there is none to see.
     """
     travel = np.asarray(
         max(run.curve.travel for run in plain.runs) * np.arange(1, 201) / 200.0, dtype=np.float64
     )
     share = peaked.law.share(travel, peaked.values[2:])
-    if share.max() - share[-1] <= np.mean([run.misfit for run in plain.runs]):
+    if share.max() - share[-1] <= np.mean([run.misfit for run in peaked.runs]):
         return False
     if len(plain.runs) == 1:
         first, second = plain.runs[0].misfit, peaked.runs[0].misfit

@@ -104,6 +104,11 @@ def curves_of(tests: ShearTests) -> tuple[list[Curve], list[str]]:
             )
             continue
         j, stress = j[used], stress[used]
+        if not stress.max() > 0.0:
+            notes.append(
+                f"run '{name}' is left out: its shear stress is nowhere over 0; is its sign reversed?"
+            )
+            continue
         sigma = tests.normal_stress[rows][used]
         if np.ptp(sigma) > LOAD_TOLERANCE * sigma.mean():
             notes.append(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.result import FittedParameter, Status
 from smallwheel_ros.lab.shear import FittedShearLaw, ShearFit
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 
 _NAMES = ("cohesion", "friction_angle", "log_shear_displacement")
 _SEEN = 3.0  # shear moduli, at which a curve has 95 % of its strength
+_COMPATIBLE = 2.0  # standard deviations
 _FEW_STRESSES = "shear at three normal stresses that span a factor of 3 or more"
 
 
@@ -65,23 +67,32 @@ class Strength:
 def strength_of(fit: ShearFit) -> Strength:
     """The numbers of Janosi and Hanamoto's law for a model, and what is to be said of them.
 
-    Raises StrengthError where the strength does not rise with the normal stress.
+    Raises StrengthError where the strength falls with the normal stress, or is not known at all.
     """
     law = fit.plain
     c, friction, log_modulus = law.values.tolist()
-    if friction <= 0.0:
+    stds = np.sqrt(np.diag(law.covariance))
+    if friction < -_COMPATIBLE * stds[1] or (friction < 0.0 and c < 0.0):
         raise StrengthError(
             f"shear tests{_of(fit.soil)}: the strength falls with the normal stress (tan phi = "
-            f"{friction:.3g}), expected it to rise: are the two stresses in the right columns, and each "
-            "run at its own normal stress?"
+            f"{friction:.3g} +- {stds[1]:.2g}), expected it to rise: are the two stresses in the right "
+            "columns, and each run at its own normal stress?"
         )
+    _refuse_unknown(fit)
     notes = [*fit.notes, *_about_stresses(fit)]
     bounded_c, bounded_friction = c, friction
+    # On a bound the other follows by its covariance: the best strength that has c, or tan phi, 0.
     if c < 0.0:
         notes.append(_about_negative(law))
-        # the best strength on c = 0: friction follows by its covariance with c
         bounded_c = 0.0
         bounded_friction = friction - law.covariance[1, 0] / law.covariance[0, 0] * c
+    elif friction < 0.0:
+        notes.append(
+            f"tan phi came out as {friction:.2g} +- {stds[1]:.2g}: compatible with zero. The model has 0 and "
+            "the cohesion that goes with it"
+        )
+        bounded_friction = 0.0
+        bounded_c = c - law.covariance[0, 1] / law.covariance[1, 1] * friction
     notes += _about_displacement(fit)
     if fit.shows_peak:
         residual = float(np.clip(fit.peaked.values[3], 0.1, 1.0))
@@ -98,6 +109,22 @@ def strength_of(fit: ShearFit) -> Strength:
         fit.soil, bounded_c, phi, float(np.exp(log_modulus)), covariance,
         _parameters(fit, (c, float(np.arctan(friction)), log_modulus), covariance), tuple(notes),
     )  # fmt: skip
+
+
+def _refuse_unknown(fit: ShearFit) -> None:
+    """Raise StrengthError where the curves show no limit of the stress."""
+    law = fit.plain
+    sigma = float(np.mean([run.curve.normal_stress for run in law.runs]))
+    at = np.zeros(law.values.size)
+    at[:2] = 1.0, sigma
+    strength, std = float(at @ law.values), float(np.sqrt(at @ law.covariance @ at))
+    if std > DETERMINED * strength:
+        far = max(run.curve.travel for run in law.runs)
+        raise StrengthError(
+            f"shear tests{_of(fit.soil)}: within {1e3 * far:.3g} mm the stress shows no limit: the strength "
+            f"at {1e-3 * sigma:.4g} kPa would be {1e-3 * strength:.3g} +- {1e-3 * std:.2g} kPa. This data "
+            "cannot tell it: shear further"
+        )
 
 
 def _of(soil: str) -> str:
@@ -140,7 +167,7 @@ def _about_stresses(fit: ShearFit) -> list[str]:
 def _about_negative(law: FittedShearLaw) -> str:
     c, std = float(law.values[0]), float(np.sqrt(law.covariance[0, 0]))
     came = f"cohesion came out as {1e-3 * c:.2g} +- {1e-3 * std:.2g} kPa"
-    if c > -2.0 * std:
+    if c > -_COMPATIBLE * std:
         return f"{came}: compatible with zero. The model has 0 and the friction angle that goes with it"
     return (
         f"{came}, below zero by {-c / std:.1f} standard deviations: no soil has that. Is the weight of the "

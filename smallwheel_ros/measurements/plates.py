@@ -163,7 +163,7 @@ def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
             first = i
         curve[i] = curve[i - 1] + (first == i)
     columns.texts["run"] = np.array([f"curve {c + 1}" for c in curve])
-    columns.notes.append(
+    columns.understood.append(
         f"no column 'run': {int(curve[-1]) + 1} curves, each begins where size or soil changes or load "
         "and sinkage begin anew"
     )
@@ -183,7 +183,7 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
     touches = (load >= COLUMNS["load"].low) & ~(sinkage < 0.0)
     early = pushed & ~touches
     if early.any():
-        columns.notes.append(
+        columns.understood.append(
             f"{int(early.sum())} rows of plates or pressed wheels are left out: load or sinkage is not "
             f"over 0 there (first in {columns.place} {columns.lines[np.flatnonzero(early)[0]]})"
         )
@@ -195,7 +195,7 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
             off[rows] = _unloaded(load[rows], sinkage[rows])
             _say_falling(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
     if off.any():
-        columns.notes.append(
+        columns.understood.append(
             f"{int(off.sum())} rows of curves are left out: the load was taken off or put on again there "
             f"(first in {columns.place} {columns.lines[np.flatnonzero(off)[0]]})"
         )
@@ -222,7 +222,7 @@ def _say_falling(columns: Columns, name: str, load: Array, sinkage: Array) -> No
     if known.sum() < _FEWEST or np.ptp(load) == 0.0 or np.ptp(sinkage[known]) == 0.0:
         return
     if spearmanr(load[known], sinkage[known])[0] < 0.0:
-        columns.notes.append(
+        columns.warnings.append(
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"
         )

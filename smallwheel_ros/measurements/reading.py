@@ -57,6 +57,7 @@ class Columns:
     texts: dict[str, NDArray[np.str_]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     understood: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     def there(self, name: str) -> bool:
         """Whether the table has the column or a value for all rows."""

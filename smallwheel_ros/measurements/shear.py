@@ -81,7 +81,7 @@ def shear_tests(columns: Columns) -> ShearTests:
     columns.problems.raise_any()
     blank = np.any([np.isnan(columns.numbers[name]) for name in _NEEDED], axis=0)
     if blank.any():
-        columns.notes.append(f"{int(blank.sum())} rows with a blank cell are left out")
+        columns.understood.append(f"{int(blank.sum())} rows with a blank cell are left out")
         columns.keep(~blank)
     sigma, stress, j = (columns.numbers[name] for name in _NEEDED)
     soil = columns.texts.get("soil", np.full(sigma.size, ""))
@@ -109,7 +109,7 @@ def _runs(columns: Columns, sigma: Array, j: Array, soil: NDArray[np.str_]) -> N
         if other or j[i] < _BACK * j[first:i].max():
             first = i
         run[i] = run[i - 1] + (first == i)
-    columns.notes.append(
+    columns.understood.append(
         f"no column 'run': {int(run[-1]) + 1} tests, each begins where the normal stress changes or the "
         "displacement begins anew"
     )

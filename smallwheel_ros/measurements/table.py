@@ -239,7 +239,7 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         notes.append(_ANSWERS.format(", ".join(data.responses)))
     if one_row_a_wheel(data):
         notes.append(_VEHICLE)
-    warnings = tuple(suspicions(data, columns.place))
+    warnings = (*columns.warnings, *suspicions(data, columns.place))
     return replace(data, notes=tuple(notes), warnings=warnings)
 
 
@@ -250,6 +250,7 @@ def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:
     lacking = [
         f"no column '{name}' ({COLUMNS[name].description})"
         + ("" if name == "load" else f" and no {name} given for all rows (--{name})")
+        + ("; plates have none: say contact = plate (--contact plate)" if name == "width" else "")
         for name in needed
         if not columns.there(name) and name not in nearly
     ]

@@ -18,12 +18,14 @@ WORDS: dict[str, str] = {
     "Last, Radlast, Normallast, Vertikallast, Auflast, Normalkraft, Vertikalkraft, Aufstandskraft, "
     "Gewichtskraft, Gewicht, Belastung, charge, charge verticale, charge normale, force verticale, "
     "force normale, effort normal, effort vertical, poids | W Fz Fn",
-    "diameter": "dia, diam, outer diameter, Durchmesser, Raddurchmesser, Reifendurchmesser, "
+    "diameter": "dia, diam, outer diameter, plate diameter, Plattendurchmesser, Durchmesser, "
+    "Raddurchmesser, Reifendurchmesser, "
     "Außendurchmesser, diamètre, "
     "diamètre extérieur | D Ø",
     "radius": "Radradius, Halbmesser, rayon | r",
-    "width": "Breite, Radbreite, Reifenbreite, largeur | b B",
-    "sinkage": "sinkage depth, Einsinkung, Einsinktiefe, Einsenkung, Einsenktiefe, enfoncement, "
+    "width": "plate width, Plattenbreite, Breite, Radbreite, Reifenbreite, largeur | b B",
+    "sinkage": "sinkage depth, plate sinkage, settlement, Setzung, tassement, "
+    "Einsinkung, Einsinktiefe, Einsenkung, Einsenktiefe, enfoncement, "
     "profondeur d'enfoncement | z",
     "resistance": "motion resistance, rolling resistance, Fahrwiderstand, Rollwiderstand, "
     "Bewegungswiderstand, Widerstand, résistance, résistance au roulement, "
@@ -59,8 +61,8 @@ WORDS: dict[str, str] = {
 
 CONTACT_WORDS = {
     "rolling": "rollend, rollt, roulant",
-    "pressed": "gedrückt, eingedrückt, pressé, enfoncé",
-    "plate": "Platte, plaque",
+    "pressed": "pressed wheel, indentation, gedrückt, eingedrückt, pressé, enfoncé",
+    "plate": "round plate, circular plate, rectangular plate, flat plate, bevameter, Platte, plaque",
 }
 # A cell that says that nothing was measured.
 _MISSING = "na n/a n.a. k.a. n.d. nd none null missing fehlt - -- – — ? . #n/a #nv"
