@@ -264,9 +264,10 @@ def test_each_effect_and_each_pair_is_fitted_while_nobody_asks(
     wanted = session.beforehand()
     count = len(session.forms)
     assert len(wanted) == 1 + count + count * (count - 1) // 2
+    assert len(session.beforehand(pairs=False)) == 1 + count
     assert wanted[:2] == [(), ("slip_sinkage",)]  # the steps to the verdict first
     fresh = Session(session.diagnosis, default_registry())
-    monkeypatch.setattr(fresh, "beforehand", lambda: few)
+    monkeypatch.setattr(fresh, "beforehand", lambda pairs=True: few)
     with serving(fresh) as running:
         assert json.loads(ask(running, "/progress")[1]) == {"done": 0, "needed": 0}
         running.fit_beforehand()

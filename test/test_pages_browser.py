@@ -81,7 +81,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 def page(session: Session, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The whole report with a few of the effects and pairs in it, as a file's address."""
     path = tmp_path_factory.mktemp("page") / "report.html"
-    session.beforehand = lambda: [(), ("slip_sinkage",), ("multipass",),  # type: ignore[method-assign]
+    session.beforehand = lambda pairs=True: [(), ("slip_sinkage",), ("multipass",),  # type: ignore[method-assign]
                                   ("multipass", "slip_sinkage")]  # fmt: skip
     comparison = compare(session.measurements)
     write_page(path, diagnosis_page(session.diagnosis, session, comparison))

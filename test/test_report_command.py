@@ -22,7 +22,9 @@ from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 @pytest.fixture(autouse=True)
 def _only_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out most of the effects and pairs that a page is fitted with: that takes a minute."""
-    monkeypatch.setattr(Session, "beforehand", lambda self: [*self.steps(), ("multipass",)])
+    monkeypatch.setattr(
+        Session, "beforehand", lambda self, pairs=True: [*self.steps(), ("multipass",)]
+    )
 
 
 def smallwheel(*arguments: object) -> Result:

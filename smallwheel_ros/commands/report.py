@@ -34,6 +34,9 @@ from smallwheel_ros.tables import write_json
 @table_options
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="FILE",
               help="HTML file to write.")  # fmt: skip
+@click.option("--pairs/--no-pairs", default=True, show_default=True,
+              help="Whether pairs of effects can be set in the page: they take most of the time, with "
+              "many runs long.")  # fmt: skip
 @JSON
 def report(
     data: Path,
@@ -41,6 +44,7 @@ def report(
     own: Path | None,
     how: dict[str, Any],
     output: Path,
+    pairs: bool,
     json_file: str | None,
 ) -> None:
     """Write one self-contained HTML page on the measurements in DATA.
@@ -57,7 +61,7 @@ def report(
     with progress_of_steps("diagnosing") as steps:
         diagnosis = api.diagnose(measurements, model_file, effects=own, progress=steps)
     with progress_of_fits() as fits:
-        page = diagnosis_page(diagnosis, _session(diagnosis, own), comparison, fits)
+        page = diagnosis_page(diagnosis, _session(diagnosis, own), comparison, fits, pairs)
     write_page(output, page)
     if json_file is not None:
         document = {

@@ -15,26 +15,29 @@ def diagnosis_page(
     session: Session | None = None,
     comparison: Comparison | None = None,
     progress: Count = lambda done, needed: None,
+    pairs: bool = True,
 ) -> str:
     """The diagnosis as one self-contained HTML page.
 
     session: where every effect and every pair shall be in it, and not only the steps to the verdict;
-    progress: told how many of these fits are done.
+    progress: told how many of these fits are done; pairs: whether pairs shall.
     """
     return whole_report(
         diagnosis.document,
-        effects=_effects(diagnosis, session, progress),
+        effects=_effects(diagnosis, session, progress, pairs),
         comparison=comparison,
         measurements=diagnosis.measurements,
     )
 
 
-def _effects(diagnosis: Diagnosis, session: Session | None, progress: Count) -> EffectsPage | None:
+def _effects(
+    diagnosis: Diagnosis, session: Session | None, progress: Count, pairs: bool
+) -> EffectsPage | None:
     """What can be set and unset; None where nothing could be held out."""
     try:
         opened = session or Session(diagnosis)
         data = SessionData(opened)
     except ExploreError:
         return None
-    views = opened.steps() if session is None else opened.fit_beforehand(progress)
+    views = opened.steps() if session is None else opened.fit_beforehand(progress, pairs)
     return data.page(views, opened.chosen)

@@ -38,7 +38,7 @@ class ExploreServer(ThreadingHTTPServer):
     def __init__(self, session: Session, port: int = 0) -> None:
         self.session = session
         self.lock = threading.Lock()  # a session serves one at a time
-        self.waiting = 0  # requests that want it
+        self.asking: set[int] = set()  # threads of requests that want it
         self._ended = threading.Event()
         try:
             super().__init__((HOST, port), _Handler)
@@ -51,7 +51,7 @@ class ExploreServer(ThreadingHTTPServer):
     def fit_beforehand(self) -> None:
         """Fit each effect and each pair while nobody asks for anything; in a thread of its own."""
         for names in self.session.beforehand():
-            while self.waiting and not self._ended.wait(_PAUSE):
+            while self.asking and not self._ended.wait(_PAUSE):
                 pass
             if self._ended.is_set():
                 return
@@ -97,14 +97,14 @@ class _Handler(BaseHTTPRequestHandler):
         elif parts.path not in pages:
             self._send(404, _TEXT, f"no page '{parts.path}'")
         else:
-            self.server.waiting += 1
+            self.server.asking.add(threading.get_ident())
             try:
                 with self.server.lock:
                     pages[parts.path](*self._asked(parts.query))
             except ExploreError as error:
                 self._send(400, _TEXT, str(error))
             finally:
-                self.server.waiting -= 1
+                self.server.asking.discard(threading.get_ident())
 
     def _from_another_site(self, host: str) -> bool:
         """Whether a page of another site asks: it may lead here, but start no fit.

@@ -130,17 +130,19 @@ class Session:
         """The base, and each step to the verdict: their fits are the diagnosis's."""
         return list(dict.fromkeys([self.chosen, *self._steps]))
 
-    def beforehand(self) -> list[Names]:
+    def beforehand(self, pairs: bool = True) -> list[Names]:
         """The steps to the verdict, each effect alone, and each pair, set or unset."""
         near = [self.chosen, *self._steps]
-        for size in (1, 2):
+        for size in (1, 2) if pairs else (1,):
             for some in itertools.combinations(self.forms, size):
                 near.append(self.choose(set(self.chosen) ^ set(some)))
         return list(dict.fromkeys(near))
 
-    def fit_beforehand(self, progress: Count = lambda done, needed: None) -> list[Names]:
+    def fit_beforehand(
+        self, progress: Count = lambda done, needed: None, pairs: bool = True
+    ) -> list[Names]:
         """Fit all of these; progress: told how many of how many are done. Gives those that could be."""
-        wanted, fitted = self.beforehand(), []
+        wanted, fitted = self.beforehand(pairs), []
         for i, names in enumerate(wanted):
             progress(i, len(wanted))
             try:

@@ -151,7 +151,7 @@ def _slip_resistance() -> str:
 def _slope() -> str:
     ground = _soil("M0 116L240 56")
     return (ground + _wheel(112, 52) + _arrow(112, 52, 0, 40, "currentColor")
-            + _arrow(112, 52, -32, 8) + _text(118, 96, "W") + _text(40, 62, "W sin α", _NEW))  # fmt: skip
+            + _arrow(112, 52, -32, 8) + _text(118, 96, "W") + _text(26, 56, "W sin α", _NEW))  # fmt: skip
 
 
 def _grouser() -> str:
@@ -171,7 +171,7 @@ def _contact_geometry() -> str:
 
 def _rig_friction() -> str:
     rail = _path("M0 12H240M0 20H240") + _path("M104 12h32v8h-32zM120 20V56")
-    return _rolling() + rail + _arrow(102, 30, -30, 0) + _text(66, 44, "F of the rig", _NEW)
+    return _rolling() + rail + _arrow(84, 34, -30, 0) + _text(20, 52, "F of the rig", _NEW)
 
 
 def _modulus_over(setting: str) -> Callable[[], str]:

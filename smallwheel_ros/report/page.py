@@ -204,11 +204,13 @@ def embedded(data: Mapping[str, Any]) -> str:
     return text
 
 
+_ALWAYS = ("uPlot.iife.min.js", "elements.js", "plots.js", "figures.js")
+
+
 @lru_cache(maxsize=1)
 def _web() -> dict[str, str]:
     folder = files("smallwheel_ros.report") / "web"
-    names = ("uPlot.iife.min.js", "plots.js", "residuals.js", "effects.js", "drive.js",
-             "uPlot.min.css", "page.css")  # fmt: skip
+    names = (*_ALWAYS, "residuals.js", "effects.js", "drive.js", "uPlot.min.css", "page.css")
     return {name: (folder / name).read_text(encoding="utf-8") for name in names}
 
 
@@ -272,7 +274,7 @@ def _script(drawings: Sequence[Drawing]) -> str:
     """As much of the script as the page needs; uPlot comes first, with its licence's line."""
     wanted = {name for d in drawings for name in _SCRIPTS[d.kind]}
     web = _web()
-    names = ["uPlot.iife.min.js", "plots.js", *(n for n in web if n in wanted)]
+    names = [*_ALWAYS, *(n for n in web if n in wanted)]
     return "\n".join(web[name] for name in names)
 
 
