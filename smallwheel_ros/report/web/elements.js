@@ -4,7 +4,12 @@
 
 const DATA = JSON.parse(document.getElementById('data').textContent);
 const ROOT = document.documentElement;
-const colour = name => getComputedStyle(ROOT).getPropertyValue(name).trim() || name;
+const shades = new Map(); // asking for one makes the browser lay out the page: once is enough
+
+function colour(name) {
+  if (!shades.has(name)) shades.set(name, getComputedStyle(ROOT).getPropertyValue(name).trim() || name);
+  return shades.get(name);
+}
 
 /** An element with attributes, and texts or elements inside; null and undefined are left out. */
 function el(tag, attributes = {}, ...inside) {

@@ -7,9 +7,13 @@ new ResizeObserver(() => {
   cancelAnimationFrame(waiting);
   waiting = requestAnimationFrame(() => plots.forEach(plot => plot.fit()));
 }).observe(document.body);
-matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => plots.forEach(p => p.plot.redraw()));
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+  shades.clear();
+  plots.forEach(one => one.plot.redraw());
+});
 addEventListener('beforeprint', () => {
   ROOT.classList.add('printing');
+  shades.clear();
   plots.forEach(plot => {
     plot.room = () => (plot.spec.wide ? 660 : 320); // what A4 and Letter hold
     plot.fit(true);
@@ -17,14 +21,15 @@ addEventListener('beforeprint', () => {
 });
 addEventListener('afterprint', () => {
   ROOT.classList.remove('printing');
+  shades.clear();
   plots.forEach(plot => { delete plot.room; plot.fit(true); });
 });
 
 // Figures whose data is all that they need.
 for (const box of document.querySelectorAll('[data-xy]')) {
-  const given = DATA[box.dataset.xy], shades = ['--with', '--w1', '--w2', '--w4', '--w3', '--w5', '--w6'];
+  const given = DATA[box.dataset.xy], wheel = ['--with', '--w1', '--w2', '--w4', '--w3', '--w5', '--w6'];
   const layers = given.layers.map((layer, i) => ({
-    ...layer, colour: layer.colour || shades[i % shades.length],
+    ...layer, colour: layer.colour || wheel[i % wheel.length],
     lines: layer.kind !== 'points' ? undefined : at => [layer.names ? layer.names[at] : layer.name || '',
       `${given.x}: ${number(layer.x[at])}`, `${given.y}: ${number(layer.y[at])}`],
   }));
