@@ -69,7 +69,9 @@ class SessionData:
         }  # fmt: skip
         settings = [(s, table["settings"][s]["label"]) for s in session.settings]
         blocked = [(n, why, n in session.present) for n, why in session.blocked.items()]
-        return EffectsPage(data, labels, blocked, settings, self.over, self._meanings(file), served)
+        unknown = session.document["verdict"] == "unknown_effect"
+        return EffectsPage(data, labels, blocked, settings, self.over, self._meanings(file), served,
+                           unknown)  # fmt: skip
 
     def key(self, names: Collection[str]) -> str:
         """How the page calls a choice of effects."""

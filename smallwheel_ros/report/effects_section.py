@@ -33,7 +33,8 @@ class EffectsPage(NamedTuple):
 
     data: what the script draws. blocked: effects that cannot be set, why, and whether the model has
     them. settings: names and labels; over: the one of the residuals at first. served: a server fits
-    what is not in the data.
+    what is not in the data. unknown: no known effect explains what is missing, and the server can
+    look for a law.
     """
 
     data: Mapping[str, Any]
@@ -43,6 +44,7 @@ class EffectsPage(NamedTuple):
     over: str
     meanings: Sequence[Meaning]
     served: bool = False
+    unknown: bool = False
 
     def block(self) -> Drawing:
         """The block of a page."""
@@ -70,6 +72,11 @@ class EffectsPage(NamedTuple):
             if self.served
             else ""
         )
+        if self.served and self.unknown:
+            save += (
+                '<button data-save="1" formaction="learn.html" formtarget="_blank">No known effect '
+                "explains it: learn a law</button>"
+            )
         return (
             f'<form aria-label="effects of the model">{effects}<p class="hint">{_HINT}</p>'
             f'<label>Residuals over <select name="over">{over}</select></label>{save}'
