@@ -292,4 +292,4 @@ def test_a_column_of_any_name_makes_no_code(data: Measurements, tmp_path: Path) 
     effect = load_effects(path)["odd"][0]()
     assert effect.needs == (name,)
     expected = np.exp(0.2 * np.tanh(column / 0.5))
-    np.testing.assert_allclose(effect.modulus_factor(conditions), expected, rtol=1e-4)  # beyond the means
+    np.testing.assert_allclose(effect.modulus_factor(conditions), expected, rtol=1e-4)
