@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+import gc
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +21,8 @@ _MOST_ROWS = 10  # that one of them lists
 # columns; these limits keep the memory that any file can take to about half a gigabyte.
 MOST_BYTES = 64 * 2**20  # of the file: 13 characters in each of the most cells
 MOST_CELLS = 5_000_000
-# Rows times the longest cell, summed over the columns: what they take as arrays of text, of which
-# NumPy gives each cell the length of the longest (4 bytes a character).
+# Rows times the longest cell, summed over the columns: what they take as arrays of text, of which NumPy
+# gives each cell the length of the longest (4 bytes a character).
 MOST_CHARACTERS = 64_000_000
 SMALLER = "split the table, or thin out rows of long records"
 
@@ -43,17 +46,29 @@ def shown(cell: Cell) -> str:
         return clipped(cell)
     if isinstance(cell, Percent):
         return f"{100.0 * cell:.10g} %"
-    return f"{cell:.0f}" if cell == round_or_nan(cell) else repr(float(cell))
-
-
-def round_or_nan(value: float) -> float:
-    """The whole number next to it; not finite numbers as they are."""
-    return float(np.round(value))
+    return f"{cell:.0f}" if float(cell).is_integer() else repr(float(cell))
 
 
 def is_blank(cell: Cell) -> bool:
     """Whether nothing stands in the cell."""
     return isinstance(cell, str) and not cell.strip()
+
+
+def texts_only(cells: Sequence[Cell]) -> TypeGuard[Sequence[str]]:
+    """Whether every cell is a text, as in any text file; the rest can be skipped then."""
+    return set(map(type, cells)) <= {str}
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Without garbage collection: it would walk the rows again and again while they are made."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 class MeasurementsError(SmallwheelError):
@@ -68,6 +83,8 @@ class Grid:
     place: "line" of a text file, "row" of any other. header: column names where the file keeps
     them apart from its rows (Parquet, data frames). comma: whether a comma can only be a decimal
     mark, as cells are separated by something else. said: what was understood on the way.
+    tail: the rows that follow, as columns, where a long text file is plain from there on: `unsplit`
+    makes rows of them.
     """
 
     source: str
@@ -78,6 +95,12 @@ class Grid:
     header: list[str] | None = None
     comma: bool = False
     said: list[str] = field(default_factory=list)
+    tail: list[list[str]] | None = None
+
+    def unsplit(self) -> Grid:
+        """The same grid without a tail."""
+        rows = [*self.rows, *zip(*self.tail or [], strict=True)]
+        return replace(self, rows=rows, tail=None)
 
 
 @dataclass
@@ -133,21 +156,30 @@ def refuse_many_cells(source: str, rows: int, columns: int) -> None:
         )
 
 
+def array_of_texts(cells: Sequence[Cell]) -> NDArray[np.str_]:
+    """Cells as an array of texts."""
+    if texts_only(cells):
+        return np.array(list(map(str.strip, cells)), dtype=np.str_)
+    texts = [cell.strip() if isinstance(cell, str) else shown(cell) for cell in cells]
+    return np.array(texts, dtype=np.str_)
+
+
 def refuse_long_texts(
     headers: Sequence[str], columns: Sequence[Sequence[Cell]], problems: Problems
 ) -> None:
     """Refuse a table of which one array a column would take too much memory."""
     total = 0
     for header, cells in zip(headers, columns, strict=True):
-        lengths = [len(cell) if isinstance(cell, str) else 0 for cell in cells]
-        longest = max(lengths, default=0)
-        total += longest * len(lengths)
+        texts = cells if texts_only(cells) else [c for c in cells if isinstance(c, str)]
+        longest = max(map(len, texts), default=0)
+        total += longest * len(cells)
         if total > MOST_CHARACTERS:
+            row = next(i for i, c in enumerate(cells) if isinstance(c, str) and len(c) == longest)
             problems.add(
-                f"a cell of {longest} characters in a table of {len(lengths)} rows, expected "
-                f"texts that take at most {MOST_CHARACTERS} characters (rows times the longest "
-                "cell, over all columns): shorten it, or leave the column out",
+                f"a cell of {longest} characters in a table of {len(cells)} rows, expected texts "
+                f"that take at most {MOST_CHARACTERS} characters (rows times the longest cell, over "
+                "all columns): shorten it, or leave the column out",
                 header,
-                [lengths.index(longest)],
+                [row],
             )
             problems.raise_any()

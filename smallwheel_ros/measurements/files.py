@@ -8,7 +8,13 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.measurements.cells import MOST_BYTES, SMALLER, Grid, MeasurementsError
+from smallwheel_ros.measurements.cells import (
+    MOST_BYTES,
+    SMALLER,
+    Grid,
+    MeasurementsError,
+    without_collection,
+)
 from smallwheel_ros.measurements.text_grid import text_grid
 
 if TYPE_CHECKING:
@@ -17,6 +23,7 @@ if TYPE_CHECKING:
 _EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 
 
+@without_collection()
 def read_grid(source: str | Path | pd.DataFrame, sheet: str | None = None) -> Grid:
     """Read a CSV, Excel (xlsx), OpenDocument (ods) or Parquet file, or take a data frame.
 

@@ -146,6 +146,10 @@ def mapped_heading(text: str, ours: str) -> Heading:
 
 
 def meant(heading: Heading) -> str | None:
-    """The quantity that a header of none nearly names: `sinkge_mm` is one letter off."""
+    """The quantity that a header of none nearly names: `sinkge_mm` or `sinkage (foo)`."""
+    brackets = re.fullmatch(r"(.*\S)\s*\([^()]*\)", heading.name)
+    match = find(brackets[1]) if brackets else None
+    if match is not None:
+        return match.name
     names = [heading.name, *(rest for rest, tail in _splits(heading.text) if is_common(tail))]
     return next((near for name in names if (near := near_miss(name)) is not None), None)

@@ -23,6 +23,7 @@ _SEARCHED = (
 )
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
+_BLANK = frozenset(("", " "))
 
 
 @dataclass
@@ -62,14 +63,14 @@ def known_cells(row: Sequence[Cell]) -> int:
     )
 
 
-def _is_blank_row(row: Sequence[Cell]) -> bool:
-    # The first cell of most rows is filled: look at the others only where it is not.
-    return not row or (is_blank(row[0]) and all(is_blank(cell) for cell in row))
-
-
 def find_layout(grid: Grid) -> Layout:
     """Find the table. Raises MeasurementsError where there is none."""
-    rows = [i for i, row in enumerate(grid.rows) if not _is_blank_row(row)]
+    # The first cell of most rows is filled: look at the others only where it is not.
+    rows = [
+        i
+        for i, row in enumerate(grid.rows)
+        if row and (row[0] not in _BLANK or not all(map(is_blank, row)))
+    ]
     said = list(grid.said)
     if grid.header is not None:
         headers, header_line = list(grid.header), None
@@ -86,7 +87,7 @@ def find_layout(grid: Grid) -> Layout:
         if headers and headers[0].startswith("#"):
             headers[0] = headers[0].lstrip("# ")
         rows = rows[at + 1 :]
-    comments = [i for i in rows if _is_comment(grid.rows[i])]
+    comments = [i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)]
     if comments:
         left_out = set(comments)
         rows = [i for i in rows if i not in left_out]
@@ -101,12 +102,17 @@ def find_layout(grid: Grid) -> Layout:
         said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
     refuse_many_cells(grid.source, len(rows) + (grid.header is None), width)
-    body = [_fitted(grid.rows[i], width) for i in rows]
+    numbers = [grid.numbers[i] for i in rows]
+    if grid.tail is not None and len(grid.tail) != width:
+        return find_layout(grid.unsplit())
+    body = [grid.rows[i] for i in rows]
+    body = [row if len(row) == width else _fitted(row, width) for row in body]
     columns: list[Sequence[Cell]] = list(zip(*body, strict=True))
+    if grid.tail is not None:
+        columns = [[*first, *rest] for first, rest in zip(columns, grid.tail, strict=True)]
+        numbers += grid.numbers[len(grid.rows) :]
     headers = [*headers[:width], *[""] * (width - len(headers))]
-    return Layout(
-        headers, columns, units, [grid.numbers[i] for i in rows], header_line, ragged, said
-    )
+    return Layout(headers, columns, units, numbers, header_line, ragged, said)
 
 
 def _header(grid: Grid, rows: list[int]) -> int:
@@ -115,13 +121,11 @@ def _header(grid: Grid, rows: list[int]) -> int:
     if max(known) > 0:
         return known.index(max(known))
     filled = [sum(not is_blank(cell) for cell in grid.rows[i]) for i in rows[:_SEARCHED]]
-    texts = [not _is_comment(grid.rows[i]) and n > 1 for i, n in zip(rows, filled, strict=False)]
+    texts = [
+        n > 1 and not str(grid.rows[i][0]).startswith(_COMMENTS)
+        for i, n in zip(rows, filled, strict=False)
+    ]
     return texts.index(True) if any(texts) else 0
-
-
-def _is_comment(row: Sequence[Cell]) -> bool:
-    cell = row[0] if row else ""
-    return isinstance(cell, str) and cell.lstrip().startswith(_COMMENTS)
 
 
 def _units(
@@ -210,6 +214,4 @@ def _filled(row: Sequence[Cell]) -> int:
 
 
 def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
-    if len(row) == width:
-        return row
     return row[:width] if len(row) > width else [*row, *[""] * (width - len(row))]

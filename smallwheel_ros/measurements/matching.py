@@ -52,11 +52,11 @@ def match_columns(
     for heading in found.values():
         near = meant(heading) if heading.rank == UNKNOWN else None
         near = "diameter" if near == "radius" else near
+        text = clipped(heading.text)
         if near is not None and near not in names:
             problems.add(
-                f"header '{clipped(heading.text)}' is no known word, but nearly '{near}': correct it, "
-                f"or say what it is with --map {near}='{clipped(heading.text)}' "
-                f"(or --map '{clipped(heading.text)}'='{clipped(heading.text)}')"
+                f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
+                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
             )
     return found
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Cell, Percent, is_blank
+from smallwheel_ros.measurements.cells import Cell, Percent, is_blank, texts_only
 from smallwheel_ros.measurements.words import MISSING
 
 Array = NDArray[np.float64]
@@ -72,18 +72,18 @@ def read_numbers(columns: list[Sequence[Cell]], semicolons: bool) -> list[Number
 
 def _plain_numbers(cells: Sequence[Cell]) -> Numbers | None:
     """The fast way: numbers with a decimal point and blanks, nothing else."""
-    if all(type(cell) is float for cell in cells):
+    if set(map(type, cells)) == {float}:
         return Numbers(np.array(cells, dtype=float), np.zeros(len(cells), dtype=bool))
-    if not all(type(cell) is str for cell in cells):
+    if not texts_only(cells):
         return None
-    texts: Sequence[str] = cells  # type: ignore[assignment]
+    texts = cells
     joined = "".join(texts)
     if "_" in joined or not joined.isascii():  # Python takes 1_000 and ٣ for numbers
         return None
     blank: Mask = np.zeros(len(texts), dtype=bool)
     values: Array
     try:
-        values = np.array(list(map(float, texts)))
+        values = np.fromiter(map(float, texts), float, len(texts))
     except ValueError:
         blank = np.array([not cell or cell.isspace() for cell in texts])
         try:

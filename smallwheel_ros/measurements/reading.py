@@ -12,10 +12,12 @@ from smallwheel_ros.measurements.cells import (
     Cell,
     Grid,
     Problems,
+    array_of_texts,
     clipped,
     is_blank,
     refuse_long_texts,
     shown,
+    without_collection,
 )
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
@@ -32,7 +34,7 @@ from smallwheel_ros.measurements.layout import Layout, find_layout
 from smallwheel_ros.measurements.matching import match_columns
 from smallwheel_ros.measurements.numbers import MIXED, TWO_WAYS, Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
-from smallwheel_ros.measurements.words import contact_of, is_summary
+from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
 
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
@@ -94,6 +96,7 @@ class Columns:
         return f"{cell} {plain}" + ("" if same else f" ({values[row]:.6g} in SI)")
 
 
+@without_collection()
 def read_columns(
     grid: Grid, sizes: Mapping[str, float | None], mapping: Mapping[str, str]
 ) -> Columns:
@@ -106,8 +109,8 @@ def read_columns(
     problems = Problems(
         grid.source, grid.place, np.array(layout.numbers, dtype=np.intp), layout.header_line
     )
-    named = match_columns(layout, mapping, problems)
     refuse_long_texts(layout.headers, layout.columns, problems)
+    named = match_columns(layout, mapping, problems)
     parsed = _numbers(layout, named, grid.comma)
     left_out = _not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
@@ -158,8 +161,11 @@ def _not_measured(
                 continue
             rows: Sequence[int] = [*parsed[position].faults]
         elif heading.name == "run" or position == 0:
-            summaries = {cell for cell in set(cells) if isinstance(cell, str) and is_summary(cell)}
-            rows = [i for i, cell in enumerate(cells) if cell in summaries]
+            rows = (
+                range(len(cells))
+                if may_have_summary("\n".join(dict.fromkeys(map(str, cells))))
+                else []
+            )
         else:
             continue
         found |= {i: c for i in rows if isinstance(c := cells[i], str) and is_summary(c)}
@@ -189,9 +195,10 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
     if parsed is None:
         if heading.unit not in (None, DIMENSIONLESS):
             columns.problem(f"unit '{heading.unit}' on a text", name)
-        texts = [shown_whole(cell) for cell in columns.cells[name]]
-        texts = [contact_of(text) for text in texts] if name == "contact" else texts
-        columns.texts[name] = np.array(texts, dtype=np.str_)
+        cells = columns.cells[name]
+        if name == "contact":
+            cells = [contact_of(shown(cell)) for cell in cells]
+        columns.texts[name] = array_of_texts(cells)
     elif parsed.blank.all():
         if name in ("load", "diameter"):
             columns.problem("the whole column is blank", name)
@@ -200,7 +207,7 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
     elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
         _take_numbers(columns, heading, parsed, _spec(name))
     elif heading.rank == UNKNOWN and _is_label(heading, parsed):
-        columns.texts[name] = np.array([shown_whole(c) for c in columns.cells[name]], dtype=np.str_)
+        columns.texts[name] = array_of_texts(columns.cells[name])
         columns.notes.append(
             f"column '{clipped(name)}' is text: kept as a label, not used by any model"
         )
@@ -214,11 +221,6 @@ def _spec(name: str) -> ColumnSpec:
 
 # Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
 BEFORE_TOUCH = ("load", "sinkage")
-
-
-def shown_whole(cell: Cell) -> str:
-    """A cell as a text of the table, not shortened."""
-    return cell.strip() if isinstance(cell, str) else shown(cell)
 
 
 def _is_label(heading: Heading, parsed: Numbers) -> bool:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.checks import one_row_a_wheel
+from smallwheel_ros.measurements.checks import codes_of, one_row_a_wheel
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, Array, is_bookkeeping
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def _texts(measurements: Measurements, wheels: bool) -> list[Index]:
     texts = [measurements.conditions.contact, measurements.soil]
     if wheels:
         texts.append(measurements.wheel)
-    return [np.unique(text, return_inverse=True)[1].reshape(-1).astype(np.intp) for text in texts]
+    return [codes_of(text)[1] for text in texts]
 
 
 def cluster(values: Array, tolerance: float) -> Index:
@@ -125,11 +125,17 @@ def cluster(values: Array, tolerance: float) -> Index:
 
 def _combined(columns: list[Index]) -> Index:
     """One code for each combination, numbered in the order in which they first appear."""
-    table = np.column_stack(columns)
-    _, first, codes = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    codes = np.zeros(columns[0].size, dtype=np.int64)
+    for column in columns:
+        wide = column - column.min(initial=0)
+        count = int(wide.max(initial=0)) + 1
+        if int(codes.max(initial=0)) + 1 > np.iinfo(np.int64).max // count:
+            codes = np.unique(codes, return_inverse=True)[1].reshape(-1).astype(np.int64)
+        codes = codes * count + wide
+    _, first, index = np.unique(codes, return_index=True, return_inverse=True)
     rank = np.empty(first.size, dtype=np.intp)
     rank[np.argsort(first)] = np.arange(first.size)
-    return np.asarray(rank[codes.reshape(-1)], dtype=np.intp)
+    return np.asarray(rank[index.reshape(-1)], dtype=np.intp)
 
 
 def settings_of_rows(measurements: Measurements) -> Index:
@@ -151,10 +157,8 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
     row's time or number may differ among repeats.
     """
     if measurements.runs_given:
-        names = measurements.runs
-        order = np.argsort(names)
-        codes = order[np.searchsorted(names[order], measurements.run)]
-        return tuple(str(name) for name in names), codes.astype(np.intp)
+        names, codes = codes_of(measurements.run)
+        return tuple(names), codes
     columns = []
     for values, tolerance in _tolerances(measurements):
         columns.append(_set_points(values, tolerance))
@@ -163,22 +167,27 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
 
 
 def _set_points(values: Array, tolerance: float) -> Index:
-    """Codes of the values that were meant to be equal, shape (rows,).
+    """Codes of the values that were meant to be equal, shape (rows,); NaN has code -1.
 
     Readings of one set point scatter, and set points lie apart: values within the tolerance are one
     where all groups of such are further from each other than `_APART` times the widest is wide. Of a
     sweep or a curve that does not hold, and only equal values are one.
     """
-    codes = cluster(values, tolerance)
-    known = np.isfinite(values)
-    low = np.full(int(codes.max(initial=-1)) + 1, np.inf)
-    high = -low
-    np.minimum.at(low, codes[known], values[known])
-    np.maximum.at(high, codes[known], values[known])
-    if np.min(low[1:] - high[:-1], initial=np.inf) > _APART * np.max(high - low, initial=0.0):
-        return codes
-    size = np.max(np.abs(values), initial=0.0, where=known)
-    return cluster(values, _EXACT * float(size))
+    known = np.flatnonzero(np.isfinite(values))
+    order = known[np.argsort(values[known], kind="stable")]
+    gaps = np.diff(values[order])
+    apart = gaps > tolerance
+    if apart.any():
+        first = np.concatenate([[True], apart])
+        last = np.concatenate([apart, [True]])
+        widest = np.max(values[order[last]] - values[order[first]])
+        if widest > tolerance or np.min(gaps[apart]) <= _APART * widest:
+            apart = gaps > _EXACT * np.max(np.abs(values[order]))
+    elif gaps.sum() > tolerance:
+        apart = gaps > _EXACT * np.max(np.abs(values[order]))
+    codes = np.full(values.size, -1, dtype=np.intp)
+    codes[order] = np.concatenate([[0], np.cumsum(apart)])[: order.size]
+    return codes
 
 
 def repeats_of_rows(measurements: Measurements) -> Index:

@@ -323,14 +323,16 @@ def _covariate(
 
 
 def _runs(columns: Columns) -> tuple[NDArray[np.str_], bool]:
-    own = np.array([f"{columns.place} {number}" for number in columns.lines], dtype=np.str_)
     run = columns.texts.get("run")
+    if run is not None and (run != "").all():
+        return run, True
+    lines = columns.lines.tolist()
+    own = np.array([f"{columns.place} {number}" for number in lines], dtype=np.str_)
     if run is None or (run == "").all():
         return own, False
-    if (run == "").any():
-        columns.notes.append(
-            f"{(run == '').sum()} rows name no run: each counts as a run of its own"
-        )
+    note = f"{(run == '').sum()} rows name no run: each counts as a run of its own"
+    if note not in columns.notes:
+        columns.notes.append(note)
     return np.where(run == "", own, run), True
 
 
@@ -352,10 +354,11 @@ def _with_repeats(data: Measurements) -> tuple[Measurements, str]:
 
 
 def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:
-    sizes = np.stack([conditions.diameter, np.nan_to_num(conditions.width)])
-    size, index = np.unique(sizes, axis=1, return_inverse=True)
+    # Pairs of numbers are quickest sorted as complex ones.
+    sizes = conditions.diameter + 1j * np.nan_to_num(conditions.width)
+    size, index = np.unique(sizes, return_inverse=True)
     names = [
-        f"{1e3 * d:.4g} mm x {1e3 * b:.4g} mm" if b else f"{1e3 * d:.4g} mm" for d, b in size.T
+        f"{1e3 * s.real:.4g} mm" + (f" x {1e3 * s.imag:.4g} mm" if s.imag else "") for s in size
     ]
     made = np.array(names, dtype=np.str_)[index.reshape(-1)]
     given = columns.texts.get("wheel")

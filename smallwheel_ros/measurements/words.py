@@ -114,6 +114,8 @@ _SUMMARIES = _MEANS | _DEVIATIONS | _plain_words(
     "median médiane min minimum max maximum count anzahl nombre cv var variance varianz rms "
     "spannweite range spread étendue gesamt"
 )  # fmt: skip
+_STARTS = "|".join(sorted({word[:3] for word in _SUMMARIES})).replace("e", "[eéÉ]")
+_SUMMARY_START = re.compile(rf"^\W*(?:{_STARTS})", re.IGNORECASE | re.MULTILINE)
 _CONTACT = {
     plain(w): name for name, line in CONTACT_WORDS.items() for w in (name, *line.split(","))
 }
@@ -191,6 +193,11 @@ def _one_slip(a: str, b: str) -> bool:
 def contact_of(text: str) -> str:
     """`rolling`, `pressed` or `plate` for a word that means it; else the text as it is."""
     return _CONTACT.get(plain(text), text)
+
+
+def may_have_summary(texts: str) -> bool:
+    """Whether a line of the texts begins as the word of a summary does; quick, for many lines."""
+    return _SUMMARY_START.search(texts) is not None
 
 
 def is_summary(text: str) -> bool:

@@ -1,0 +1,186 @@
+# ruff: noqa: E501
+"""Tables as labs have them: one experiment, written by people and programs of three countries.
+
+Each is the bytes of a file and what is different in it. Workbooks are written as the programs write them:
+xlsx by openpyxl, ods as LibreOffice fills its content.xml (repeated cells and rows to the end of the sheet).
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterable
+from xml.sax.saxutils import escape
+
+import openpyxl
+
+Cell = str | float | None | tuple[str, float]
+# run, load in N, diameter in mm, width in mm, slip in %, sinkage in mm
+TRUTH = [
+    ("a", 60.0, 275.0, 100.0, 10.0, 8.5),
+    ("a", 60.0, 275.0, 100.0, 10.0, 8.75),
+    ("b", 80.5, 275.0, 100.0, 20.0, 11.25),
+    ("b", 80.5, 275.0, 100.0, 20.0, 11.0),
+]
+ENGLISH = ["Run", "Load (N)", "Diameter (mm)", "Width (mm)", "Slip (%)", "Sinkage (mm)"]
+GERMAN = [
+    "Versuch",
+    "Radlast [N]",
+    "Raddurchmesser [mm]",
+    "Radbreite [mm]",
+    "Schlupf [%]",
+    "Einsinkung [mm]",
+]
+FRENCH = [
+    "Essai",
+    "Charge (N)",
+    "Diamètre (mm)",
+    "Largeur (mm)",
+    "Glissement (%)",
+    "Enfoncement (mm)",
+]
+BARE = ["run", "load", "diameter", "width", "slip", "sinkage"]
+UNITS = ["", "N", "mm", "mm", "%", "mm"]
+
+
+def text(
+    header: list[str], separator: str = ",", mark: str = ".", rows: Iterable[tuple[object, ...]] = TRUTH,
+    before: str = "", after: str = "", end: str = "\n",
+) -> str:  # fmt: skip
+    """A text table with that separator and decimal mark."""
+
+    def shown(cell: object) -> str:
+        return f"{cell:g}".replace(".", mark) if isinstance(cell, float) else str(cell)
+
+    lines = [separator.join(header), *(separator.join(map(shown, row)) for row in rows)]
+    return before + end.join(lines) + end + after
+
+
+def xlsx(**sheets: list[list[Cell]]) -> bytes:
+    """A workbook; a tuple is a number and its format: ("0%", 0.1)."""
+    book = openpyxl.Workbook()
+    book.remove(book.worksheets[0])
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for i, row in enumerate(rows, start=1):
+            for j, cell in enumerate(row, start=1):
+                if isinstance(cell, tuple):
+                    sheet.cell(i, j, cell[1]).number_format = cell[0]
+                elif cell is not None:
+                    sheet.cell(i, j, cell)
+    target = io.BytesIO()
+    book.save(target)
+    return target.getvalue()
+
+
+def ods(**sheets: list[list[Cell]]) -> bytes:
+    """A spreadsheet as LibreOffice writes it; a tuple is a percentage."""
+
+    def one(cell: Cell) -> str:
+        if cell is None or cell == "":
+            return "<table:table-cell/>"
+        if isinstance(cell, str):
+            words = escape(cell).replace("  ", " <text:s/>")
+            return f'<table:table-cell office:value-type="string" calcext:value-type="string"><text:p>{words}</text:p></table:table-cell>'
+        kind, value = ("percentage", cell[1]) if isinstance(cell, tuple) else ("float", cell)
+        shown = f"{value:g}".replace(".", ",")
+        return (
+            f'<table:table-cell office:value-type="{kind}" office:value="{value}"'
+            f' calcext:value-type="{kind}"><text:p>{shown}</text:p></table:table-cell>'
+        )
+
+    body = ""
+    for name, rows in sheets.items():
+        body += f'<table:table table:name="{name}" table:style-name="ta1">'
+        body += '<table:table-column table:number-columns-repeated="16384"/>'
+        for row in rows:
+            body += "<table:table-row>" + "".join(map(one, row))
+            body += '<table:table-cell table:number-columns-repeated="16000"/></table:table-row>'
+        body += '<table:table-row table:number-rows-repeated="1048000"><table:table-cell table:number-columns-repeated="16384"/></table:table-row></table:table>'
+    names = "".join(
+        f' xmlns:{short}="urn:oasis:names:tc:opendocument:xmlns:{short}:1.0"'
+        for short in ("office", "table", "text")
+    )
+    content = (
+        f'<?xml version="1.0" encoding="UTF-8"?><office:document-content{names}'
+        ' xmlns:calcext="urn:org:documentfoundation:names:experimental:calc:xmlns:calcext:1.0">'
+        f"<office:body><office:spreadsheet>{body}</office:spreadsheet></office:body></office:document-content>"
+    )
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("content.xml", content)
+    return target.getvalue()
+
+
+def _cells(header: list[str], percent: bool = False) -> list[list[Cell]]:
+    rows: list[list[Cell]] = [list(header)]
+    for *most, slip, sinkage in TRUTH:
+        rows.append([*most, ("0%", slip / 100.0) if percent else slip, sinkage])
+    return rows
+
+
+MEAN = ("Mittelwert", 70.25, 275.0, 100.0, 15.0, 9.875)
+
+# What reads as the truth, by what is different in it.
+GOOD: dict[str, bytes] = {
+    "English Excel, CSV UTF-8": ("\ufeff" + text(ENGLISH, end="\r\n")).encode(),
+    "German Excel, CSV": text(GERMAN, ";", ",", end="\r\n").encode("cp1252"),
+    "French Excel, CSV": text(FRENCH, ";", ",", end="\r\n").encode("cp1252"),
+    "Excel, Unicode text": text(GERMAN, "\t", ",", end="\r\n").encode("utf-16"),
+    "UTF-16 without its mark": text(GERMAN, "\t", ",").encode("utf-16-le"),
+    "line of Excel's separator": text(GERMAN, ";", ",", before="sep=;\r\n").encode(),
+    "decimal commas in quotes": text(ENGLISH, rows=[
+        (r, *(f'"{c:g}"'.replace(".", ",") for c in rest)) for r, *rest in TRUTH]).encode(),
+    "bars": text(ENGLISH, "|").encode(),
+    "upper case": text([h.upper() for h in BARE[:1]] + ["LOAD [N]", "DIAMETER [MM]", "WIDTH [MM]", "SLIP [%]", "SINKAGE [MM]"]).encode(),
+    "underscores": text(["run", "load_N", "diameter_mm", "width_mm", "slip_pct", "sinkage_mm"]).encode(),
+    "commas in headers": text(["run", '"load, N"', '"diameter, mm"', '"width, mm"', '"slip, %"', '"sinkage, mm"']).encode(),
+    "symbols": text(["Run", "W [N]", "D [mm]", "b [mm]", "s [%]", "z [mm]"]).encode(),
+    "other symbols": text(["Run", "Fz (N)", "D (mm)", "b (mm)", "i (%)", "z (mm)"]).encode(),
+    "words and symbols": text(["Run", "Normal load W (N)", "Wheel diameter D (mm)", "Wheel width b (mm)", "Slip s (%)", "Sinkage z (mm)"]).encode(),
+    "slashes": text(["Run", "Load / N", "Diameter / mm", "Width / mm", "Slip / %", "Sinkage / mm"]).encode(),
+    "units in a row": text(BARE, rows=[tuple(UNITS), *TRUTH]).encode(),
+    "units in brackets in a row": text(BARE, rows=[("", "[N]", "[mm]", "[mm]", "[%]", "[mm]"), *TRUTH]).encode(),
+    "symbols and units in rows": text(BARE, rows=[("", "W", "D", "b", "s", "z"), tuple(UNITS), *TRUTH]).encode(),
+    "titles and comments": text(ENGLISH, before="Single wheel rig,,,,,\nOperator: M,,,,,\n,,,,,\n# dry sand\n", after="# end\n").encode(),
+    "header of NumPy": text(["# run", "load [N]", "diameter [mm]", "width [mm]", "slip [%]", "sinkage [mm]"]).encode(),
+    "means and deviations below": text(GERMAN, ";", ",", [*TRUTH, ("",) * 6, MEAN, ("Standardabweichung", 11.8, 0.0, 0.0, 5.8, 1.4)]).encode(),
+    "a remark below": text(ENGLISH, after="Source: notebook 7\n").encode(),
+    "empty columns and rows": text([*ENGLISH, "", ""], rows=[(*r, "", "") for r in [*TRUTH[:2], ("",) * 6, *TRUTH[2:]]], after=",,,,,,,\n").encode(),
+    "units in cells of per cent": text([*ENGLISH[:4], "Slip", ENGLISH[5]], rows=[(*r[:4], f"{r[4]:g} %", r[5]) for r in TRUTH]).encode(),
+    "kilograms-force, centimetres, radius": text(["run", "load [kgf]", "radius [cm]", "width [cm]", "slip [%]", "sinkage [cm]"],
+        rows=[(r, w / 9.80665, d / 20.0, b / 10.0, s, z / 10.0) for r, w, d, b, s, z in TRUTH]).encode(),
+    "blanks around": text([f" {h} " for h in ENGLISH], rows=[(f" {r[0]}", *(f" {c:g} " for c in r[1:])) for r in TRUTH]).encode(),
+    "typographic minus and blanks": text(ENGLISH, rows=TRUTH).replace("60", "\u00a060").encode(),
+    "xlsx": xlsx(Data=_cells(ENGLISH)),
+    "xlsx, cells in per cent": xlsx(Tabelle1=_cells(GERMAN, percent=True)),
+    "xlsx, title, units and mean": xlsx(Tabelle1=[["Einzelradversuch 12"], [], BARE, UNITS, *map(list, TRUTH), [], list(MEAN)]),
+    "xlsx, numbers as text": xlsx(Tabelle1=[GERMAN, *([r[0], *(f"{c:g}".replace(".", ",") for c in r[1:])] for r in TRUTH)]),
+    "xlsx, the table on one of three sheets": xlsx(Info=[["Rig", "7"]], Daten=_cells(GERMAN), Notizen=[["nass"]]),
+    "xlsx, below and to the right": xlsx(S=[[], [], *([None, None, *row] for row in _cells(ENGLISH))]),
+    "ods": ods(Feuille1=_cells(FRENCH)),
+    "ods, cells in per cent": ods(Tabelle1=_cells(GERMAN, percent=True)),
+    "ods, title, units and mean": ods(Tabelle1=[["Versuch  12"], [], BARE, UNITS, *map(list, TRUTH), [], list(MEAN)]),
+}  # fmt: skip
+
+# What is refused, and words of each problem that must be named.
+BAD: dict[str, tuple[bytes, list[str]]] = {
+    "many mistakes": (text(["Run", "Laod (N)", "Diameter (mm)", "Width (foo)", "Slip", "Sinkage (mm)"],
+        rows=[("a", 60.0, 275.0, 100.0, 10.0, 8.5), ("a", 60.0, "27o", 100.0, 0.1, ""), ("b", 60.0, 275.0, 100.0, 0.1, -3.0)]).encode(),
+        ["nearly 'load'", "'27o' found", "'Width (foo)' is no known word, but nearly 'width'", "slip [%]", "sinkage is -3 mm"]),
+    "millimetres without a unit": (text(BARE).encode(), ["diameter is 275", "for mm the header is 'diameter [mm]'", "width is 100"]),
+    "marks of thousands or decimals": (text(ENGLISH, ";", ",", [("a", "1.234", 275.0, 100.0, 10.0, 8.5)] * 2).encode(), ["'1.234' found", "two ways"]),
+    "both marks in a column": (text(ENGLISH, ";", ",", [*TRUTH, ("c", "60.5", 275.0, 100.0, 10.0, "8.5")]).encode(), ["decimal points and decimal commas"]),
+    "two loads": (text(["run", "Radlast [N]", "Last [N]", "D [mm]", "b [mm]", "z [mm]"]).encode(), ["two columns are named 'load'", "--map load='Radlast [N]'"]),
+    "values without a header": (text([*ENGLISH[:5], ""]).encode(), ["column 6 has no name", "nothing was measured"]),
+    "grad": (text([*ENGLISH, "Neigung [grad]"], rows=[(*r, 5.0) for r in TRUTH]).encode(), ["write deg or gon"]),
+    "decimal commas between commas": (text(ENGLISH, ",", ",").encode(), ["cells, expected 6 as in the header", "decimal comma"]),
+    "units that differ": (text(ENGLISH, rows=[("", "kN", "mm", "mm", "%", "mm"), *TRUTH]).encode(), ["the row of units below it (kN) differ"]),
+    "xlsx, two tables": (xlsx(A=_cells(ENGLISH), B=_cells(ENGLISH)), ["several sheets have tables", "--sheet", "'A', 'B'"]),
+    "xlsx, no table": (xlsx(A=[["x", 1.0]], B=[["y", 2.0]]), ["no sheet has a header that is known"]),
+    "xlsx, errors of formulas": (xlsx(A=[*_cells(ENGLISH), ["c", "#DIV/0!", 275.0, 100.0, 10.0, 8.0]]), ["'#DIV/0!' found", "mend the formula"]),
+    "xlsx, a date for 1.5": (xlsx(A=[*_cells(ENGLISH), ["c", "2026-05-01 00:00:00", 275.0, 100.0, 10.0, 8.0]]), ["a date"]),
+    "xlsx, formulas never computed": (xlsx(A=[*_cells(ENGLISH), ["c", "=B2*2", 275.0, 100.0, 10.0, 8.0]]), ["formulas without a computed value"]),
+    "ods, per cent in a length": (ods(A=[ENGLISH, ["a", 60.0, 275.0, 100.0, 10.0, ("0%", 0.1)]]), ["cells in per cent, expected mm"]),
+}  # fmt: skip
