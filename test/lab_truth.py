@@ -30,8 +30,8 @@ def plate_rows(
     law: str = "meirion_griffith_spenko",
     sizes: tuple[float, ...] = (0.04, 0.08, 0.16),
     *,
-    runs: int = 3,
-    rows: int = 60,
+    runs: int = 2,
+    rows: int = 40,
     stray: float = 0.03,
 ) -> list[list[object]]:
     """Rows of `HEADER`: curves of load over sinkage, runs with soils of their own firmness."""
@@ -55,7 +55,7 @@ def pressed_rows(
     """Rows of a wheel pressed into the soil of Meirion-Griffith & Spenko's law, by quadrature."""
     modulus = factor * TRUTHS["meirion_griffith_spenko"](diameter)
     found: list[list[object]] = []
-    for run in range(3):
+    for run in range(2):
         firm = np.exp(0.04 * rng.normal())
         for z in np.linspace(0.003, 0.025, 30):
             front = np.arccos(1 - 2 * z / diameter)

@@ -66,12 +66,12 @@ class FittedShearLaw:
 def fit_law(law: ShearLaw, curves: list[Curve]) -> FittedShearLaw:
     """Strength and shape of all runs of one soil under one law."""
     runs = tuple(fit_curve(law, curve) for curve in curves)
-    level = np.array([run.numbers[0] for run in runs])
-    for _ in range(2):  # the size of the scatter from the line, not from each run's own value
-        problem = _Runs.of(runs, np.maximum(np.abs(level), 1e-3 * np.max(np.abs(level))))
-        log_scatter = problem.scatter()
-        theta = problem.solved(log_scatter)[0]
-        level = shear_strength(np.array([c.normal_stress for c in curves]), theta[0], theta[1])
+    stresses = np.array([curve.normal_stress for curve in curves])
+    # the size of the scatter from the line through all runs, not from each run's own value
+    first = _Runs.of(runs, np.array([run.numbers[0] for run in runs]))
+    problem = _Runs.of(runs, shear_strength(stresses, *first.solved(first.medians)[0][:2]))
+    log_scatter = problem.scatter()
+    theta = problem.solved(log_scatter)[0]
     return FittedShearLaw(
         law,
         ("c", "tan phi", "ln K", "K_r")[: theta.size],
@@ -108,10 +108,12 @@ class _Runs:
             centre[:2] = c.centre, np.tan(phi.centre)
             prior[:2] = c.deviation**-2, (phi.deviation / np.cos(phi.centre) ** 2) ** -2
         number = np.array([run.numbers for run in runs])
+        level = np.maximum(np.abs(level), 1e-3 * np.max(np.abs(level)))
         return cls(number, design, np.array([r.covariance for r in runs]), level, prior, centre)
 
     @property
-    def _medians(self) -> Array:
+    def medians(self) -> Array:
+        """ln of the scatter before the runs."""
         found = (_STRENGTH_SCATTER, _MODULUS_SCATTER, _RESIDUAL_SCATTER)
         return np.asarray(np.log(found[: self.number.shape[1]]))
 
@@ -138,14 +140,14 @@ class _Runs:
         square = np.einsum("iq,iqr,ir->", away, np.linalg.inv(variance), away)
         square += float(self.prior @ (theta - self.centre) ** 2)
         logs = float(np.linalg.slogdet(variance)[1].sum()) - float(np.linalg.slogdet(covariance)[1])
-        off = (log_scatter - self._medians) / constants.SPREAD
+        off = (log_scatter - self.medians) / constants.SPREAD
         return 0.5 * float(square) + 0.5 * logs + 0.5 * float(off @ off)
 
     def scatter(self) -> Array:
         """ln of what runs differ by, by restricted likelihood with its prior."""
         # the scatter is known to a factor of two: no more digits than that asks for
         found = minimize(
-            self._cost, self._medians, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-3}
+            self._cost, self.medians, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-3}
         )
         return np.asarray(found.x)
 
