@@ -31,6 +31,7 @@ from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.learn.shapes import SATURATION
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Model, predict
+from smallwheel_ros.onboard.starting_model import read_starting_models
 from smallwheel_ros.physics.conditions import Conditions
 
 COLUMNS = ["run", "load [N]", "diameter [m]", "width [m]", "slip", "sinkage [m]", "resistance [N]"]
@@ -293,3 +294,32 @@ def test_a_column_of_any_name_makes_no_code(data: Measurements, tmp_path: Path) 
     assert effect.needs == (name,)
     expected = np.exp(0.2 * np.tanh(column / 0.5))
     np.testing.assert_allclose(effect.modulus_factor(conditions), expected, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_from_a_table_to_a_model_that_predicts_and_that_the_node_reads(
+    path: Path, law: Path, tmp_path: Path
+) -> None:
+    def run(*arguments: str | Path) -> str:
+        result = CliRunner().invoke(main, [str(a) for a in arguments])
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    base, better = tmp_path / "base.yaml", tmp_path / "better.yaml"
+    run("fit", path, "-o", base)
+    said = run("add", "slip_law", "--model", base, "--data", path, "--effects", law, "-o", better)
+    assert "learnt from this very data" in said
+    wheel = ("--load", "60", "--diameter", "0.2", "--width", "0.1", "--model", better)
+    inside = run("predict", *wheel, "--effects", law, "--slip", "0.3")
+    beyond = run("predict", *wheel, "--effects", law, "--slip", "0.9")
+    assert "a guess" not in inside
+    assert "slip_law is used beyond where it was learnt: slip 0.9" in beyond
+    models = read_starting_models(str(better), str(law))
+    assert [effect.id for effect in models.effects] == ["slip_law"]
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_bytes(data: Measurements, learnt: Learnt) -> None:
+    again = learn(data, name="slip_law", limits={"slip": [0.0, 0.3, 0.6]})
+    assert again.source == learnt.source
+    assert json.dumps(again.document) == json.dumps(learnt.document)
