@@ -85,7 +85,7 @@ def test_a_load_that_nobody_measures_is_said(peer: Peer, tmp_path: Path) -> None
         peer.spin_until(lambda: len(peer.mobility) >= 4, "estimates")
         message = peer.mobility[-1]
         assert message.load == pytest.approx(58.8399)
-        assert "load not measured: 58.9 N as configured" in message.status_text
+        assert "load not measured: 58.8 N as configured" in message.status_text
         peer.spin_until(
             lambda: (
                 peer.entry("inputs") is not None
