@@ -132,7 +132,7 @@ def fit(
         The measurements: one table, or several of one lab (plates, wheels, shear tests), as files or as
         what ``read`` returned.
     effects
-        To fit with the soil: ids (``"slip_sinkage"``, or with a form ``"slip_sinkage/hyperbolic"``),
+        To fit with the soil: ids (``"slip_sinkage"``, or with a form ``"slip_sinkage/exponential"``),
         classes, effects with numbers to start from, or a Python file with effects of your own, which
         is run.
     model

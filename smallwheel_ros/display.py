@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,6 +24,11 @@ class Display(NamedTuple):
 
 _WORDS = {"drawbar_pull": "drawbar pull", "pass_number": "pass number"}
 _SLOW = 0.2  # m/s, below which millimetres are said
+# Said once by what prints k, n or m.
+LAW = (
+    "The law: pressure p = k z^n D^m under a wheel of diameter D at sinkage z (m). k is in Pa/m^(n+m), n and "
+    "m have no unit. log_reference_pressure is ln of p (Pa) at 10 mm under a wheel of 0.2 m."
+)
 _SCALES = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 
 
@@ -37,6 +43,40 @@ def effect_words(name: str) -> str:
         return "nothing more" if name == "none" else words(name)
     setting, _, stage = name.removeprefix("unknown:").partition("@")
     return f"something that follows {words(setting)}" + (f" (at the {stage})" if stage else "")
+
+
+def percent(share: float | None, *, signed: bool = False) -> str:
+    """A share in whole per cent, "-" for none; never "-0 %"."""
+    if share is None or not np.isfinite(share):
+        return "-"
+    whole = round(100 * share)
+    return f"{whole:+d} %" if signed and whole else f"{whole} %"
+
+
+def p_text(p: float | None) -> str:
+    """A p value with two digits: it is a count of simulations, and has no more."""
+    return "-" if p is None else f"{p:.2g}"
+
+
+def setting_words(name: str, value: object) -> str:
+    """A setting with its unit, in degrees and millimetres: 28.6 deg; a range by its ends."""
+    if isinstance(value, (list, tuple)):
+        return " to ".join(dict.fromkeys(setting_words(name, v) for v in value))
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return str(value)
+    shown = display(name, unit_of(name))
+    if shown.unit == "m/s" and abs(value) < _SLOW:
+        return f"{brief(1e3 * value)} mm/s"
+    return f"{brief(value * shown.scale)} {shown.unit}".rstrip()
+
+
+def region_words(text: str) -> str:
+    """`slip_angle > 0.5` as people say it: slip angle > 28.6 deg."""
+    found = re.fullmatch(r"(\|?)(.+?)(\|?) ([<>]) (\S+)", text)
+    if found is None:
+        return text
+    before, name, after, sign, value = found.groups()
+    return f"{before}{words(name)}{after} {sign} {setting_words(name, float(value))}"
 
 
 def listed(names: Sequence[str], last: str = "and") -> str:
@@ -72,8 +112,10 @@ def brief(value: float) -> str:
 
 
 def sentence(text: str) -> str:
-    """The text with a capital and a full stop."""
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?")) else ".")
+    """The text with a capital and a full stop; one that begins with a name keeps its small letter."""
+    name = any(mark in text.split(" ")[0] for mark in "_.:")
+    first = text[:1] if name else text[:1].upper()
+    return first + text[1:] + ("" if text.endswith((".", "?")) else ".")
 
 
 def number(value: ArrayLike | None, digits: int = 3) -> str:

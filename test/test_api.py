@@ -116,6 +116,16 @@ def test_the_examples_in_the_docstrings_hold(
         assert doctest.DocTestRunner().run(test).failed == 0
 
 
+def test_the_examples_on_the_page_hold(results: Results, repository: Path) -> None:
+    text = (repository / "docs" / "python.md").read_text()
+    space = {"sw": sw, "data": results.fitted.measurements, "fitted": results.fitted,
+             "found": results.diagnosed, "added": results.added}  # fmt: skip
+    test = doctest.DocTestParser().get_doctest(text, space, "python.md", "docs/python.md", 0)
+    assert len(test.examples) >= 8
+    kinds = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
+    assert doctest.DocTestRunner(optionflags=kinds).run(test).failed == 0
+
+
 def test_the_examples_of_diagnose_and_add_hold(results: Results) -> None:
     """As their docstrings say of this table: those take longest, and their results are here."""
     assert (results.diagnosed.verdict, results.diagnosed.missing_effects) == (
@@ -127,7 +137,7 @@ def test_the_examples_of_diagnose_and_add_hold(results: Results) -> None:
 
 
 def test_results_are_shown_short_and_whole(results: Results) -> None:
-    for result in results:
+    for result in (*results, results.fitted.measurements):
         assert "array" not in repr(result)
         assert "\n" not in repr(result)
         assert len(repr(result)) < 250

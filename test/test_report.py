@@ -171,7 +171,7 @@ def test_the_same_comparison_gives_the_same_bytes(compared: str, compared_again:
 def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) -> None:
     text = Parsed(compared).text
     assert re.search(r"has the smallest held-out error, [\d.]+ mm RMSE over 36 rows", text)
-    assert "times the noise floor" in text
+    assert "`smallwheel diagnose` works it out" in text
     assert "sinks to the axle in" in text  # of the soft model
     assert "worst first" in text
 
@@ -182,15 +182,15 @@ def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) ->
 @pytest.mark.parametrize(
     ("verdict", "more", "words"),
     [
-        ("missing_effect", {}, "Missing: slip sinkage and bulldozing"),
+        ("missing_effect", {}, "The model lacks slip sinkage and bulldozing"),
         ("adequate", {"missing_effects": []}, "Nothing is missing that this data could show"),
-        ("unknown_effect", {"missing_effects": []}, "no known effect explains it"),
+        ("unknown_effect", {"missing_effects": []}, "no effect of the library explains it"),
         (
             "indistinguishable",
             {"missing_effects": [], "candidates": ["slip_sinkage", "penetration_rate"]},
             "Something is missing: slip sinkage or penetration rate",
         ),
-        ("insufficient_data", {"missing_effects": []}, "too small or too uniform"),
+        ("insufficient_data", {"missing_effects": []}, "Too little data for a verdict"),
     ],
 )
 def test_every_verdict_is_said_in_words(verdict: str, more: dict[str, Any], words: str) -> None:
@@ -282,7 +282,7 @@ def test_a_bare_document_is_enough() -> None:
         "next_measurements": [],
     }
     text = Parsed(whole_report(bare)).text
-    assert "too small or too uniform" in text
+    assert "Too little data for a verdict" in text
     assert "Where the model fails" not in text  # empty sections are left out
     assert staircase(bare) is None
     assert ranking_bars(bare) is None
@@ -350,7 +350,7 @@ def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> No
     assert "times the noise floor of 1.23 mm" in text
     assert "0.456" in text
     assert "could not tell noise from misfit" in text  # of resistance
-    assert text.index("Missing: slip sinkage") < text.index("bekker")
+    assert text.index("The model lacks slip sinkage") < text.index("bekker")
     with pytest.raises(ReportError, match="not a diagnosis"):
         whole_report({"verdict": "maybe"}, comparison=comparison)
 

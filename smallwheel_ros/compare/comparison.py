@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smallwheel_ros.compare.contenders import STANDARD, Contender, standard_contenders
+from smallwheel_ros.compare.contenders import Contender, standard_contenders
 from smallwheel_ros.compare.results import (
     Floor,
     Index,
     ModelResult,
     Progress,
     Reasons,
+    floors_of,
     results_of,
 )
 from smallwheel_ros.display import shown_value, words
@@ -186,12 +187,10 @@ def compare(
     folds = int(folds_of(points).max()) + 1 if points.run_count > 1 else 0
     models = [*(standard_contenders(points) if standard else ()), *contenders]
     results = results_of(models, problem, folds, progress)
-    reference = next((r for r in results if r.contender.name == STANDARD[-1]), None)
-    unknown = Floor(None, None, "the contact integral was not fitted")
     return Comparison(
         measurements,
         tuple(results),
-        dict.fromkeys(points.channels, unknown) if reference is None else reference.floors,
+        floors_of(points),
         tuple(parts(measurements)),
         folds,
         _left_out(points, problem.outliers),

@@ -15,9 +15,10 @@
      "differences": [{"channel", "best", "other", "increase", "z_score", "within_standard_error"}]}
 
 SCORE is {"rows", "runs", "rmse", "rmse_std", "bias"}; bias is the mean of measured less predicted.
-noise_floor is the held-out error that a true model would leave, repeatability what rows of one run
-differ by. Of differences, increase is the relative one of the held-out rmse over the best model's on
-the rows of both; z_score is of the difference over its standard error, negative where other is worse.
+noise_floor is the held-out error that a true model would leave: null here, since it is not known before
+what is missing is (`smallwheel diagnose`); repeatability is what rows of one run differ by. Of differences,
+increase is the relative one of the held-out rmse over the best model's on the rows of both; z_score is of
+the difference over its standard error, negative where other is worse.
 """
 
 from __future__ import annotations

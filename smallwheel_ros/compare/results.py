@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.fitting import Base, Problem
-from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.held_out import (
     CvErrors,
     in_sample,
@@ -19,8 +18,6 @@ from smallwheel_ros.fitting.held_out import (
     rows_of,
 )
 from smallwheel_ros.fitting.points import Points, filled
-from smallwheel_ros.fitting.result import expected_error
-from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.measurements.repeatability import repeatability
 from smallwheel_ros.measurements.settings import runs_of_rows
@@ -29,10 +26,11 @@ from smallwheel_ros.model import Model, ModelError, predict
 
 Index = NDArray[np.intp]
 Reasons = tuple[tuple[str, Index], ...]
-_TRUE = "the held-out error that a true model would leave"
-_AT_MOST = (
-    _TRUE + ", at most: no two runs have one setting, so misfit passes for scatter of the soil"
+_ASK_DIAGNOSE = (
+    "how low the error could get (the noise floor) is not known before what is missing is: "
+    "`smallwheel diagnose` works it out"
 )
+_REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_std"
 Progress = Callable[[int, int], object]  # fits done, fits needed
 
 
@@ -40,7 +38,8 @@ Progress = Callable[[int, int], object]  # fits done, fits needed
 class Floor:
     """Noise floor of a channel: the held-out error that a true model would leave, m or N.
 
-    value, source: None where it is not known. reason: how it was found, or why it was not.
+    value, source: from a diagnosis of the same data; None where there is none. reason: how it was
+    found, or why it was not.
     repeatability: what rows of one run differ by, None where nothing was repeated.
     """
 
@@ -57,8 +56,7 @@ class ModelResult:
     model: with the parameters of a fit to all rows. in_sample: errors of that model. held_out: of
     each run by a fit without it, None for a model that stands as it is and where there is one run.
     unseen: errors on runs that the model was not fitted to, None where that is not known.
-    not_predicted: rows that it has no prediction for, with the reason. floors: as this fit sees the
-    noise, by channel; empty for a model that stands.
+    not_predicted: rows that it has no prediction for, with the reason.
     """
 
     contender: Contender
@@ -68,7 +66,6 @@ class ModelResult:
     unseen: CvErrors | None = None
     not_predicted: Reasons = ()
     notes: tuple[str, ...] = ()
-    floors: Mapping[str, Floor] = field(default_factory=dict)
 
 
 def results_of(
@@ -95,22 +92,21 @@ def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -
     count()
     errors = in_sample(problem.points, fit.model)
     held_out = problem.held_out(count)
-    floors = _floors(problem.fitter, expected_error(problem.fitter, fit))
-    return ModelResult(contender, fit.model, errors, held_out, held_out, floors=floors)
+    return ModelResult(contender, fit.model, errors, held_out, held_out)
 
 
-def _floors(fitter: Fitter, expected: Mapping[str, float]) -> dict[str, Floor]:
-    repeats = repeatability(fitter.points.measurements)
-    repeated = settings_repeated(fitter.points)
-    found = {}
-    for name in fitter.points.channels:
-        value = expected.get(name)
-        source = None if value is None else fitter.repeats.channels[name].source
-        why = _TRUE if repeated else _AT_MOST
-        if value is None:
-            why = f"how well a row repeats is not known: repeat a few runs, or state {name}_std"
-        found[name] = Floor(value, source, why, repeats.get(name))
-    return found
+def floors_of(points: Points) -> dict[str, Floor]:
+    """What rows of one run differ by, by channel. The noise floor is for a diagnosis to say."""
+    repeats = repeatability(points.measurements)
+    return {
+        name: Floor(
+            None,
+            None,
+            _ASK_DIAGNOSE if name in repeats else _REPEAT.format(name),
+            repeats.get(name),
+        )
+        for name in points.channels
+    }
 
 
 def _standing(contender: Contender, model: Model, points: Points) -> ModelResult:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import ModelResult
-from smallwheel_ros.display import display, number, sentence, words
+from smallwheel_ros.display import display, number, percent, sentence, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.tables import text_table
 
@@ -25,7 +25,7 @@ def comparison_text(comparison: Comparison) -> str:
     if not comparison.channels:
         lines += ["", "No model could predict any of the measurements."]
     notes: list[str] = [*_LEGEND] if comparison.channels else []
-    notes += dict.fromkeys(f"noise floor: {f.reason}" for f in comparison.noise.values())
+    notes += dict.fromkeys(f.reason for f in comparison.noise.values())
     notes += [
         f"{m.contender.name}, {rows.size} rows not predicted: {why}"
         for m in comparison.models
@@ -43,16 +43,19 @@ def against_best(comparison: Comparison, channel: str, model: ModelResult) -> st
         return BEST
     if change is None:
         return "-"
-    return f"{-100.0 * change.reduction[channel]:+.0f} %" if channel in change.worse else WITHIN
+    more = -change.reduction[channel]
+    return percent(more, signed=True) if channel in change.worse else WITHIN
 
 
 def _channel(comparison: Comparison, channel: str) -> list[str]:
     shown = display(channel, CHANNEL_UNITS[channel])
     floor = comparison.noise[channel]
     title = f"{words(channel)} [{shown.unit}]"
-    for name, value in (("noise floor", floor.value), ("repeatability", floor.repeatability)):
-        level = "unknown" if value is None else f"{number(value * shown.scale)} {shown.unit}"
-        title += f", {name} {level}"
+    repeats = floor.repeatability
+    if repeats is None:
+        title += ", repeatability unknown"
+    else:
+        title += f", repeats of one run differ by {number(repeats * shown.scale)} {shown.unit}"
     rows = [_row(comparison, model, channel, shown.scale) for model in comparison.models]
     header = ["model", "rows", "held-out RMSE", "+-", "bias", "in-sample RMSE", "bias",
               "against the best"]  # fmt: skip

@@ -26,6 +26,7 @@ from smallwheel_ros.diagnosis.curves import (
     spans_of,
 )
 from smallwheel_ros.diagnosis.settings import SETTINGS, independent
+from smallwheel_ros.display import setting_words
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting.constants import (
@@ -153,7 +154,9 @@ def _why_not(
         if need not in ("load", "width", "diameter"):
             values = values[rolling]
         if values.size == 0 or np.ptp(values) <= 1e-3 * float(np.max(np.abs(values))):
-            shown = f" ({values[0]:.4g} in every row)" if values.size else ""
+            shown = (
+                f" ({setting_words(need, float(values[0]))} in every row)" if values.size else ""
+            )
             return f"{need} never varies in this data{shown}"
         if family.startswith("covariate:") and np.unique(values).size < FEWEST_VALUES:
             return (

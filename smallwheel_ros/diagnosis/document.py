@@ -149,11 +149,12 @@ def _row(
         status = "confounded"
     alone = found.alone(name)
     model = verdict.best if name in verdict.best.families else alone
-    competitor, parameters, next_step = None, {}, ""
+    competitor, parameters, next_step, summary = None, {}, "", ""
     if model is not None:
         competitor = next(c for c in model.competitors if c.family == name)
         parameters = _parameters(found, model, competitor)
-        next_step = "" if competitor.effect is None else type(competitor.effect).next_step
+        if competitor.effect is not None:
+            next_step, summary = type(competitor.effect).next_step, type(competitor.effect).summary
     form = "" if competitor is None else competitor.form
     close = found.all_alone(name, within=TIE)
     probability = verdict.probabilities.get(name, 0.0)
@@ -168,6 +169,7 @@ def _row(
         "reduction": None if errors is None else _reduction(base, errors),
         "form": form,
         "forms_not_told_apart": sorted({m.competitors[0].form for m in close} - {form}),
+        "summary": summary,
         "next_step": next_step,
         "parameters": parameters,
     }

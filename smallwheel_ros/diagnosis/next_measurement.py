@@ -22,6 +22,7 @@ from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.search import Search, exchanged
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.display import setting_words, words
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
 from smallwheel_ros.fitting.fit import Fitter, stiffness
 from smallwheel_ros.fitting.points import Points
@@ -145,7 +146,7 @@ def propose(
     if gain[best] <= 0:
         return None
     power = float(norm.cdf(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
-    shown = ", ".join(f"{name} {value:g}" for name, value in settings[best].items())
+    shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings[best].items())
     text = f"{RUNS} runs at {shown} tell {names[0]} from {names[1]}" + (f"; {hint}" if hint else "")
     return Proposal(settings[best], names, RUNS, power, text)
 

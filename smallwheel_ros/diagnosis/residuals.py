@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import column_display, words
+from smallwheel_ros.display import column_display, percent, words
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
@@ -194,4 +194,4 @@ def worst_left(left: list[Entry], measurements: Measurements) -> str:
         shown = column_display(measurements, entry["setting"])
         at = f"{shown.scale * part['at']:.4g} {shown.unit}".rstrip()
         where = f"{words(entry['setting'])} is about {at}"
-    return f"{words(entry['channel'])} is {100 * part['mean']:+.0f} % off where {where}"
+    return f"{words(entry['channel'])} is {percent(part['mean'], signed=True)} off where {where}"

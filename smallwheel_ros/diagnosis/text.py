@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
-from smallwheel_ros.display import brief, listed, number, shown_value, words
+from smallwheel_ros.display import (
+    LAW,
+    brief,
+    listed,
+    number,
+    p_text,
+    percent,
+    region_words,
+    sentence,
+    shown_value,
+    words,
+)
 
 _SHOWN = 0.01  # probability under which an effect is counted, not listed
 
-_SAID = {
+SAID = {
     "missing_effect": "The model lacks {named}.",
     "adequate": "Nothing is missing that this data could show.",
     "unknown_effect": "Something is missing, and no effect of the library explains it.",
     "indistinguishable": "Something is missing: {candidates}. This data cannot tell which.",
     "insufficient_data": "Too little data for a verdict.",
 }
+
+
+_NEXT = {
+    "missing_effect": "Next: add it with `smallwheel diagnose --apply -o MODEL.yaml`, and make sure by the "
+    "measurements proposed.",
+    "adequate": "Next: use the model within the settings measured; what this data could not show may still "
+    "be there.",
+    "unknown_effect": "Next: record what else differs between the runs, or let `smallwheel learn` look for a "
+    "law.",
+    "indistinguishable": "Next: make the measurements proposed, which tell them apart.",
+    "insufficient_data": "Next: measure more runs, at several loads.",
+}
+_OF_LAW = re.compile(r"\.(k|n|m|log_reference_pressure)\b")
 
 
 def diagnosis_text(document: Mapping[str, Any]) -> str:
@@ -26,34 +51,41 @@ def diagnosis_text(document: Mapping[str, Any]) -> str:
         lines += ["", "What to measure next"]
         for proposal in document["next_measurements"]:
             power = proposal.get("expected_power")
-            chance = "" if power is None else f" (chance to decide {100 * power:.0f} %)"
+            chance = "" if power is None else f" (chance to decide {percent(power)})"
             lines.append(f"  {proposal['text']}{chance}")
     for title, key in (("Warnings", "warnings"), ("Notes", "notes")):
         if document.get(key):
             lines += ["", title, *[f"  {text}" for text in document[key]]]
+    if any(_OF_LAW.search(note) for note in document.get("notes") or []):
+        lines.append(f"  {LAW}")
     return "\n".join(lines)
 
 
 def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
     """The verdict, what speaks for it, and how sure it is."""
     lines = [
-        _SAID[document["verdict"]].format(
+        SAID[document["verdict"]].format(
             named=listed(document["missing_effects"], "and"),
             candidates=listed(document["candidates"], "or"),
         )
     ]
+    summaries = {r["effect"]: r["summary"] for r in document["ranking"] if r.get("summary")}
+    named = [*document["missing_effects"], *document["candidates"]]
+    lines += [f"{words(n).capitalize()}: {summaries[n]}" for n in named if n in summaries]
     if document["verdict"] == "missing_effect" and document["candidates"]:
         rivals = listed(document["candidates"], "or")
         lines.append(f"Something more is missing: {rivals}. This data cannot tell which.")
     faults = [r["effect"] for r in document["ranking"] if r.get("kind") == "instrument"]
-    blamed = [n for n in (*document["missing_effects"], *document["candidates"]) if n in faults]
+    blamed = [n for n in named if n in faults]
     if blamed:
-        lines.append(f"{listed(blamed, 'and')}: the instrument, not the soil.")
+        said = f"{listed(blamed)}: the instrument, not the soil. Check it first"
+        lines.append(sentence(said))
     if document.get("reason"):
-        lines.append(str(document["reason"])[:1].upper() + str(document["reason"])[1:] + ".")
+        lines.append(sentence(str(document["reason"])))
     p = document["lack_of_fit"]["p_value"]
     if p is not None:
-        lines.append(f"Chance of such errors if nothing were missing: p = {p:.2g}.")
+        lines.append(f"Chance of such errors if nothing were missing: p = {p_text(p)}.")
+    lines.append(_NEXT[document["verdict"]])
     return lines
 
 
@@ -81,12 +113,13 @@ def _regions(document: Mapping[str, Any]) -> list[str]:
     for region in document["where_it_fails"]:
         channel = region["channel"]
         p = region["p_value"]
-        doubt = f"; too few runs to be sure (p {p:.2g})" if p > 0.05 else ""
+        doubt = f"; too few runs to be sure (p {p_text(p)})" if p > 0.05 else ""
         here, elsewhere, bias = (
             shown_value(channel, region[name]) for name in ("rmse", "rmse_elsewhere", "bias")
         )
+        where = region_words(region["region"])
         lines.append(
-            f"  {words(channel)} where {region['region']} ({region['rows']} rows): error {here}, "
+            f"  {words(channel)} where {where} ({region['rows']} rows): error {here}, "
             f"elsewhere {elsewhere}, measured - predicted {bias} on average{doubt}"
         )
     return lines
@@ -103,7 +136,7 @@ def _ranking(document: Mapping[str, Any]) -> list[str]:
             others += 1
             continue
         share = row.get("reduction")
-        removed = "" if share is None else f"{round(100 * share):4d} % of the error"
+        removed = "" if share is None else f"{percent(share):>6s} of the error"
         lines.append(f"  {words(row['effect']):26s} {removed:>18s}  {row['reason']}")
         if telling:
             if row.get("next_step"):

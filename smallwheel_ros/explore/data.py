@@ -6,14 +6,23 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.display import brief, display, listed, number, shown_value, words
+from smallwheel_ros.display import (
+    brief,
+    display,
+    listed,
+    number,
+    percent,
+    sentence,
+    shown_value,
+    words,
+)
 from smallwheel_ros.explore.session import Names, Session, View
 from smallwheel_ros.fitting import FittedParameter
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.report.effect_meaning import Meaning, meaning_of
 from smallwheel_ros.report.effects_section import EffectsPage, Label
 from smallwheel_ros.report.table_data import TableData
-from smallwheel_ros.report.verdict_section import parameter_cells, per_cent, said, verdict_block
+from smallwheel_ros.report.verdict_section import parameter_cells, verdict_block
 
 _CAPTION = (
     "Fitted to all runs. log_reference_pressure is ln of the pressure at 10 mm of sinkage under a wheel "
@@ -109,7 +118,7 @@ class SessionData:
                 for effect in view.fit.bare.effects
                 if effect.id == name
             },
-            "notes": [said(note) for note in view.fit.notes],
+            "notes": [sentence(note) for note in view.fit.notes],
         }  # fmt: skip
 
     def _rmse(self, channel: str, value: float, std: float | None) -> dict[str, Any]:
@@ -128,7 +137,7 @@ class SessionData:
             f"{words(c)} {shown_value(c, before[c])} → {shown_value(c, after[c])}" for c in before
         )
         doubts = self._doubts(view)
-        items = [said(line) for line in doubts] or ["This is what the diagnosis names."]
+        items = [sentence(line) for line in doubts] or ["This is what the diagnosis names."]
         if doubts:
             items.append(f"The diagnosis: {found.headline[:1].lower() + found.headline[1:]}.")
         return {
@@ -165,7 +174,7 @@ class SessionData:
                       known["noise_floor"], known["repeatability"])  # fmt: skip
             cells = [number(None if v is None else v * how.scale) for v in scaled]
             if not base:
-                cells.insert(2, per_cent(view.change.reduction[channel]))
+                cells.insert(2, percent(view.change.reduction[channel]))
             rows.append([how.label, *cells[base:]])
         return rows
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.display import number, shown_value, words
+from smallwheel_ros.display import LAW, number, shown_value, words
 
 if TYPE_CHECKING:
     from smallwheel_ros.fitting.result import FitResult
@@ -41,7 +41,7 @@ def fit_document(result: FitResult) -> dict[str, Any]:
 
 def fit_text(result: FitResult) -> str:
     """What a fit found, in words."""
-    lines = ["Fitted parameters"]
+    lines = [LAW, "", "Fitted parameters"]
     for p in result.parameters:
         unit = "" if p.unit == "1" else f" {p.unit}"
         std = "" if p.std is None else f" +- {number(p.std)}"

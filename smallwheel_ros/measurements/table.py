@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,11 @@ from smallwheel_ros.measurements.reading import Columns, read_columns
 from smallwheel_ros.measurements.settings import runs_of_rows
 from smallwheel_ros.measurements.shear import is_shear
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
+from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 __all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "read", "read_measurements"]
 
@@ -55,8 +57,8 @@ _BLANK = "the cell is blank, expected a value"
 _ANSWERS = "taken as what the wheel answers, not as settings: {}"
 
 
-@dataclass(frozen=True)
-class Measurements:
+@dataclass(frozen=True, repr=False)
+class Measurements(Result):
     """What was measured, one row per steady measurement of one wheel.
 
     SI units; arrays of shape (rows,).
@@ -97,6 +99,42 @@ class Measurements:
 
     def __len__(self) -> int:
         return len(self.conditions)
+
+    def headline(self) -> str:
+        """How many rows and runs, and what was measured."""
+        count = f"{len(self)} rows, {self.runs.size} runs of {', '.join(self.channels)}"
+        return f"{self.source}: {count}" if self.source else count
+
+    def text(self) -> str:
+        """A line for each column, and what was understood, assumed and is suspicious."""
+        from smallwheel_ros.measurements.shown import table_text
+
+        return table_text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the table is: columns with units and ranges, not its rows."""
+        from smallwheel_ros.measurements.shown import table_document
+
+        return table_document(self)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One mapping for each row, SI units; None where nothing was measured."""
+        from smallwheel_ros.measurements.shown import table_rows
+
+        return table_rows(self)
+
+    def plot(
+        self, ax: Axes | None = None, channel: str | None = None, over: str | None = None
+    ) -> Axes:
+        """Draw a channel (the first) over a setting (load)."""
+        from smallwheel_ros.measurements.shown import draw_table
+
+        axes = axes_or_new(ax)
+        draw_table(axes, self, channel, over)
+        return axes
+
+    def _writers(self) -> dict[str, Writer]:
+        return picture_writers(self.plot)
 
     @property
     def runs(self) -> NDArray[np.str_]:

@@ -72,7 +72,7 @@ def wheels_text(summary: dict[str, Any]) -> str:
 def soil_lines(summary: dict[str, Any]) -> list[str]:
     """The soil at the end, and what is not determined."""
     soil = summary["soil"]
-    lines = ["Soil at the end"]
+    lines = ["Soil at the end, under the law p = k z^n D^m"]
     for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
         found = soil[name]
         unit = "" if found["unit"] == "1" else f" {found['unit']}"

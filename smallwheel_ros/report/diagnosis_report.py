@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from smallwheel_ros.display import brief, display, effect_words, listed, number, shown_value, words
+from smallwheel_ros.diagnosis.text import SAID
+from smallwheel_ros.display import (
+    display,
+    effect_words,
+    listed,
+    number,
+    p_text,
+    percent,
+    region_words,
+    sentence,
+    setting_words,
+    shown_value,
+    words,
+)
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.report.page import Block, Callout, Details, Drawing, ReportError, Table, Text
-from smallwheel_ros.report.verdict_section import (
-    HEADLINES,
-    p_text,
-    parameter_cells,
-    per_cent,
-    said,
-)
+from smallwheel_ros.report.verdict_section import parameter_cells
 
 _STATUS = {
     "significant": "significant",
@@ -30,9 +36,9 @@ _TOLD = 3.0  # standard errors by which a part's residual must differ to be stre
 def check_diagnosis(document: Mapping[str, Any]) -> None:
     """Raise ReportError where the document is not one of a diagnosis."""
     verdict = document.get("verdict")
-    if verdict not in HEADLINES:
+    if verdict not in SAID:
         raise ReportError(
-            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(HEADLINES)}"
+            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(SAID)}"
         )
 
 
@@ -65,7 +71,7 @@ def region_blocks(document: Mapping[str, Any]) -> list[Block]:
     if not regions:
         return []
     rows = [
-        [_region(str(r["region"])), words(str(r["channel"])), str(r["rows"]),
+        [region_words(str(r["region"])), words(str(r["channel"])), str(r["rows"]),
          shown_value(r["channel"], r["bias"]), shown_value(r["channel"], r["rmse"]),
          shown_value(r["channel"], r.get("rmse_elsewhere")), p_text(r.get("p_value"))]
         for r in regions
@@ -73,15 +79,6 @@ def region_blocks(document: Mapping[str, Any]) -> list[Block]:
     header = ["where", "channel", "rows", "bias", "RMSE", "RMSE elsewhere", "p"]
     caption = "Held-out errors of the base model; columns of one's own in SI units"
     return [Table(header, rows, caption, numbers=range(2, 7))]
-
-
-def _region(text: str) -> str:
-    """`slip_angle > 0.5` as people say it: slip angle > 28.6 deg."""
-    found = re.fullmatch(r"(\|?)(.+?)(\|?) ([<>]) (\S+)", text)
-    if found is None:
-        return text
-    before, name, after, sign, value = found.groups()
-    return f"{before}{words(name)}{after} {sign} {_setting(name, float(value))}"
 
 
 def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
@@ -128,7 +125,7 @@ def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table
     cells = [
         [effect_words(r["effect"]), str(r.get("kind") or "-"), _STATUS.get(r["status"], r["status"]),
          "-" if r.get("probability") is None else f"{r['probability']:.2f}",
-         p_text(r.get("p_value")), per_cent(r.get("reduction")),
+         p_text(r.get("p_value")), percent(r.get("reduction")),
          "; ".join(part for part in str(r.get("reason") or "").split("; ")
                    if not part.startswith(("probability", "this data cannot tell")))]
         for r in rows
@@ -180,9 +177,9 @@ def step_blocks(document: Mapping[str, Any]) -> list[Block]:
     blocks: list[Block] = [Table(header, rows, caption + ".", numbers)]
     scatter = document.get("run_scatter") or {}
     if scatter.get("tau") is not None:
-        own = [f"{words(n)} by {per_cent(v)}" for name, v in scatter.items()
+        own = [f"{words(n)} by {percent(v)}" for name, v in scatter.items()
                if (n := name.removeprefix("own:")) != name]  # fmt: skip
-        text = f"From run to run the soil's stiffness differs by {per_cent(scatter['tau'])}"
+        text = f"From run to run the soil's stiffness differs by {percent(scatter['tau'])}"
         text += f"; beside that, {' and '.join(own)}." if own else "."
         blocks.append(Text(text))
     return blocks + _left_blocks(document)
@@ -199,7 +196,7 @@ def _left_blocks(document: Mapping[str, Any]) -> list[Block]:
         name, parts = str(entry.get("setting") or entry.get("group")), entry["parts"]
         if any(p["std"] and abs(p["mean"]) > _TOLD * p["std"] for p in parts):
             strong.append(len(rows))
-        cells = [f"{_setting(name, p['at'])}: {_off(p)}" for p in parts]
+        cells = [f"{setting_words(name, p['at'])}: {_off(p)}" for p in parts]
         rows.append([words(entry["channel"]), words(name), *cells])
     if not rows:
         return []
@@ -247,7 +244,7 @@ def next_blocks(document: Mapping[str, Any]) -> list[Block]:
     rows = [
         [_settings(p.get("settings") or {}), listed(p["separates"], "from")
          if p.get("separates") else "", str(p.get("runs", "-")),
-         per_cent(p.get("expected_power"))]
+         percent(p.get("expected_power"))]
         for p in proposals
     ]  # fmt: skip
     blocks: list[Block] = []
@@ -263,16 +260,9 @@ def next_blocks(document: Mapping[str, Any]) -> list[Block]:
 
 
 def _settings(settings: Mapping[str, Any]) -> str:
-    return ", ".join(f"{words(name)} {_setting(name, value)}" for name, value in settings.items())
-
-
-def _setting(name: str, value: object) -> str:
-    if isinstance(value, (list, tuple)):
-        return " to ".join(dict.fromkeys(_setting(name, v) for v in value))
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return str(value)
-    shown = display(name, unit_of(name))
-    return f"{brief(value * shown.scale)} {shown.unit}".rstrip()
+    return ", ".join(
+        f"{words(name)} {setting_words(name, value)}" for name, value in settings.items()
+    )
 
 
 def caveats(document: Mapping[str, Any]) -> list[str]:
@@ -282,5 +272,5 @@ def caveats(document: Mapping[str, Any]) -> list[str]:
         "A named effect is the best explanation among those in the library, not a proof: another "
         "cause that follows the same condition would look the same.",
         *([] if document["verdict"] == "insufficient_data" else [held_out]),
-        *[said(str(note)) for note in document.get("notes") or []],
+        *[sentence(str(note)) for note in document.get("notes") or []],
     ]
