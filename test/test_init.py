@@ -19,8 +19,6 @@ from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
-pytestmark = pytest.mark.usefixtures("undrawn_pages")
-
 PLACES = {"front_left": (0.35, 0.28), "front_right": (0.35, -0.28),
           "rear_left": (-0.35, 0.28), "rear_right": (-0.35, -0.28)}  # fmt: skip
 
