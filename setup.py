@@ -14,7 +14,8 @@ setup(
     ],
     package_dir={"smallwheel_ros.definitions": "msg"},
     package_data={
-        "": ["*.yaml", "*.json", "*.csv", "*.html", "*.css", "*.js", "*.txt", "py.typed"],
+        "": ["*.yaml", "*.json", "*.csv", "*.html", "*.css", "*.js", "py.typed"],
         "smallwheel_ros.definitions": ["*.msg"],
+        "smallwheel_ros.report": ["web/*"],  # script and look of pages, uPlot with its licence
     },
 )
