@@ -92,11 +92,6 @@ def _comparison(laws: PlateLaws, best: FittedLaw) -> str:
     return f"{first}."
 
 
-def agreement_text(agreement: Agreement) -> str:
-    """One comparison in a line."""
-    return agreement.sentence()
-
-
 def shear_text(fit: ShearFit, strength: Strength) -> str:
     """Strength and shape of one soil, and which law its curves follow."""
     runs = fit.plain.runs
