@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 import tracemalloc
+import zipfile
 from pathlib import Path
 from typing import Any
 
+import messy_tables as messy
 import pytest
 
 from smallwheel_ros.measurements import cells
@@ -185,3 +188,58 @@ def test_blank_boolean_and_time_columns_are_read(tmp_path: Path) -> None:
     assert labels["wet"].tolist() == ["True", "", "False"]
     assert labels["day"].tolist() == ["1970-01-01", "1970-01-02", ""]
     assert labels["note"].tolist() == ["a", "", "b"]
+
+
+# Workbooks
+
+
+def changed(book: bytes, part: str, old: bytes, new: bytes) -> bytes:
+    """The workbook with other bytes in one of its parts."""
+    target = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(book)) as before,
+        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as after,
+    ):
+        for name in before.namelist():
+            content = before.read(name)
+            if name.endswith(part):
+                assert old in content
+                content = content.replace(old, new, 1)
+            after.writestr(name, content)
+    return target.getvalue()
+
+
+XLSX = messy.xlsx(A=[messy.ENGLISH, *map(list, messy.TRUTH)])
+ODS = messy.ods(A=[messy.ENGLISH, *map(list, messy.TRUTH)])
+_REPEATED = (
+    b'<table:table-row table:number-rows-repeated="%d"><table:table-cell office:value-type="float" '
+    b'office:value="1" table:number-columns-repeated="%d"/></table:table-row><table:table-row>'
+)
+
+
+@pytest.mark.parametrize(
+    ("book", "part", "old", "new", "words"),
+    [
+        (XLSX, "sheet1.xml", b"</sheetData>", b" " * (2**27 + 1) + b"</sheetData>", "bytes once unpacked"),
+        (XLSX, "sheet1.xml", b"</sheetData>", b"<row/>" * 11_000_000 + b"</sheetData>", "cells: split"),
+        (XLSX, "sheet1.xml", b"<worksheet", b"<!DOCTYPE a><worksheet", "declares entities"),
+        (ODS, "content.xml", b"<table:table-row>", _REPEATED % (1_000_000, 16_384), "at most 5000000 cells"),
+        (ODS, "content.xml", b"<table:table-row>", _REPEATED % (1, 10**9), "a row of 1000000000 cells"),
+        (ODS, "content.xml", b"<table:table-row>", b"<a>" * 100_000, "is not closed"),
+    ],
+)  # fmt: skip
+def test_a_workbook_that_unpacks_to_anything_is_refused(
+    tmp_path: Path, book: bytes, part: str, old: bytes, new: bytes, words: str
+) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(changed(book, part, old, new))
+    assert words in fault(path)
+
+
+def test_a_stray_cell_in_the_last_corner_takes_no_memory(tmp_path: Path) -> None:
+    """A reader that makes the whole rectangle asks for 550 GB here."""
+    corner = b'<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
+    path = tmp_path / "a.xlsx"
+    path.write_bytes(changed(XLSX, "sheet1.xml", b"</sheetData>", corner))
+    with pytest.raises(MeasurementsError, match="column 16384 has no name"):
+        read_measurements(path)

@@ -170,8 +170,10 @@ def refuse_long_texts(
     """Refuse a table of which one array a column would take too much memory."""
     total = 0
     for header, cells in zip(headers, columns, strict=True):
-        texts = cells if texts_only(cells) else [c for c in cells if isinstance(c, str)]
-        longest = max(map(len, texts), default=0)
+        try:
+            longest = max(map(len, cells), default=0)  # type: ignore[arg-type]
+        except TypeError:  # numbers, which have no length
+            longest = max((len(c) for c in cells if isinstance(c, str)), default=0)
         total += longest * len(cells)
         if total > MOST_CHARACTERS:
             row = next(i for i, c in enumerate(cells) if isinstance(c, str) and len(c) == longest)

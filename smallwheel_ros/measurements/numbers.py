@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Cell, Percent, is_blank, texts_only
+from smallwheel_ros.measurements.cells import Cell, Percent, is_blank
 from smallwheel_ros.measurements.words import MISSING
 
 Array = NDArray[np.float64]
@@ -72,12 +72,13 @@ def read_numbers(columns: list[Sequence[Cell]], semicolons: bool) -> list[Number
 
 def _plain_numbers(cells: Sequence[Cell]) -> Numbers | None:
     """The fast way: numbers with a decimal point and blanks, nothing else."""
-    if set(map(type, cells)) == {float}:
+    if type(cells[0]) is float and set(map(type, cells)) == {float}:
         return Numbers(np.array(cells, dtype=float), np.zeros(len(cells), dtype=bool))
-    if not texts_only(cells):
+    try:
+        joined = "".join(cells)  # type: ignore[arg-type]
+    except TypeError:  # texts and numbers
         return None
-    texts = cells
-    joined = "".join(texts)
+    texts: Sequence[str] = cells  # type: ignore[assignment]
     if "_" in joined or not joined.isascii():  # Python takes 1_000 and ٣ for numbers
         return None
     blank: Mask = np.zeros(len(texts), dtype=bool)
