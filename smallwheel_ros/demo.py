@@ -35,11 +35,12 @@ if TYPE_CHECKING:
     from smallwheel_ros.ros.drive_through import Recording
 
 DEFAULT_FOLDER = Path("out") / "demo"
-_BAG, _ANSWER, _LOG = "drive", "drive.answer.json", "node.log"
+_BAG, _ANSWER = "drive", "drive.answer.json"
+_LOG, _BARE_LOG = "node.log", "node_bare.log"
 _MOBILITY, _SOIL = "mobility.csv", "soil.csv"
 _BARE_MOBILITY = "mobility_bare.csv"
 _PICTURE, _COST, _KNOWN = "drive.png", "cost.png", "known.png"
-_FILES = (_ANSWER, _LOG, _MOBILITY, _SOIL, _BARE_MOBILITY, _PICTURE, _COST, _KNOWN)
+_FILES = (_ANSWER, _LOG, _BARE_LOG, _MOBILITY, _SOIL, _BARE_MOBILITY, _PICTURE, _COST, _KNOWN)
 _BARE_SECONDS = 25.0  # of the drive, played a second time
 
 
@@ -141,6 +142,7 @@ def run_demo(
             overrides=blind,
             seconds=_BARE_SECONDS,
             by_sinkage=False,
+            log=_BARE_LOG,
         ),
         epoch,
     )
@@ -205,6 +207,7 @@ def recorded(
     overrides: Mapping[str, str] | None = None,
     seconds: float = math.inf,
     by_sinkage: bool = True,
+    log: str = _LOG,
 ) -> Recording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
@@ -220,6 +223,8 @@ def recorded(
         Further parameters.
     seconds, by_sinkage
         As in `drive_through`.
+    log
+        Name of the node's log in the folder.
 
     Raises
     ------
@@ -236,7 +241,7 @@ def recorded(
     more = {"use_sim_time": "true", **(overrides or {})}
     with (
         _environment(own_ros(folder / "ros_log")),
-        NodeProcess(parameters, folder / _LOG, more) as node,
+        NodeProcess(parameters, folder / log, more) as node,
         tqdm(total=total, unit=" messages", disable=None, leave=False) as bar,
     ):
         return drive_through(
