@@ -91,7 +91,7 @@ def test_what_the_diagnosis_does_not_name_is_not_recommended(session: Session) -
     assert "multipass: probability" in other
     assert "not recommended" in other
     assert "Slip sinkage is left out." in other
-    assert "missing: slip sinkage" in other
+    assert "the model lacks slip sinkage" in other
     assert "An effect that is not testable" not in said(session, session.view([]))
 
 

@@ -109,7 +109,7 @@ def test_a_click_shows_what_was_fitted_beforehand_and_asks_nobody(
     browser.look()
     browser.open(page)
     browser.events.clear()
-    assert "The base model. Missing: slip sinkage" in shown(browser)
+    assert "The base model. The model lacks slip sinkage" in shown(browser)
     before, after = (step["held_out_rmse"] for step in session.document["steps"])
     # Drawn within the click itself: what is there right after it is what it shows.
     said = browser.run(
