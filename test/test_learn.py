@@ -323,3 +323,14 @@ def test_the_same_seed_gives_the_same_bytes(data: Measurements, learnt: Learnt) 
     again = learn(data, name="slip_law", limits={"slip": [0.0, 0.3, 0.6]})
     assert again.source == learnt.source
     assert json.dumps(again.document) == json.dumps(learnt.document)
+
+
+@pytest.mark.slow
+def test_from_forty_settings_on_some_are_kept_apart(tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv"
+    rig("tanh_slip", seed=5, runs=48).drop(columns="resistance [N]").to_csv(path, index=False)
+    result = learn(read_measurements(path))
+    assert result.verdict == "law"
+    assert result.document["law"]["drivers"] == ["slip"]
+    assert result.document["search"]["vault_settings"] == 9
+    assert result.document["held_out"]["sinkage"]["after"] < 2e-3

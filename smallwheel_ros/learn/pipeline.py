@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import Fit, Fitter
@@ -110,9 +111,10 @@ def seek(
     verdict, reasons = _decide(p, judgement)
     if apart.any():
         verdict, reasons = _opened(verdict, reasons, held_out, points.take(apart), found)
-    law = _final(fitter, draft, seed)
+    law = _final(fitter, draft)
+    tied = _refitted(fitter, law, found)
     return replace(
-        sought, verdict=verdict, reasons=reasons, law=law, tied=_with(law, found), held_out=held_out,
+        sought, verdict=verdict, reasons=reasons, law=law, tied=tied, held_out=held_out,
         judgement=judgement, vault=int(np.unique(points.setting[apart]).size),
     )  # fmt: skip
 
@@ -203,14 +205,25 @@ def _opened(
     return verdict, reasons
 
 
-def _final(fitter: Fitter, draft: Candidate, seed: int) -> Candidate:
+def _final(fitter: Fitter, draft: Candidate) -> Candidate:
     """The draft, fitted to all points with the scatter."""
     fit = fitter.fit(draft.fit.vector, draft.fit.theta, draft.fit.scatter)
     return replace(draft, fit=fit)
 
 
-def _with(law: Candidate, found: Found) -> tuple[Candidate, ...]:
-    return tuple(law if c.law.key == law.law.key else c for c in found.tied)
+def _refitted(fitter: Fitter, law: Candidate, found: Found) -> tuple[Candidate, ...]:
+    """The tied laws, fitted to all points; law: the draft, which is already."""
+    made = []
+    for c in found.tied:
+        if c.law.key == law.law.key:
+            made.append(law)
+            continue
+        try:
+            fit = fitter.fit(c.fit.vector, c.fit.theta, law.fit.scatter, turns=0)
+        except FAILURES:
+            continue
+        made.append(replace(c, fit=fit))
+    return tuple(made)
 
 
 def without_effects(base: Base, ids: Collection[str]) -> Base:
