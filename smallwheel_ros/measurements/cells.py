@@ -21,6 +21,7 @@ _MOST_ROWS = 10  # that one of them lists
 # columns; these limits keep the memory that any file can take to about half a gigabyte.
 MOST_BYTES = 64 * 2**20  # of the file: 13 characters in each of the most cells
 MOST_CELLS = 5_000_000
+MOST_COLUMNS = 20_000  # a sheet of Excel has 16,384
 # Rows times the longest cell, summed over the columns: what they take as arrays of text, of which NumPy
 # gives each cell the length of the longest (4 bytes a character).
 MOST_CHARACTERS = 64_000_000
@@ -148,7 +149,9 @@ class Problems:
 
 
 def refuse_many_cells(source: str, rows: int, columns: int) -> None:
-    """Refuse a table of more cells than `MOST_CELLS`."""
+    """Refuse a table of more cells than `MOST_CELLS`, or more columns than `MOST_COLUMNS`."""
+    if columns > MOST_COLUMNS:
+        raise MeasurementsError(f"{source}: {columns} columns, expected at most {MOST_COLUMNS}")
     if rows * columns > MOST_CELLS:
         raise MeasurementsError(
             f"{source}: {rows} rows of {columns} columns, expected at most {MOST_CELLS} cells: "

@@ -36,6 +36,8 @@ from smallwheel_ros.measurements.numbers import MIXED, TWO_WAYS, Numbers, read_n
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
 from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
 
+_MOST_FAULTS = 1000  # texts in a column of numbers; with more of them they are no means and sums
+_MOST_TEXTS = 30  # that are told apart in one column
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
@@ -159,7 +161,8 @@ def _not_measured(
         if position in parsed:
             if heading.name not in COLUMNS and position > 0:
                 continue
-            rows: Sequence[int] = [*parsed[position].faults]
+            faults = parsed[position].faults
+            rows: Sequence[int] = [*faults] if len(faults) <= _MOST_FAULTS else []
         elif heading.name == "run" or position == 0:
             rows = (
                 range(len(cells))
@@ -297,7 +300,8 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     for row, why in parsed.faults.items():
         # Of cells that can be read in two ways the first says it all.
         text = shown(cells[row])
-        key = next((t for t, w in by_text if w == why), text) if why else text
+        many = why or len(by_text) >= _MOST_TEXTS
+        key = next((t for t, w in by_text if w == why), text) if many else text
         by_text.setdefault((key, why), []).append(row)
     for (text, why), rows in by_text.items():
         words = f": {why}" if why in (TWO_WAYS, MIXED) else _number_hint(text)
