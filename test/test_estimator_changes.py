@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilPrior,
 )
 from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
@@ -55,6 +57,37 @@ def modulus_error(e: SoilEstimator, driven: Drive) -> float:
     estimate = e.estimate()
     expected = math.log(last.k * DIAMETER**last.m * 0.01**last.n)
     return estimate.log_reference_pressure + estimate.m * math.log(DIAMETER / 0.2) - expected
+
+
+def test_nothing_is_determined_wrongly_beyond_a_border() -> None:
+    """A stretch that lies on both soils is of neither: used for the new one it made n 0.05 +- 0.1."""
+    hard = soil_of_pressure("hard", **{**ground(38e3), "n": 0.75, "m": 0.3})
+    soft = soil_of_pressure("soft", **{**ground(9e3), "n": 0.97})
+    stretches = (Stretch(0.0, hard), Stretch(BORDER, soft))
+    driven = simulate_drive(
+        DriveSettings(seed=2, distance=13.0, stretches=stretches, wheels="two_sizes")
+    )
+    wheels = [
+        Wheel(w.name, w.diameter, w.width, lateral_position=w.y, longitudinal_position=w.x)
+        for w in driven.rover.wheels
+    ]
+    prior = replace(SoilPrior.from_soil(soil("dry_sand")), m_std=0.4)
+    e = SoilEstimator(prior, EstimatorSettings(sinkage_zero_std=3e-4), wheels=wheels)
+    determined = 0
+    for one in measurements(driven):
+        e.update(one)
+        found = e.estimate()
+        if one.distance < BORDER + 0.5:
+            continue
+        deviations = np.sqrt(found.covariance.diagonal())
+        for said, value, true, deviation in (
+            (found.identifiable.n, found.n, soft.n, deviations[1]),
+            (found.identifiable.m, found.m, soft.m, deviations[2]),
+        ):
+            assert not said or abs(value - true) < 3.0 * deviation, one.distance
+            determined += said
+    assert e.soil_changes == 1
+    assert determined > 100
 
 
 def check_change(seed: int, factor: float, outliers: float) -> None:

@@ -144,6 +144,18 @@ def test_the_slope_comes_from_the_imu_or_from_odometry() -> None:
     )
 
 
+@pytest.mark.parametrize("noise", [-0.004, 0.0, 0.004])
+def test_wheels_that_spin_on_one_place_still_hold_the_vehicle_on_the_slope(noise: float) -> None:
+    """The sign of what is noise about a standstill is not the way that the wheels pull."""
+    feed, results = make(**IMU), []
+    for i in range(30):
+        messages = messages_at(i, START + i * SECOND // 10)
+        messages["odom"] = odometry(START + i * SECOND // 10, 0.0, noise)
+        for name in {item.name for item in feed.topics} & messages.keys():
+            results += topic(feed, name).handle(messages[name], None)
+    assert force(results + feed.onboard.flush()) == pytest.approx(GRAVITY * math.sin(0.1), rel=1e-3)
+
+
 def test_the_balance_is_used_where_mass_and_slope_are_known() -> None:
     feed = make(**IMU)
     drive(feed)
@@ -194,7 +206,15 @@ def test_torque_is_the_effort_times_gear_and_sign() -> None:
     assert results[-1].instant.torque == pytest.approx(1.6)
     assert feed.onboard.strength.sources == {"torque"}
     mirrored = make(**{"front.torque_source": "effort", "front.joint_sign": -1})
-    assert drive(mirrored, effort=0.1)[-1].instant.torque == pytest.approx(-0.1)
+    results = []
+    for i in range(60):
+        messages = messages_at(i, START + i * SECOND // 10)
+        turning = [-0.3 / 0.8 / 0.125]  # its axis points the other way, and so does what drives it
+        stamp = START + i * SECOND // 10
+        messages["joint_states"] = joints(stamp, turning, [-0.1], ["front_joint"])
+        for name in {item.name for item in mirrored.topics} & messages.keys():
+            results += topic(mirrored, name).handle(messages[name], None)
+    assert (results + mirrored.onboard.flush())[-1].instant.torque == pytest.approx(0.1)
     assert "front/torque" not in make().onboard.streams
 
 

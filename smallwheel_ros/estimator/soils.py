@@ -55,7 +55,8 @@ class Soils:
     ) -> None:
         self._prior, self._settings, self._effects = prior, settings, tuple(effects)
         self._test = ChangeTest(settings.scatter_length)
-        self._border = -math.inf  # m along the vehicle's path: what is behind is the old soil
+        # m along the vehicle's path: behind the border is the old soil, `_clear` of it only the new one
+        self._border = self._clear = -math.inf
         self._old: tuple[LawFilter, Variety] | None = None  # of the soil behind the border
         self._remembered: list[KnownSoil] = []
         self.law: LawFilter | None = None
@@ -103,7 +104,7 @@ class Soils:
     def take(self, segment: Segment, wheel: WheelTrack, watch: SensorWatch) -> None:
         """A segment has closed: it waits, may show another soil, and then is used."""
         law = self.law
-        if law is None or segment.place < self._border:
+        if law is None or segment.place < self._clear:
             return
         about = law.linearised(segment, wheel.place)
         if segment.contact != ROLLING:
@@ -128,11 +129,15 @@ class Soils:
         self.variety = self.variety.with_wheel(segment.diameter, segment.load / segment.width)
 
     def _change(self, shift: Shift, law: LawFilter, watch: SensorWatch) -> None:
-        """Close the old soil, and go on with the prior or with a soil that is remembered."""
+        """Close the old soil, and go on with the prior or with a soil that is remembered.
+
+        Segments nearer to the border than a length may lie on both soils: they are used for neither.
+        """
         waiting = list(self._test.waiting)
         self._test.waiting.clear()
+        length = self._settings.scatter_length
         for one in waiting:
-            if one.segment.place < shift.place:
+            if one.segment.place < shift.place - length:
                 self._absorb(one, law, watch)
         new = [one for one in waiting if one.segment.place >= shift.place]
         self._old = deepcopy(law), self.variety
@@ -146,10 +151,11 @@ class Soils:
         self.variety = Variety() if known is None else known.variety
         self._met += known is None
         self.number = self._met if known is None else known.number
-        self._border = shift.place
+        self._border, self._clear = shift.place, shift.place + length
         self.changes += 1
         for one in new:
-            self._absorb(one, law, watch)
+            if one.segment.place >= self._clear:
+                self._absorb(one, law, watch)
 
     def _like(self, new: Sequence[Waiting], law: LawFilter) -> KnownSoil | None:
         """Return the remembered soil that these segments are more likely of than of the prior."""

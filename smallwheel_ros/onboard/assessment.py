@@ -217,7 +217,7 @@ class Assessor:
                 instant.distance,
                 on.contact,
                 slip.value,
-                speed is None or speed >= 0.0,
+                instant.forward,
                 instant.specific_force,
                 instant.torque,
                 instant.drawbar_pull,

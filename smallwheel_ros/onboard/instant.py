@@ -29,7 +29,7 @@ class Instant(NamedTuple):
     pitch
         rad, positive nose down.
     specific_force
-        m/s^2, of the vehicle along its travel, g sin(slope) + dv/dt: what the wheels pull per mass.
+        m/s^2, of the vehicle the way it drives, g sin(slope) + dv/dt: what the wheels pull per mass.
     torque
         N m, at the wheel.
     """
@@ -50,6 +50,22 @@ class Instant(NamedTuple):
     rim_speed: float | None = None
     specific_force: float | None = None
     torque: float | None = None
+
+    @property
+    def forward(self) -> bool:
+        """Whether the wheel drives forward, see `drives_forward`."""
+        return drives_forward(self.speed, self.rim_speed)
+
+
+def drives_forward(speed: float | None, rim_speed: float | None) -> bool:
+    """Whether a wheel drives forward; speeds of its place over ground and of its rim, m/s.
+
+    The faster of them tells: the speed over ground of a wheel that spins on one place is noise of
+    either sign, and so is the rim of one that is dragged.
+    """
+    if speed is None:
+        return True
+    return (rim_speed if rim_speed is not None and abs(rim_speed) > abs(speed) else speed) >= 0.0
 
 
 class Motion(NamedTuple):

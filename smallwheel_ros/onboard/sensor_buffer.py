@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.onboard.instant import Instant, Motion
+from smallwheel_ros.onboard.instant import Instant, Motion, drives_forward
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.onboard.sources import VelocitySource
 from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
@@ -163,6 +163,7 @@ class SensorBuffer:
         speed, rim, slip = None, None, None
         if state.wheel.contact == ROLLING:
             speed, rim, slip = self._moves(state, vehicle)
+        forward = drives_forward(speed, rim)
         sinkage = None
         if measured:
             value, variance = measured
@@ -185,8 +186,8 @@ class SensorBuffer:
             None if pull is None else Quantity(pull[0], noise.drawbar_pull),
             0.0 if motion is None else motion.pitch,
             rim,
-            _signed(vehicle.specific_force, speed),
-            _signed(None if torque is None else torque[0], speed),
+            _signed(vehicle.specific_force, forward),
+            _signed(None if torque is None else torque[0], forward),
         )
 
     def _at(self, stamp: int) -> _Vehicle:
@@ -272,6 +273,6 @@ class SensorBuffer:
         state.answered = vehicle.stamp
 
 
-def _signed(value: float | None, speed: float | None) -> float | None:
-    """What is positive forward, as positive along the travel."""
-    return -value if value is not None and speed is not None and speed < 0.0 else value
+def _signed(value: float | None, forward: bool) -> float | None:
+    """What is positive forward, as positive the way the wheel drives."""
+    return value if forward or value is None else -value
