@@ -65,7 +65,7 @@ def directly(bag: Path, parameters: Path) -> list[Result]:
                     pitch=math.asin(2.0 * (q.w * q.y - q.z * q.x)),
                     variances=(float(spread[0]), float(spread[35])),
                 )
-            else:
+            elif topic == "/joint_states":
                 for name, velocity in zip(message.name, message.velocity, strict=True):
                     found += onboard.on_wheel_speed(wheel_of[name], stamp, float(velocity))
     return found + onboard.flush()
@@ -205,7 +205,7 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
     from rosgraph_msgs.msg import Clock
-    from sensor_msgs.msg import JointState
+    from sensor_msgs.msg import Imu, JointState
     from smallwheel_ros.msg import WheelSinkage
 
     with BagReader(bag) as reader:
@@ -215,7 +215,7 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
         for raw in reader.raw_messages():
             if not ticks or raw.log_time >= ticks[-1] + 10_000_000:
                 ticks.append(raw.log_time)
-    kinds = {"load": WrenchStamped, "sinkage": WheelSinkage, "odom": Odometry}
+    kinds = {"load": WrenchStamped, "sinkage": WheelSinkage, "odom": Odometry, "imu": Imu}
     received: Counter[str] = Counter()
     clocks: list[int] = []
     rclpy.init(args=[])

@@ -355,7 +355,7 @@ class TestFiles:
         paths = sorted((repository / "config").glob("*.yaml"))
         found = 0
         for path in paths:
-            if "ros__parameters" not in path.read_text() or "wheels" not in path.read_text():
+            if "ros__parameters" not in path.read_text() or "\n    wheels:" not in path.read_text():
                 continue
             found += 1
             values = read_parameters(path)

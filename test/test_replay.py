@@ -580,7 +580,7 @@ def test_what_is_wrong_with_the_parameters_is_said(bag, rover, tmp_path):
         "no.yaml"
         in smallwheel("replay", bag, "--config", tmp_path / "no.yaml", *rest, code=2).stderr
     )
-    assert "give --config" in smallwheel("replay", bag, *rest, code=2).stderr
+    assert "smallwheel init" in smallwheel("replay", bag, *rest, code=2).stderr
 
 
 def test_a_folder_of_somebody_else_is_left_alone(bag, rover, tmp_path):

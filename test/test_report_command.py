@@ -77,7 +77,7 @@ def test_json_on_standard_output_is_nothing_but_json(few: Path, tmp_path: Path) 
     assert json.loads(done.stdout)["diagnosis"]["verdict"] == "insufficient_data"
     assert str(page) in done.stderr
     text = page.read_text()
-    assert "too small or too uniform" in text
+    assert "Too little data for a verdict" in text
     assert "step by step" not in text
 
 
