@@ -32,6 +32,8 @@ class Instant(NamedTuple):
         m/s^2, of the vehicle the way it drives, g sin(slope) + dv/dt: what the wheels pull per mass.
     torque
         N m, at the wheel.
+    forward
+        Which way the wheel drives, see `drives_forward`.
     """
 
     wheel: Wheel
@@ -50,11 +52,7 @@ class Instant(NamedTuple):
     rim_speed: float | None = None
     specific_force: float | None = None
     torque: float | None = None
-
-    @property
-    def forward(self) -> bool:
-        """Whether the wheel drives forward, see `drives_forward`."""
-        return drives_forward(self.speed, self.rim_speed)
+    forward: bool = True
 
 
 def drives_forward(speed: float | None, rim_speed: float | None) -> bool:

@@ -188,6 +188,7 @@ class SensorBuffer:
             rim,
             _signed(vehicle.specific_force, forward),
             _signed(None if torque is None else torque[0], forward),
+            forward,
         )
 
     def _at(self, stamp: int) -> _Vehicle:
