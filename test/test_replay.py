@@ -250,8 +250,8 @@ def test_the_summary_counts_what_the_table_has(bag, usual):
     for name in summary["files"].values():
         assert (folder / name).exists()
     used = sum(wheel["used_for_soil"] for wheel in summary["wheels"].values())
-    # The last stretches wait: the soil may have ended on them.
-    assert 0.7 * used < table["soil_measurements_accepted"].iloc[-1] <= used
+    # The last stretches wait, the soil may have ended on them; those at a border are of no soil.
+    assert 0.6 * used < table["soil_measurements_accepted"].iloc[-1] <= used
 
 
 def test_json_on_standard_output_is_the_summary(bag, rover, tmp_path):
