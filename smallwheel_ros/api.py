@@ -262,7 +262,7 @@ def diagnose(
         registry=known,
         seed=seed,
         without=out,
-        limits={name: list(map(float, levels)) for name, levels in (can or {}).items()},
+        limits=_limits(can),
         progress=progress or _unheard,
     )
 
@@ -318,7 +318,7 @@ def learn(
         name=name,
         most=most,
         seed=seed,
-        limits={name: list(map(float, levels)) for name, levels in (can or {}).items()},
+        limits=_limits(can),
         progress=progress or _unheard,
     )
 
@@ -439,7 +439,7 @@ def replay(
     'complete'
     """
     # Kept apart: replay brings the readers of bags and the estimator, which nothing else here needs.
-    from smallwheel_ros.init.assumed import with_assumed_config
+    from smallwheel_ros.replay.assumed import with_assumed_config
     from smallwheel_ros.replay.inputs import read_remaps
     from smallwheel_ros.replay.one import replay as replay_bag
     from smallwheel_ros.replay.spec import ReplaySpec
@@ -471,6 +471,11 @@ def start_of(
     measurements, known = read(data), registry_of(effects)
     base = Base() if model is None else base_of(model_of(model, known), measurements)
     return measurements, base, known, ids_of(without, known)
+
+
+def _limits(can: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
+    """Levels by setting that can be set, as plain numbers."""
+    return {name: list(map(float, levels)) for name, levels in (can or {}).items()}
 
 
 def _unheard(*progress: object) -> None:

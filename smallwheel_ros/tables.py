@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import click
@@ -49,19 +49,25 @@ def sparkline(values: Sequence[float] | NDArray[np.float64], top: float, width: 
     )
 
 
+def each(value: Any, single: Callable[[Any], Any]) -> Any:
+    """Mappings, lists and arrays as JSON has them, with `single` of every value that is none of these."""
+    if isinstance(value, Mapping):
+        return {str(key): each(item, single) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [each(item, single) for item in value]
+    if isinstance(value, np.ndarray):
+        return each(value.tolist(), single)
+    return single(value)
+
+
 def plain(value: Any) -> Any:
     """The value in what JSON knows: arrays as lists, what is not finite as null."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return each(value, _single)
+
+
+def _single(value: Any) -> Any:
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_json(target: str, document: Mapping[str, Any]) -> None:

@@ -9,6 +9,7 @@ import click
 
 from smallwheel_ros import api
 from smallwheel_ros.commands.inputs import (
+    CAN,
     DATA,
     HTML,
     JSON,
@@ -111,8 +112,7 @@ def compare(
 
 @click.command("diagnose", short_help="Find which physical effect a model is missing.")
 @DATA
-@click.option("--model", "model_file", type=_PATH,
-              help="Start from this model file; its soil is refitted within its covariance.")  # fmt: skip
+@MODEL
 @JSON
 @HTML
 @_PLOTS
@@ -121,9 +121,7 @@ def compare(
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Of the simulations behind the p-values.")  # fmt: skip
 @WITHOUT
-@click.option("--can", "levels", multiple=True, metavar="NAME=A..B|A,B,C",
-              help="What you can set, for the measurements to make next: slip=0..0.6, "
-              "load=20,40,60 (SI units, angles in rad). May be given several times.")  # fmt: skip
+@CAN
 @OWN
 @table_options
 def diagnose(

@@ -38,6 +38,10 @@ MODEL = click.option("--model", "model_file", type=_PATH, metavar="FILE",
                      help="Start from this model file; its soil is refitted within its "
                      "covariance.")  # fmt: skip
 
+CAN = click.option("--can", "levels", multiple=True, metavar="NAME=A..B|A,B,C",
+                   help="What you can set, for the measurements to make next: slip=0..0.6, "
+                   "load=20,40,60 (SI units, angles in rad). May be given several times.")  # fmt: skip
+
 
 class BenchError(SmallwheelError):
     """Options that do not go together, or do not fit the table."""

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from smallwheel_ros import api
 from smallwheel_ros.commands.inputs import (
+    CAN,
     DATA,
     HTML,
     JSON,
@@ -42,9 +43,7 @@ _PATH = click.Path(path_type=Path)
               help="Laws to learn, one after the other.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Of permutations and folds.")  # fmt: skip
-@click.option("--can", "levels", multiple=True, metavar="NAME=A..B|A,B,C",
-              help="What you can set, for the measurements to make next: slip=0..0.6 (SI units, "
-              "angles in rad). May be given several times.")  # fmt: skip
+@CAN
 @JSON
 @click.option("--plots", type=_PATH, metavar="DIR",
               help="Write the picture (PNG) into this folder.")  # fmt: skip

@@ -13,10 +13,10 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.init.assumed import with_assumed_config
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.output import check_targets
+from smallwheel_ros.replay.assumed import with_assumed_config
 from smallwheel_ros.replay.folder import SUMMARY, claimed, read_summary
 from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
 from smallwheel_ros.replay.many import (

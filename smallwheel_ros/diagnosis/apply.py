@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, refit
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose, learnt_here
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.settings import SETTINGS
 from smallwheel_ros.display import number, shown_value, words
@@ -287,7 +287,7 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
         if change.worse:
             rises = " and ".join(change.worse)
             return False, f"named, but the held-out error of {rises} rises; not recommended alone"
-        if any(f"{effect} was learnt" in note for note in document["notes"]):
+        if effect in learnt_here(found, judged.measurements):
             return True, "named, but it was learnt from this very data: other data must judge it"
         return True, ""
     if effect in document["candidates"]:

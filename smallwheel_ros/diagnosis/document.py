@@ -18,6 +18,7 @@ from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.repeatability import repeatability
+from smallwheel_ros.tables import each
 
 Entry = dict[str, Any]
 
@@ -29,12 +30,10 @@ _SHOWN = 0.001  # probability under which a curve without a name is not listed
 
 def plain(value: Any) -> Any:
     """Plain values with six digits; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(v) for key, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return [plain(v) for v in value.tolist()]
+    return each(value, _short)
+
+
+def _short(value: Any) -> Any:
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
     number = float(value)

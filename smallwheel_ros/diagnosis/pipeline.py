@@ -271,7 +271,7 @@ def _document(
     points, fitter = judged.points, judged.fitter
     base = steps[0].errors
     best = (verdict.best if verdict.named else found.ordered[0]).fit
-    learnt = _learnt_here(found, problem.measurements)
+    learnt = learnt_here(found, problem.measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, problem.measurements)
     return written.head(problem, verdict.word, "; ".join(verdict.reasons)) | {
@@ -308,7 +308,7 @@ def _document(
     }
 
 
-def _learnt_here(found: Search, measurements: Measurements) -> frozenset[str]:
+def learnt_here(found: Search, measurements: Measurements) -> frozenset[str]:
     """Families with a law that was learnt from this very table: it cannot speak for them."""
     return frozenset(
         c.family

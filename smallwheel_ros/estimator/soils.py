@@ -55,8 +55,7 @@ class Soils:
     ) -> None:
         self._prior, self._settings, self._effects = prior, settings, tuple(effects)
         self._test = ChangeTest(settings.scatter_length)
-        # m along the vehicle's path: behind the border is the old soil, `_clear` of it only the new one
-        self._border = self._clear = -math.inf
+        self._border = -math.inf  # m along the vehicle's path: what is behind is the old soil
         self._old: tuple[LawFilter, Variety] | None = None  # of the soil behind the border
         self._remembered: list[KnownSoil] = []
         self.law: LawFilter | None = None
@@ -88,6 +87,10 @@ class Soils:
         """Whether a wheel is on the old soil still."""
         return wheel.at < self._border
 
+    def _is_clear(self, segment: Segment) -> bool:
+        """Whether a segment is of the newest soil alone, and no part of it behind the border."""
+        return segment.place >= self._border + self._settings.scatter_length
+
     def under(self, wheel: WheelTrack | None) -> tuple[LawFilter, Variety] | None:
         """The filter of the soil under a wheel, and its excitation range; None before any wheel.
 
@@ -104,7 +107,7 @@ class Soils:
     def take(self, segment: Segment, wheel: WheelTrack, watch: SensorWatch) -> None:
         """A segment has closed: it waits, may show another soil, and then is used."""
         law = self.law
-        if law is None or segment.place < self._clear:
+        if law is None or not self._is_clear(segment):
             return
         about = law.linearised(segment, wheel.place)
         if segment.contact != ROLLING:
@@ -135,9 +138,8 @@ class Soils:
         """
         waiting = list(self._test.waiting)
         self._test.waiting.clear()
-        length = self._settings.scatter_length
         for one in waiting:
-            if one.segment.place < shift.place - length:
+            if one.segment.place < shift.place - self._settings.scatter_length:
                 self._absorb(one, law, watch)
         new = [one for one in waiting if one.segment.place >= shift.place]
         self._old = deepcopy(law), self.variety
@@ -151,10 +153,10 @@ class Soils:
         self.variety = Variety() if known is None else known.variety
         self._met += known is None
         self.number = self._met if known is None else known.number
-        self._border, self._clear = shift.place, shift.place + length
+        self._border = shift.place
         self.changes += 1
         for one in new:
-            if one.segment.place >= self._clear:
+            if self._is_clear(one.segment):
                 self._absorb(one, law, watch)
 
     def _like(self, new: Sequence[Waiting], law: LawFilter) -> KnownSoil | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from smallwheel_ros.display import sentence
 from smallwheel_ros.fitting.files import base_of
@@ -196,9 +197,5 @@ def _keep_strength(model: CalibratedModel, known: CalibratedModel | None) -> Cal
         if not kept or any(name in names for name in own):
             continue
         at = [known.names.index(name) for name in kept]
-        size = len(names)
-        joined = np.zeros((size + len(at), size + len(at)))
-        joined[:size, :size] = covariance
-        joined[size:, size:] = known.covariance[np.ix_(at, at)]
-        names, covariance = (*names, *own), joined
+        names, covariance = (*names, *own), block_diag(covariance, known.covariance[np.ix_(at, at)])
     return CalibratedModel(model.model, names, covariance, model.provenance)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import DETERMINED
@@ -215,11 +216,8 @@ def with_strength(
         soils[name] = strength.of(soils[name], tests.source)
         own = [f"{name}.{parameter}" for parameter in _NAMES]
         keep = [i for i, known in enumerate(kept_names) if known not in own]
-        size = len(keep)
-        joined = np.zeros((size + 3, size + 3))
-        joined[:size, :size] = covariance[np.ix_(keep, keep)]
-        joined[size:, size:] = strength.covariance
-        kept_names, covariance = [kept_names[i] for i in keep] + own, joined
+        kept_names = [kept_names[i] for i in keep] + own
+        covariance = block_diag(covariance[np.ix_(keep, keep)], strength.covariance)
     provenance = dict(model.provenance)
     provenance["shear"] = {"data": tests.source, "sha256": tests.sha256, "rows": len(tests),
                            "runs": len(set(tests.run.tolist()))}  # fmt: skip

@@ -26,7 +26,7 @@ def chance(search: Search, permutations: int, rng: np.random.Generator) -> float
     best = np.full(permutations + 1, -np.inf)
     for place in search.grid.places:
         terms = search.grid.allowed(place)
-        columns = search.columns(search.slope(search.base, place), terms)
+        columns = search.columns(search.base_slopes[place.name], terms)
         gains, _ = tangent.gains(columns)
         worth = gains - (search.grid.cost[terms] + place.nats)[:, None]
         best = np.maximum(best, worth.max(axis=0))

@@ -14,6 +14,7 @@ from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, formula, numbers_of
 from smallwheel_ros.learn.drivers import Driver
 from smallwheel_ros.learn.implied import Implied, curve, disagreements, implied
+from smallwheel_ros.learn.law import SOUGHT
 from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought, settings_in
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
@@ -151,7 +152,7 @@ def _interval(number: Number, law: Candidate, sought: Sought) -> tuple[float, fl
              and (not number.strength or c.law.link == law.law.link)]  # fmt: skip
     ends = []
     for candidate in alike or [law]:
-        j = next(j for j in candidate.fit.vector.places("sought")
+        j = next(j for j in candidate.fit.vector.places(SOUGHT)
                  if candidate.fit.vector.free[j].field == number.name)  # fmt: skip
         std = float(np.sqrt(candidate.fit.covariance[j, j]))
         ends += [float(candidate.fit.theta[j]) + s * _TWO * std for s in (-1.0, 1.0)]
@@ -193,7 +194,7 @@ def _implied(asks: Implied, law: Candidate, fitter: Fitter) -> list[Entry]:
             entry[channel] = entry[key] = None
             if channel in asks.value and np.isfinite(asks.value[channel][i]):
                 value, std = asks.value[channel][i], asks.std[channel][i]
-                if law.law.place.stage not in ("n", "R"):
+                if not law.law.place.shifts:
                     value = np.exp(value)
                     std = value * std
                 entry[channel], entry[key] = float(value), float(std)
@@ -231,7 +232,7 @@ def shape_of(sought: Sought, law: Candidate) -> Shape | None:
 
 def _shown(value: Array, law: Candidate) -> Array:
     """A factor, where it is one."""
-    return value if law.law.place.stage in ("n", "R") else np.asarray(np.exp(value))
+    return value if law.law.place.shifts else np.asarray(np.exp(value))
 
 
 def _shape(sought: Sought, law: Candidate) -> Entry | None:
@@ -242,7 +243,7 @@ def _shape(sought: Sought, law: Candidate) -> Entry | None:
 def _deviation(candidate: Candidate, at: Conditions, depth: Array) -> Array:
     """Standard deviation of a law's curve, from that of its numbers, shape (points,)."""
     fit = candidate.fit
-    places = fit.vector.places("sought")
+    places = fit.vector.places(SOUGHT)
     numbers = candidate.numbers
     middle = curve(candidate.law, numbers, at, depth)
     slopes = []

@@ -136,6 +136,6 @@ def disagreements(
 def curve(law: Law, numbers: dict[str, float], conditions: Conditions, sinkage: Array) -> Array:
     """ln factor (or shift) of a law over conditions, shape (rows,)."""
     eta = law.eta(numbers, conditions, sinkage)
-    if law.place.stage in ("n", "R"):
+    if law.place.shifts:
         return eta
     return np.log(law.factor(eta))

@@ -7,7 +7,7 @@ shift  = a1 t1 + a2 t2                                    of n, or of the resist
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
@@ -44,9 +44,14 @@ class Place:
     nats: float = 0.0
 
     @property
+    def shifts(self) -> bool:
+        """Whether what acts there is added (to n, or as resistance); elsewhere it is a factor."""
+        return self.stage in ("n", "R")
+
+    @property
     def links(self) -> tuple[Link, ...]:
         """Ways in which terms can make its change."""
-        return ("exponential",) if self.stage in ("n", "R") else ("exponential", "linear")
+        return ("exponential",) if self.shifts else ("exponential", "linear")
 
 
 PLACES = (
@@ -130,7 +135,7 @@ class Law:
 
     def factor(self, eta: Array) -> Array:
         """The factor that a sum of terms makes; of n and resistance the sum itself."""
-        if self.place.stage in ("n", "R"):
+        if self.place.shifts:
             return eta
         if self.link == "exponential":
             return np.asarray(np.exp(eta))
@@ -241,10 +246,3 @@ def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> E
         free.append(FreeParameter(SOUGHT, name, value, "1", prior))
     start = {p.field: p.start for p in free}
     return EffectPart(SOUGHT, tuple(free), partial(with_values, effect_of(law, start)))
-
-
-def with_constants(law: Law, numbers: Mapping[str, float]) -> Law:
-    """The law whose terms have these constants."""
-    terms = [replace(t, constant=float(numbers[f"c{i}"])) if t.free else t
-             for i, t in enumerate(law.terms, 1)]  # fmt: skip
-    return replace(law, terms=tuple(terms))

@@ -98,9 +98,10 @@ def seek(
         open_fitter = fitter.of_values(points.take(~apart), ~apart)
         open_fit = open_fitter.fit(fit.vector, fit.theta, fit.scatter)
     progress("permuting", 0, 1)
-    p = chance(Search(open_fitter, open_fit, grid), PERMUTATIONS, np.random.default_rng([seed, 0]))
+    search = Search(open_fitter, open_fit, grid)
+    p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))
     progress("searching", 0, 1)
-    found = Search(open_fitter, open_fit, grid).run(WHOLE)
+    found = search.run(WHOLE)
     sought = replace(sought, p=p)
     draft = found.draft
     if draft is None or p > LOOKED_AT or found.gain <= 0.0:

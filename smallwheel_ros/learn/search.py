@@ -19,7 +19,7 @@ from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.learn.grammar import Term
-from smallwheel_ros.learn.law import PLACES, Law, Link, Place, part_for
+from smallwheel_ros.learn.law import SOUGHT, Law, Link, Place, part_for
 from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Candidate:
     @property
     def numbers(self) -> dict[str, float]:
         """Its strengths and constants."""
-        places = self.fit.vector.places("sought")
+        places = self.fit.vector.places(SOUGHT)
         return {self.fit.vector.free[j].field: float(self.fit.theta[j]) for j in places}
 
 
@@ -172,7 +172,7 @@ class Search:
         pool: list[tuple[float, Place, int, float]] = []
         for place in self.grid.places:
             terms = self.grid.allowed(place)
-            gains, strength = tangent.gains(self.columns(self.slope(self.base, place), terms))
+            gains, strength = tangent.gains(self.columns(self.base_slopes[place.name], terms))
             worth = gains[:, 0] - self.grid.cost[terms] - self.grid.place_cost(place)
             seen: set[frozenset[str]] = set()
             for j in np.argsort(-worth, kind="stable")[:250]:
@@ -232,7 +232,7 @@ class Search:
         h = self.grid.values[self.row, j]
         if place.stage != "R":
             return 1.0 / max(float(np.sqrt(np.mean(h**2))), 1e-12)
-        moved = self._slopes[place.name] * h
+        moved = self.base_slopes[place.name] * h
         resisting = moved != 0.0
         if not resisting.any():
             return 1.0
@@ -240,8 +240,9 @@ class Search:
         return usual / float(np.sqrt(np.mean(moved[resisting] ** 2)))
 
     @cached_property
-    def _slopes(self) -> Mapping[str, Array]:
-        return {p.name: self.slope(self.base, p) for p in PLACES if p.stage == "R"}
+    def base_slopes(self) -> Mapping[str, Array]:
+        """By place, the slope of the base's predictions by its ln factor or shift."""
+        return {p.name: self.slope(self.base, p) for p in self.grid.places}
 
     def _remeasure(self, anew: int) -> None:
         """Estimate the scatter with the best law in the model, and judge all by that."""
@@ -274,14 +275,14 @@ class Search:
         slope = self.slope(fit, law.place)
         eta = self._eta(candidate)
         factor = law.factor(eta)
-        if law.place.stage in ("n", "R"):
+        if law.place.shifts:
             change = eta
         elif link == "exponential":
             change = np.log(factor)
         else:
             change, slope = factor - 1.0, slope / factor
         error = self.yardstick.white(self.observed - fit.predicted + slope * change)
-        base = [j for j, p in enumerate(fit.vector.free) if p.owner != "sought"]
+        base = [j for j, p in enumerate(fit.vector.free) if p.owner != SOUGHT]
         return Tangent(self.yardstick, error, fit.slopes[:, base]), slope
 
     def _eta(self, candidate: Candidate) -> Array:

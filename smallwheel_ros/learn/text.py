@@ -35,10 +35,7 @@ def headline(document: Mapping[str, Any]) -> str:
 
 def summary(document: Mapping[str, Any]) -> str:
     """The law in one or two sentences: what grows with what, by how much, how sure the form is."""
-    law = document["law"]
-    return f"{grows(document)} Learnt from {document['data']['settings']} settings" + (
-        f", {_ranges(law)}; not published." if law["range"] else "; not published."
-    )
+    return f"{grows(document)} {_origin(document)}."
 
 
 def grows(document: Mapping[str, Any]) -> str:
@@ -138,9 +135,11 @@ def _many(count: int) -> str:
 
 def trust(document: Mapping[str, Any]) -> str:
     """Say how far a law is known."""
+    return f"{_origin(document)}; beyond that it is a guess."
+
+
+def _origin(document: Mapping[str, Any]) -> str:
+    """What a law was learnt from, and that nobody has published it."""
     law = document["law"]
     where = f", {_ranges(law)}" if law["range"] else ""
-    return (
-        f"Learnt from {document['data']['settings']} settings{where}; not published; beyond that it is "
-        "a guess."
-    )
+    return f"Learnt from {document['data']['settings']} settings{where}; not published"

@@ -25,6 +25,7 @@ MOST_COLUMNS = 20_000  # a sheet of Excel has 16,384
 # Rows times the longest cell, summed over the columns: what they take as arrays of text, of which NumPy
 # gives each cell the length of the longest (4 bytes a character).
 MOST_CHARACTERS = 64_000_000
+EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 SMALLER = "split the table, or thin out rows of long records"
 
 

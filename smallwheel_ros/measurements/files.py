@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.measurements.cells import (
+    EXPECTED,
     MOST_BYTES,
     SMALLER,
     Grid,
@@ -19,8 +20,6 @@ from smallwheel_ros.measurements.text_grid import text_grid
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 
 
 @without_collection()
@@ -43,7 +42,7 @@ def read_grid(source: str | Path | pd.DataFrame, sheet: str | None = None) -> Gr
         raise MeasurementsError(f"{name}: sheet '{sheet}' asked for, but this is no workbook")
     for magic, kind in _KINDS:
         if data.startswith(magic):
-            raise MeasurementsError(f"{name}: this is {kind}, {_EXPECTED}")
+            raise MeasurementsError(f"{name}: this is {kind}, {EXPECTED}")
     if data.startswith(b"PAR1"):
         from smallwheel_ros.measurements.parquet import parquet_grid
 
@@ -73,13 +72,13 @@ def _bytes(source: str) -> bytes:
                 raise IsADirectoryError
             if not stat.S_ISREG(mode):
                 raise MeasurementsError(
-                    f"{source}: a pipe or device, {_EXPECTED}: save the table to a file first"
+                    f"{source}: a pipe or device, {EXPECTED}: save the table to a file first"
                 )
             data = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
         raise MeasurementsError(f"{source}: no such file") from None
     except IsADirectoryError:
-        raise MeasurementsError(f"{source}: a folder, {_EXPECTED}") from None
+        raise MeasurementsError(f"{source}: a folder, {EXPECTED}") from None
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or str(error)
         raise MeasurementsError(f"{source}: cannot be read: {reason}") from None

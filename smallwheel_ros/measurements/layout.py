@@ -18,9 +18,7 @@ from smallwheel_ros.measurements.headers import UNKNOWN, expected_unit, read_hea
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, spelled
 from smallwheel_ros.measurements.words import find
 
-_SEARCHED = (
-    40  # rows among which the header is: titles and remarks of a trial fill less than a page
-)
+SEARCHED = 40  # rows among which the header is: titles and remarks of a trial fill less than a page
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
 _BLANK = frozenset(("", " "))
@@ -117,10 +115,10 @@ def find_layout(grid: Grid) -> Layout:
 
 def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
-    known = [known_cells(grid.rows[i]) for i in rows[:_SEARCHED]]
+    known = [known_cells(grid.rows[i]) for i in rows[:SEARCHED]]
     if max(known) > 0:
         return known.index(max(known))
-    filled = [sum(not is_blank(cell) for cell in grid.rows[i]) for i in rows[:_SEARCHED]]
+    filled = [sum(not is_blank(cell) for cell in grid.rows[i]) for i in rows[:SEARCHED]]
     texts = [
         n > 1 and not str(grid.rows[i][0]).startswith(_COMMENTS)
         for i, n in zip(rows, filled, strict=False)

@@ -47,7 +47,7 @@ def frame_grid(frame: Any) -> Grid:
     for position in range(frame.shape[1]):
         column = frame.iloc[:, position]
         blank = column.isna().to_numpy(dtype=bool)
-        if column.dtype.kind in "iuf" and column.dtype.kind != "b":
+        if column.dtype.kind in "iuf":
             cells: list[Cell] = column.to_numpy(dtype=float, na_value=np.nan).tolist()
         else:
             cells = [float(v) if _is_number(v) else str(v) for v in column.tolist()]

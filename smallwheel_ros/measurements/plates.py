@@ -12,6 +12,7 @@ from scipy.stats import spearmanr
 
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.reading import Columns, outside
+from smallwheel_ros.measurements.settings import curves_of_rows
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
 
@@ -156,12 +157,7 @@ def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
     for text in columns.texts.values():
         key.append(np.unique(text, return_inverse=True)[1].reshape(-1).astype(float))
     same = np.all(np.diff(np.array(key), axis=1) == 0.0, axis=0)
-    curve, first = np.zeros(load.size, dtype=np.intp), 0
-    for i in range(1, load.size):
-        anew = load[i] < 0.5 * load[first:i].max() and z[i] < 0.5 * z[first:i].max()
-        if anew or not same[i - 1]:
-            first = i
-        curve[i] = curve[i - 1] + (first == i)
+    curve = curves_of_rows([load, z], lambda first, row: not same[row - 1])
     columns.texts["run"] = np.array([f"curve {c + 1}" for c in curve])
     columns.understood.append(
         f"no column 'run': {int(curve[-1]) + 1} curves, each begins where size or soil changes or load "

@@ -31,7 +31,7 @@ from smallwheel_ros.measurements.columns import (
 )
 from smallwheel_ros.measurements.headers import UNKNOWN, Heading
 from smallwheel_ros.measurements.layout import Layout, find_layout
-from smallwheel_ros.measurements.matching import match_columns
+from smallwheel_ros.measurements.matching import listed, match_columns
 from smallwheel_ros.measurements.numbers import MIXED, TWO_WAYS, Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
 from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
@@ -72,6 +72,13 @@ class Columns:
         heading = self.headings.get(name)
         return name if heading is None or name in heading.text else heading.text
 
+    def lacking(self, messages: Sequence[str]) -> None:
+        """Add a problem for each column that must be there and is not; the first says what is."""
+        names = listed([heading.text for heading in self.headings.values()])
+        hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
+        for i, message in enumerate(messages):
+            self.problems.add(message + ("" if i else hint))
+
     def keep(self, rows: Mask) -> None:
         """Keep the rows of that mask."""
         index = np.flatnonzero(rows)
@@ -99,10 +106,8 @@ class Columns:
 
 
 @without_collection()
-def read_columns(
-    grid: Grid, sizes: Mapping[str, float | None], mapping: Mapping[str, str]
-) -> Columns:
-    """Every column of the table, checked cell by cell; diameter and width from `sizes` if given.
+def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
+    """Every column of the table, checked cell by cell.
 
     mapping: our name -> their header, where words do not say it. What is wrong is in `problems`.
     Raises MeasurementsError where there is no table.
@@ -138,9 +143,6 @@ def read_columns(
         columns.cells[heading.name] = layout.columns[position]
     for position, heading in named.items():
         _take(columns, heading, parsed.get(position))
-    for name, size in sizes.items():
-        if size is not None:
-            _take_size(columns, name, float(size))
     _say(columns, parsed.values())
     return columns
 
@@ -332,8 +334,11 @@ def _hint(name: str, heading: Heading, spec: ColumnSpec) -> str:
     return f"; {spec.hint}" if spec.hint else ""
 
 
-def _take_size(columns: Columns, name: str, size: float) -> None:
-    spec = COLUMNS[name]
+def take_size(columns: Columns, name: str, size: float | None) -> None:
+    """Take a diameter or width (m) for all rows, where it is given."""
+    if size is None:
+        return
+    size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
         columns.problems.add(f"{name} given as {size!r} m, expected {spec.expected()}")
     elif name in columns.headings:

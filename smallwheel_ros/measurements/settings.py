@@ -17,6 +17,7 @@ is no setting.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +36,7 @@ DIAMETER_TOLERANCE = 0.02  # of ln diameter
 VARIES = 0.05  # of a setting's largest value: one that spans less was not varied
 OF_RANGE = 0.04
 _OF_SIZE = 0.02
+_BACK = 0.5  # of what a curve had reached: less begins another
 # Numbers that differ by less are equal but for the rounding of a unit's conversion.
 _EXACT = 1e-9
 # Gap between set points over the scatter of readings at one of them. With 2, no reading is nearer to
@@ -207,3 +209,22 @@ def repeats_of_rows(measurements: Measurements) -> Index:
         np.fmax.at(high, run, values)
         same &= ~(high - low > tolerance)  # all blank: -inf
     return np.where(same[run], run, -1)
+
+
+def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -> Index:
+    """Number of the curve that each row is of, where rows stand one curve after the other.
+
+    tracks: what rises along a curve: it begins anew where all of them fall under half of what they
+    had reached. other: whether a row (second) cannot be of the curve that begins with another (first).
+    """
+    curve = np.zeros(len(tracks[0]), dtype=np.intp)
+    first, reached = 0, [track[0] for track in tracks]
+    for i in range(1, curve.size):
+        now = [track[i] for track in tracks]
+        back = all(x < _BACK * most for x, most in zip(now, reached, strict=True))
+        if back or other(first, i):
+            first, reached = i, now
+        else:
+            reached = [max(x, most) for x, most in zip(now, reached, strict=True)]
+        curve[i] = curve[i - 1] + (first == i)
+    return curve

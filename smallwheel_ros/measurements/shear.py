@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import LAB_COLUMNS
-from smallwheel_ros.measurements.matching import listed
 from smallwheel_ros.measurements.reading import Columns
+from smallwheel_ros.measurements.settings import curves_of_rows
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,6 @@ class ShearTests:
 
 _NEEDED = ("normal_stress", "shear_stress", "shear_displacement")
 _NEW_STRESS = 0.10  # of the normal stress: a change that begins another test
-_BACK = 0.5  # of the displacement that was reached: less begins another test
 
 
 def is_shear(columns: Columns) -> bool:
@@ -64,11 +63,7 @@ def shear_tests(columns: Columns) -> ShearTests:
         for name in _NEEDED
         if name not in columns.headings
     ]
-    if lacking:
-        names = listed([heading.text for heading in columns.headings.values()])
-        lacking[0] += f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
-    for message in lacking:
-        columns.problems.add(message)
+    columns.lacking(lacking)
     columns.problems.raise_any()
     for name in (n for n in _NEEDED if n not in columns.numbers):
         columns.problem("the whole column is blank", name)
@@ -103,12 +98,12 @@ def _runs(columns: Columns, sigma: Array, j: Array, soil: NDArray[np.str_]) -> N
     named = columns.texts.get("run")
     if named is not None and (named != "").all():
         return named
-    run, first = np.zeros(sigma.size, dtype=np.intp), 0
-    for i in range(1, sigma.size):
-        other = abs(sigma[i] - sigma[first]) > _NEW_STRESS * sigma[first] or soil[i] != soil[first]
-        if other or j[i] < _BACK * j[first:i].max():
-            first = i
-        run[i] = run[i - 1] + (first == i)
+
+    def other(first: int, row: int) -> bool:
+        new_stress = abs(sigma[row] - sigma[first]) > _NEW_STRESS * sigma[first]
+        return bool(new_stress or soil[row] != soil[first])
+
+    run = curves_of_rows([j], other)
     columns.understood.append(
         f"no column 'run': {int(run[-1]) + 1} tests, each begins where the normal stress changes or the "
         "displacement begins anew"

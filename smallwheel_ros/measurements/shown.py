@@ -82,7 +82,7 @@ def table_text(table: Measurements) -> str:
 def draw_table(axes: Axes, table: Measurements, channel: str | None, over: str | None) -> None:
     """Draw a channel over a setting. Raises ResultError where there is none of that name."""
     from smallwheel_ros.display import display
-    from smallwheel_ros.pictures.comparison import COLOURS, style
+    from smallwheel_ros.pictures.comparison import COLOURS, plain, style
 
     settings = {"load": table.conditions.load} | dict(varied_settings(table))
     channel, over = channel or next(iter(table.channels)), over or next(iter(settings))
@@ -92,4 +92,4 @@ def draw_table(axes: Axes, table: Measurements, channel: str | None, over: str |
     across, shown = column_display(table, over), display(channel, unit_of(channel))
     x, y = settings[over] * across.scale, table.channels[channel] * shown.scale
     axes.scatter(x, y, s=12, alpha=0.65, linewidth=0, color=COLOURS[2])
-    style(axes, across.label.replace("$", r"\$"), shown.label)
+    style(axes, plain(across.label), shown.label)

@@ -19,14 +19,13 @@ from smallwheel_ros.measurements.checks import one_row_a_wheel, suspicions
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, is_response
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
-from smallwheel_ros.measurements.matching import listed
 from smallwheel_ros.measurements.plates import (
     contact_of_rows,
     name_curves,
     rows_on_soil,
     take_plates,
 )
-from smallwheel_ros.measurements.reading import Columns, read_columns
+from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
 from smallwheel_ros.measurements.settings import runs_of_rows
 from smallwheel_ros.measurements.shear import is_shear
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-__all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "read", "read_measurements"]
+__all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "read_measurements"]
 
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
@@ -206,17 +205,23 @@ def read_measurements(
     what was expected, what to do.
     """
     grid = read_grid(source, None if sheet is None else str(sheet))
-    columns = read_columns(grid, {"diameter": diameter, "width": width}, map or {})
-    return measurements_of(columns, contact, compliance)
-
-
-def measurements_of(
-    columns: Columns, given: str | None = None, compliance: float | None = None
-) -> Measurements:
-    """The measurements in the columns of a table. Raises MeasurementsError, as `read_measurements`."""
+    columns = read_columns(grid, map or {})
     if is_shear(columns):
         columns.problems.add(_SHEAR)
         columns.problems.raise_any()
+    return measurements_of(columns, diameter, width, contact, compliance)
+
+
+def measurements_of(
+    columns: Columns,
+    diameter: float | None = None,
+    width: float | None = None,
+    given: str | None = None,
+    compliance: float | None = None,
+) -> Measurements:
+    """The measurements in the columns of a table. Raises MeasurementsError, as `read_measurements`."""
+    take_size(columns, "diameter", diameter)
+    take_size(columns, "width", width)
     contact = contact_of_rows(columns, given)
     take_plates(columns, contact, compliance)
     _check_there(columns, contact)
@@ -232,9 +237,6 @@ def measurements_of(
         columns.keep(keep)
         contact = contact[keep]
     return _measurements(columns, contact)
-
-
-read = read_measurements
 
 
 def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
@@ -295,11 +297,7 @@ def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:
     if not any(name in columns.headings or name in nearly for name in CHANNELS):
         wanted = ", ".join(CHANNELS)
         lacking.append(f"nothing was measured: expected at least one column of {wanted}")
-    if lacking:
-        names = listed([heading.text for heading in columns.headings.values()])
-        lacking[0] += f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
-    for message in lacking:
-        columns.problems.add(message)
+    columns.lacking(lacking)
     if not columns.problems.found and not any(name in columns.numbers for name in CHANNELS):
         columns.problems.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 

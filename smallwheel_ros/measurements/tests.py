@@ -30,8 +30,7 @@ def read_tests(
     Raises MeasurementsError that lists everything that is wrong.
     """
     grid = read_grid(source, None if sheet is None else str(sheet))
-    columns = read_columns(grid, {}, map or {})
+    columns = read_columns(grid, map or {})
     if is_shear(columns):
         return shear_tests(columns)
-    columns = read_columns(grid, {"diameter": diameter, "width": width}, map or {})
-    return measurements_of(columns, contact, compliance)
+    return measurements_of(columns, diameter, width, contact, compliance)

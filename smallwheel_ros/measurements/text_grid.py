@@ -7,12 +7,17 @@ import io
 from collections.abc import Iterable, Sequence
 from itertools import accumulate, repeat
 
-from smallwheel_ros.measurements.cells import MOST_CELLS, SMALLER, Cell, Grid, MeasurementsError
-from smallwheel_ros.measurements.layout import known_cells
+from smallwheel_ros.measurements.cells import (
+    EXPECTED,
+    MOST_CELLS,
+    SMALLER,
+    Cell,
+    Grid,
+    MeasurementsError,
+)
+from smallwheel_ros.measurements.layout import SEARCHED, known_cells
 
-_EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 _SAMPLE = 100_000  # characters in which the header must stand
-_SAMPLE_ROWS = 40
 _HEAD = 100  # lines in which titles, the header and units are
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 
@@ -23,7 +28,7 @@ def text_grid(data: bytes, source: str, digest: str) -> Grid:
     start = text[:200].lstrip()[:1]
     if start in ("{", "<") or (start == "[" and "\n" not in text.strip()):
         kind = "JSON" if start in "{[" else "HTML or XML"
-        raise MeasurementsError(f"{source}: looks like {kind}, {_EXPECTED}")
+        raise MeasurementsError(f"{source}: looks like {kind}, {EXPECTED}")
     first_line = 1
     if text[:4].lower() == "sep=":  # a line that only Excel knows
         text, first_line = text.partition("\n")[2], 2
@@ -78,7 +83,7 @@ def _lines(rows: list[Sequence[Cell]], lines: int, first: int) -> Iterable[int]:
 
 def _decoded(data: bytes, source: str) -> tuple[str, list[str]]:
     if not data.strip(b" \t\r\n\x00"):
-        raise MeasurementsError(f"{source}: the file is empty, {_EXPECTED}")
+        raise MeasurementsError(f"{source}: the file is empty, {EXPECTED}")
     for mark, code in (
         (b"\xff\xfe", "utf-16"),
         (b"\xfe\xff", "utf-16"),
@@ -105,7 +110,7 @@ def _decoded(data: bytes, source: str) -> tuple[str, list[str]]:
         line = data.count(b"\n", 0, bad) + 1
         raise MeasurementsError(
             f"{source}, line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
-            f"{_EXPECTED} (save it as CSV UTF-8)"
+            f"{EXPECTED} (save it as CSV UTF-8)"
         ) from None
 
 
@@ -117,7 +122,7 @@ def _without_mark(data: bytes, source: str) -> str:
                 return data.decode(code)
             except UnicodeDecodeError:
                 break
-    raise MeasurementsError(f"{source}: a binary file, {_EXPECTED}")
+    raise MeasurementsError(f"{source}: a binary file, {EXPECTED}")
 
 
 def _separator(text: str) -> str:
@@ -132,7 +137,7 @@ def _separator(text: str) -> str:
                 row
                 for row, _ in zip(
                     csv.reader(io.StringIO(sample, newline=""), delimiter=separator),
-                    range(_SAMPLE_ROWS),
+                    range(SEARCHED),
                     strict=False,
                 )
             ]

@@ -24,11 +24,10 @@ from smallwheel_ros.measurements.cells import (
     Percent,
     clipped,
 )
-from smallwheel_ros.measurements.layout import known_cells
+from smallwheel_ros.measurements.layout import SEARCHED, known_cells
 
 _MOST_UNPACKED = 128 * 2**20  # bytes of XML: 27 for each of the most cells
 _MOST_TAGS = 10_000_000  # of XML, four for each cell; reading them takes about 10 s
-_SEARCHED = 40  # rows of a sheet among which its header is looked for
 _NO_VALUE = re.compile(rb"</f>\s*(?:<v\s*/>|<v>\s*</v>|</c>)|<f[^>]*/>\s*(?:<v\s*/>|</c>)")
 
 Row = Sequence[Cell]
@@ -119,7 +118,7 @@ def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list
     else:
         known = {
             name: max(
-                (known_cells(row) for _, row in islice(sheets.rows(name), _SEARCHED)), default=0
+                (known_cells(row) for _, row in islice(sheets.rows(name), SEARCHED)), default=0
             )
             for name in sheets.names
         }

@@ -44,7 +44,7 @@ def style(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     axes.set_title(title, fontsize=9.5, color=INK, loc="left", parse_math=False)
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Column names come from a file: a dollar sign in one is not mathematics."""
     return text.replace("$", r"\$")
 
@@ -123,7 +123,7 @@ def draw_errors(axes: Axes, comparison: Comparison, channel: str) -> None:
     if floor is not None:
         axes.axvline(shown.scale * floor, color=INK, linewidth=1.0, linestyle="--")
     style(axes, f"RMSE of {shown.label}")
-    names = [_plain(result.contender.name) for result in comparison.models]
+    names = [plain(result.contender.name) for result in comparison.models]
     axes.set_yticks(range(len(names)), names)
     axes.set_xlim(left=0.0)
 
@@ -188,10 +188,10 @@ def residuals(comparison: Comparison, channel: str, focus: int = -1) -> Figure |
             if other is not result:
                 _curve(axes, comparison, other, channel, column, (across, shown), colours[i], False)
         _curve(axes, comparison, result, channel, column, (across, shown), colours[focus], True)
-        style(axes, _plain(across.label), f"measured - predicted [{shown.unit}]")
+        style(axes, plain(across.label), f"measured - predicted [{shown.unit}]")
     held_out = result.held_out is not None
     figure.suptitle(
-        _plain(
+        plain(
             f"{words(channel)}, {result.contender.name}{' held out' if held_out else ''}: points, "
             "smooth and 95 % band over runs; thin: other models; grey: ±2 repeatability"
         ),
@@ -201,7 +201,7 @@ def residuals(comparison: Comparison, channel: str, focus: int = -1) -> Figure |
         ha="left",
     )
     lines = [Line2D([], [], color=colour, linewidth=1.8) for colour in colours]
-    names = [_plain(m.contender.name) for m in comparison.models]
+    names = [plain(m.contender.name) for m in comparison.models]
     figure.legend(lines, names, loc="outside lower left", ncols=4, fontsize=8, frameon=False)
     return figure
 
@@ -253,7 +253,7 @@ def resistance_picture(measurements: Measurements) -> Figure | None:
         chosen = found.soil == name
         axes.scatter(found.x[chosen], found.y[chosen], s=12, alpha=0.65, linewidth=0,
                      color=COLOURS[(2 + i) % len(COLOURS)],
-                     label=_plain(str(name) or "measured"))  # fmt: skip
+                     label=plain(str(name) or "measured"))  # fmt: skip
     style(axes, "√(sinkage / diameter)", "resistance / load")
     axes.set_xlim(left=0.0)
     axes.legend(fontsize=8, frameon=False)

@@ -13,7 +13,14 @@ from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.display import display, listed, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, resistance_picture, style
+from smallwheel_ros.pictures.comparison import (
+    COLOURS,
+    GREY,
+    new_figure,
+    plain,
+    resistance_picture,
+    style,
+)
 from smallwheel_ros.pictures.fit import error_steps
 from smallwheel_ros.pictures.residuals import AFTER, BEFORE, Shown, residual_panels
 
@@ -23,10 +30,6 @@ _STATUS_COLOURS = {
     "not_significant": "#c3c8cf",
 }
 SHOWN = 0.01  # probability under which an effect is counted, not shown
-
-
-def _plain(text: str) -> str:
-    return text.replace("$", r"\$")
 
 
 def staircase(document: Mapping[str, Any]) -> Figure | None:
@@ -77,7 +80,7 @@ def ranking_bars(document: Mapping[str, Any]) -> Figure | None:
             bar.set(hatch="////", edgecolor="white", linewidth=0)
     style(axes, "probability")
     axes.grid(visible=False, axis="y")
-    axes.set_yticks(at, [_plain(_label(row["effect"])) for row in rows])
+    axes.set_yticks(at, [plain(_label(row["effect"])) for row in rows])
     axes.set_xlim(0.0, 1.0)
     axes.invert_yaxis()
     return figure
@@ -99,7 +102,7 @@ def unknown_curves(document: Mapping[str, Any]) -> Figure | None:
         axes.axhline(1.0, color=GREY, linewidth=0.9)
         axes.fill_between(x, curve["low"], curve["high"], color=COLOURS[2], alpha=0.16, linewidth=0)
         axes.plot(x, curve["factor"], color=COLOURS[2], linewidth=1.7)
-        style(axes, _plain(across.label), f"factor on {curve['stage']}")
+        style(axes, plain(across.label), f"factor on {curve['stage']}")
     return figure
 
 

@@ -11,7 +11,7 @@ from smallwheel_ros.display import display, number, words
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, style
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, plain, style
 from smallwheel_ros.results import ResultError
 
 
@@ -73,6 +73,6 @@ def error_steps(
     axes.set_xlim(-0.55, len(heights) - 0.5 + (0.0 if level is None else 0.95))
     style(axes, "", f"held-out RMSE [{shown.unit}]", words(name))
     axes.grid(visible=False, axis="x")
-    axes.set_xticks(at, [text.replace("$", r"\$") for text in errors])
+    axes.set_xticks(at, [plain(text) for text in errors])
     axes.set_ylim(0.0, 1.25 * top or 1.0)
     return axes

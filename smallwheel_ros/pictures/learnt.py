@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.display import display, number, words
 from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, style
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def draw_learnt(axes: Axes, document: Mapping[str, Any], tied: Sequence[Array] =
     if tied:
         axes.plot([], [], color=GREY, linewidth=1.0, label=f"{len(tied)} tied")
     label = _AXES.get(stage, f"factor on {stage}")
-    style(axes, shown.label, label, "" if law is None else law["formula"].replace("$", r"\$"))
+    style(axes, shown.label, label, "" if law is None else plain(law["formula"]))
     axes.legend(fontsize=8.5, frameon=False)
     inside = [v for _, v in points] + [*shape["low"], *shape["high"]]
     low, high = np.quantile(inside, [0.01, 0.99])

@@ -15,7 +15,7 @@ from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.parts import levels
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, style
+from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 
 Array = NDArray[np.float64]
@@ -99,8 +99,3 @@ def rows_of(errors: CvErrors, channel: str) -> NDArray[np.intp]:
     if rows.size <= _MOST_POINTS:
         return rows
     return np.sort(np.random.default_rng(0).choice(rows, _MOST_POINTS, replace=False))
-
-
-def plain(text: str) -> str:
-    """A dollar sign in a column's name is not mathematics."""
-    return text.replace("$", r"\$")

@@ -19,11 +19,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from smallwheel_ros import __version__
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.output import write_bytes
+from smallwheel_ros.tables import each
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,12 +181,10 @@ class Section:
 
 def drawn(value: Any) -> Any:
     """Plain values with few digits; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): drawn(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [drawn(one) for one in value]
-    if isinstance(value, np.ndarray):
-        return [drawn(one) for one in value.tolist()]
+    return each(value, _short)
+
+
+def _short(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if not math.isfinite(value):
