@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.learn_worlds import LAWS, table
+from benchmarks.learn_worlds import ALL, LAWS, OUTSIDE, table
 from smallwheel_ros.fitting import Base
+from smallwheel_ros.learn.draft import formula
 from smallwheel_ros.learn.pipeline import Sought, seek
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import predict
@@ -59,10 +60,10 @@ def one(
         "verdict": sought.verdict, "p": sought.p, "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
     if sought.law is not None:
-        hidden, law = LAWS[world], sought.law.law
+        hidden, law = ALL[world], sought.law.law
         found |= {
             "stage": law.place.name, "drivers": list(law.drivers),
-            "terms": [list(map(list, t.kind)) for t in law.terms],
+            "formula": formula(law, sought.law.numbers), "tied": len(sought.tied),
             "stage_right": law.place.stage[0] in hidden.stages,
             "driver_right": law.columns in hidden.drivers,
             "gone": share_gone(
@@ -131,9 +132,8 @@ def main() -> None:
         lines = [json.loads(t) for p in given.summary for t in p.read_text().splitlines()]
         print(summary(lines))
         return
-    worlds = (
-        [w for w in LAWS if w != "nothing"] if given.worlds == "all" else given.worlds.split(",")
-    )
+    groups = {"all": [w for w in LAWS if w != "nothing"], "outside": list(OUTSIDE)}
+    worlds = groups.get(given.worlds) or given.worlds.split(",")
     first, last = map(int, given.seeds.split(":"))
     lines = []
     for seed in range(first, last):

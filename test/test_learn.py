@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from dataclasses import replace
@@ -80,22 +81,72 @@ def test_a_hidden_law_is_drafted_with_its_stage_and_driver(learnt: Learnt) -> No
         assert error["after"] < 1.5 * error["floor"]
 
 
-def test_the_document_has_what_was_promised(learnt: Learnt) -> None:
-    document = json.loads(json.dumps(learnt.document, allow_nan=False))
-    assert set(document) >= {
-        "schema", "verdict", "reasons", "data", "search", "held_out", "law", "places", "tied", "implied",
-        "shape", "stage_disagreement", "measure_next", "file",
+TOP = {
+    "schema", "verdict", "reasons", "data", "search", "held_out", "law", "places", "tied", "implied",
+    "shape", "stage_disagreement", "measure_next", "file",
+}  # fmt: skip
+STAGES = {"k", "z", "z without resistance", "n", "D", "R"}
+
+
+def test_the_document_has_what_was_promised(learnt: Learnt, path: Path) -> None:
+    document = json.loads(json.dumps(learnt.to_dict(), allow_nan=False))
+    assert set(document) >= TOP
+    assert document["schema"] == 1
+    assert document["reasons"] == []
+    assert document["data"] == {
+        "file": str(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "rows": 72, "runs": 24, "settings": 24,
     }  # fmt: skip
-    assert set(document["data"]) >= {"file", "sha256", "rows", "runs", "settings"}
-    wanted = {"formulas", "stages", "drivers", "p", "permutations", "folds"}
-    assert set(document["search"]) >= wanted
-    assert set(document["law"]) >= {"id", "stage", "drivers", "formula", "constants", "range"}
-    assert all({"name", "value", "std", "unit"} <= set(c) for c in document["law"]["constants"])
-    assert document["tied"][0]["nats"] == 0.0
+
+    search = document["search"]
+    assert set(search) >= {"formulas", "stages", "drivers", "p", "permutations", "folds"}
+    assert search["formulas"] > 1000
+    assert set(search["stages"]) == STAGES
+    assert set(search["drivers"]) >= {"load", "diameter", "width", "slip", "sinkage/diameter"}
+    assert search["p"] == 1 / 200
+    assert (search["permutations"], search["folds"]) == (199, 8)
+
+    assert set(document["held_out"]) == {"sinkage", "resistance"}
+    for error in document["held_out"].values():
+        assert set(error) == {"before", "after", "floor"}
+        assert 0.0 < error["floor"] < error["before"]
+        assert 0.0 < error["after"] < error["before"]
+
+    law = document["law"]
+    assert set(law) == {"id", "stage", "drivers", "formula", "constants", "range"}
+    assert (law["id"], law["stage"], law["drivers"]) == ("slip_law", "z", ["slip"])
+    slip = rig("tanh_slip")["slip"]
+    assert law["range"]["slip"] == pytest.approx([slip.min(), slip.max()])
+    for constant in law["constants"]:
+        assert {"name", "value", "std", "unit"} <= set(constant)
+        assert constant["low"] <= constant["value"] <= constant["high"]
+        assert constant["std"] > 0.0
+        assert f"{constant['value']:.3g}" in law["formula"]
+
+    tied = document["tied"]
+    assert all(set(t) == {"formula", "stage", "drivers", "nats"} for t in tied)
+    assert law["formula"] in [t["formula"] for t in tied]
+    assert [t["nats"] for t in tied] == sorted(t["nats"] for t in tied)
+    assert (tied[0]["nats"], tied[-1]["nats"] < 3.0) == (0.0, True)
+    assert {"stage": "z", "drivers": ["slip"]} in document["places"]
+
     assert len(document["implied"]) == 24
+    for asked in document["implied"]:
+        assert set(asked) == {"run", "x", "sinkage", "std", "resistance", "resistance_std"}
+        assert asked["x"] == pytest.approx(slip[3 * (int(asked["run"][1:]) - 1)], rel=1e-4)
+        assert asked["std"] > 0.0
+    shape = document["shape"]
+    assert set(shape) == {"x", "factor", "low", "high"}
+    assert shape["x"] == sorted(shape["x"])
+    low, factor, high = (np.array(shape[k]) for k in ("low", "factor", "high"))
+    assert np.all((low <= factor) & (factor <= high))
+
     # The stage at which the law acts is the one on which the channels agree.
     disagree = document["stage_disagreement"]
     assert disagree["z"] < 3.0 < disagree["k"]
+    assert set(disagree) <= STAGES
+    assert document["measure_next"] is None or document["measure_next"]["text"]
+    assert document["file"] is None  # nobody asked for one
 
 
 def test_the_file_predicts_what_the_search_did(
@@ -195,9 +246,33 @@ def test_columns_that_no_law_can_follow_are_said(tmp_path: Path) -> None:
     path = tmp_path / "rig.csv"
     frame.to_csv(path, index=False)
     points = Problem.of(read_measurements(path)).judged.points
-    drivers, notes = drivers_of(points, np.full(len(points.conditions), 0.02))
-    assert not {d.name for d in drivers} & {"operator", "rain", "shift"}
-    assert any("shift has 2 values" in note for note in notes)
+    drivers, _ = drivers_of(points, np.full(len(points.conditions), 0.02))
+    assert not {d.name for d in drivers} & {"operator", "rain"}
+    # Two values are in the search, so that what follows them is not laid at another's door.
+    terms = [t for t in terms_of(drivers, 24) if "shift" in t.drivers]
+    assert [t.kind for t in terms] == [(("shift", "linear"),)]
+
+
+@pytest.mark.slow
+def test_what_follows_a_column_of_two_values_is_no_law(tmp_path: Path) -> None:
+    frame = rig("nothing", seed=3)
+    frame["shift"] = np.arange(len(frame)) // 3 % 2
+    frame["sinkage [m]"] *= 1.0 + 0.4 * frame["shift"]
+    path = tmp_path / "rig.csv"
+    frame.to_csv(path, index=False)
+    found = learn(read_measurements(path)).document
+    assert found["verdict"] == "refused"
+    assert "follows shift; shift has 2 values: a law needs 3 or more" in found["reasons"][0]
+    assert found["law"] is None
+
+
+@pytest.mark.slow
+def test_a_column_with_blanks_may_be_what_is_missing(tmp_path: Path) -> None:
+    frame = table("moisture_optimum", 2, runs=24)[[*COLUMNS, "moisture"]]
+    frame.loc[4, "moisture"] = np.nan
+    path = tmp_path / "rig.csv"
+    frame.to_csv(path, index=False)
+    assert learn(read_measurements(path)).verdict in ("refused", "nothing")
 
 
 def test_runs_are_permuted_whole(data: Measurements) -> None:

@@ -141,3 +141,5 @@ def test_the_columns_of_the_contract_are_what_they_are(name: str, unit: str) -> 
 def test_time_and_trial_say_which_row_it_is() -> None:
     assert all(is_bookkeeping(name) for name in ("t", "trial", "stamp", "test_no"))
     assert not any(is_bookkeeping(name) for name in ("moisture", "note", "speed", "grain_size"))
+    assert not any(is_bookkeeping(name) for name in ("rest_time", "cone_index", "time_in_box"))
+    assert is_bookkeeping("soil_sample_id")

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 _TAKEN = ("self", "conditions", "state", "sinkage", "np", "u", "continued")
 GRAVITY = 9.81  # m/s^2
 DEPTH = "sinkage/diameter"
-_FEWEST_LEVELS = 3  # two values are a difference between two days, no law
+FEWEST_LEVELS = 3  # of a law: two values are a difference between two days
 _LEVEL = 0.01  # of the range: what differs by less is one level
 QUANTILES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
 _FAR = 0.6  # of the largest value: a range that begins beyond it has its zero far away
@@ -119,22 +119,15 @@ def _raw(name: str, conditions: Conditions, sinkage: Array | None) -> Array:
 def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
     """The drivers that these points vary, and why other settings are none, in words.
 
+    A setting with two values is a driver: what follows it must not be laid at another's door, though
+    no law can be learnt of it.
     sinkage: as the base model has it, m, shape (points,).
     """
     used = np.unique(points.row)
     conditions, z = points.conditions.take(used), sinkage[used]
     usable = independent(points)
-    known = points.measurements.conditions
     found: list[Driver] = []
-    refused: list[str] = []
-    settings = points.settings
-    for name in settings:
-        rolling = known[name][known.rolling] if name in known else np.zeros(0)
-        if np.isnan(rolling).any():
-            refused.append(f"{name} is blank in some rows")
-            usable.pop(name, None)
-        elif name not in usable and name in points.varied:
-            refused.append(f"{name} follows other settings")
+    refused = [f"{name} follows other settings" for name in points.varied if name not in usable]
     names: list[str] = [n for n in ("load", "width", "diameter") if n in usable]
     names += [n for n in usable if n not in names]
     made = [n for n, c in _COMPOUND.items() if n != DEPTH and _both(n, c, usable)]
@@ -155,7 +148,7 @@ def _both(name: str, compound: _Compound, usable: Mapping[str, Array]) -> bool:
     columns = {*compound.columns, *(("diameter",) if name == "speed/sqrt(g diameter)" else ())}
     if not columns <= usable.keys():
         return False
-    return any(_levels(usable[column]) >= _FEWEST_LEVELS for column in columns)
+    return any(_levels(usable[column]) >= FEWEST_LEVELS for column in columns)
 
 
 def _levels(x: Array) -> int:
@@ -171,8 +164,6 @@ def _driver(name: str, conditions: Conditions, sinkage: Array, points: Points) -
     if high - low < 1e-3 * size or size == 0.0:
         return f"{name} is constant"
     levels = _levels(x)
-    if levels < _FEWEST_LEVELS:
-        return f"{name} has {levels} values: a law needs {_FEWEST_LEVELS} or more"
     reference = float(f"{low:.3g}") if low > _FAR * high and name not in _COMPOUND else 0.0
     known = _COMPOUND.get(name)
     unit = known.unit if known else _unit(name, points)

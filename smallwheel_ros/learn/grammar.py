@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.learn import shapes
-from smallwheel_ros.learn.drivers import DEPTH, Driver
+from smallwheel_ros.learn.drivers import DEPTH, FEWEST_LEVELS, Driver
 from smallwheel_ros.learn.shapes import Shape
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -90,8 +90,9 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
     """Every term of these drivers. settings: how many were measured."""
     single = [term for driver in drivers for term in _single(driver)]
     pairs: list[Term] = []
+    graded = [driver for driver in drivers if driver.levels >= FEWEST_LEVELS]
     if settings >= FEWEST_FOR_PRODUCTS:
-        for one, other in itertools.combinations(drivers, 2):
+        for one, other in itertools.combinations(graded, 2):
             if not set(one.columns) & set(other.columns):
                 pairs += _products(one, other)
     constant = 0.5 * np.log(settings)
@@ -103,7 +104,9 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
 
 
 def _plain(driver: Driver) -> list[Shape]:
-    """Shapes without a fitted constant."""
+    """Shapes without a fitted constant. Of two values one shape is as good as another."""
+    if driver.levels < FEWEST_LEVELS:
+        return [shapes.LINEAR]
     if driver.low < 0.0:
         return [shapes.LINEAR, shapes.SQUARE, shapes.SIZE, shapes.POSITIVE, shapes.NEGATIVE]
     away = driver.low > 1e-3 * driver.high and not driver.reference

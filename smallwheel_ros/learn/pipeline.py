@@ -18,11 +18,12 @@ from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.learn.chance import chance
-from smallwheel_ros.learn.drivers import drivers_of
+from smallwheel_ros.learn.drivers import FEWEST_LEVELS, Driver, drivers_of
 from smallwheel_ros.learn.folds import HeldOut, Judgement, add_errors, judge, nested, vault_of
 from smallwheel_ros.learn.grammar import terms_of
 from smallwheel_ros.learn.law import places_for
 from smallwheel_ros.learn.search import WHOLE, Candidate, Found, Grid, Search
+from smallwheel_ros.measurements.columns import COLUMNS, is_bookkeeping, is_response
 from smallwheel_ros.measurements.settings import settings_of_rows
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import predict
@@ -83,8 +84,9 @@ def seek(
     points = problem.points
     depth = predict(fit.model, points.conditions).true_sinkage
     drivers, notes = drivers_of(points, depth)
-    if not [d for d in drivers if d.columns]:
-        why = "; ".join(notes) or "nothing was varied"
+    if not [d for d in drivers if d.columns and d.levels >= FEWEST_LEVELS]:
+        few = [_two_values(d) for d in drivers if d.columns]
+        why = "; ".join([*notes, *few]) or "nothing was varied"
         return Sought("refused", (f"there is nothing that a law could follow: {why}",), problem)
     settings = np.unique(points.setting).size
     terms = terms_of(drivers, settings)
@@ -106,6 +108,13 @@ def seek(
     draft = found.draft
     if draft is None or p > LOOKED_AT or found.gain <= 0.0:
         return replace(sought, reasons=(_nothing(p),))
+    unknown = _with_gaps(measurements)
+    if unknown:
+        return replace(sought, verdict="refused", reasons=(unknown,))
+    coarse = [d for t in draft.law.terms for d, _ in t.factors if d.levels < FEWEST_LEVELS]
+    if coarse:
+        why = f"what is missing follows {coarse[0].name}; {_two_values(coarse[0])}"
+        return replace(sought, verdict="refused", reasons=(why,))
     folds = _Counter(progress, "searching without some settings")
     held_out = nested(open_fitter, open_fit, grid, seed, folds.one)
     judgement = judge(held_out, draft.law, open_fitter, draft.fit)
@@ -118,6 +127,24 @@ def seek(
         sought, verdict=verdict, reasons=reasons, law=law, tied=tied, held_out=held_out,
         judgement=judgement, vault=int(np.unique(points.setting[apart]).size),
     )  # fmt: skip
+
+
+def _with_gaps(measurements: Measurements) -> str:
+    """Say which settings are blank in some rows, "" where none is: the law may follow one of them."""
+    known = {*measurements.conditions.covariates, *measurements.channels, *COLUMNS}
+    blank = [name for name, unit in measurements.units.items()
+             if name not in known and not name.endswith("_std")
+             and not is_response(name, unit) and not is_bookkeeping(name)]  # fmt: skip
+    if not blank:
+        return ""
+    return (
+        f"something is missing, and {' and '.join(blank)}, blank in some rows, may be what it follows: "
+        "fill the cells in, or leave the column out"
+    )
+
+
+def _two_values(driver: Driver) -> str:
+    return f"{driver.name} has {driver.levels} values: a law needs {FEWEST_LEVELS} or more"
 
 
 def _by_trial(measurements: Measurements) -> Measurements:

@@ -163,9 +163,17 @@ _BOOKKEEPING_WORDS = {
     "t", "time", "timestamp", "stamp", "date", "trial", "repeat", "repetition", "replicate",
     "row", "line", "index", "id", "sample", "no",
 }  # fmt: skip
+# A time that soil or wheel was left for is set: rest_time, drying_time.
+_WAITING_WORDS = {
+    "rest", "resting", "settling", "wait", "waiting", "drying", "soaking", "curing", "ageing", "aging",
+    "storage", "exposure", "dwell", "hold", "holding", "soil", "bed", "box", "bin",
+}  # fmt: skip
 
 
 def is_bookkeeping(name: str) -> bool:
     """Whether a column says which row it is (its time, the number of the trial), not what was set."""
     words = re.findall(r"[a-z]+", name.lower())
-    return name not in COLUMNS and bool(words) and words[-1] in _BOOKKEEPING_WORDS
+    if name in COLUMNS or not words or words[-1] not in _BOOKKEEPING_WORDS:
+        return False
+    set_by = {"index": _SET_WORDS, "time": _WAITING_WORDS}.get(words[-1], set())
+    return not set_by & set(words)
