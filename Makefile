@@ -16,7 +16,7 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help env test test-slow coverage fuzz lint demo benchmark docs clean
+.PHONY: help env lock test test-slow coverage fuzz lint demo benchmark docs clean
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
@@ -28,6 +28,7 @@ help:
 	@echo 'make benchmark   the benchmarks, each against a peer or a limit in the same run'
 	@echo 'make docs        the documentation as a site, docs/_build/html'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
+	@echo 'make lock        pin the packages of the environment anew, with hashes (needs uv)'
 	@echo 'make clean       remove everything that make has made'
 	@echo 'Another Python:  make PYTHON=python3.12 test      (3.10 to 3.13; default: $(PYTHON))'
 	@echo 'Some tests:      make test PYTEST_ADDOPTS="-k sinkage -x"'
@@ -35,6 +36,15 @@ help:
 env:
 	@command -v $(PYTHON) >/dev/null || { echo 'smallwheel_ros: no $(PYTHON) found: install Python 3.10 to 3.13, or name one with make PYTHON=...' >&2; exit 1; }
 	@$(PYTHON) tools/environment.py $(if $(filter file,$(origin PYTHON)),--keep-python)
+
+# The header stays; versions that still suit are kept.
+lock:
+	@cp tools/environment.lock tools/environment.lock.new
+	@uv pip compile --quiet --universal --python-version 3.10 --fork-strategy fewest --no-annotate --no-header \
+	    --generate-hashes --extra parquet --extra cluster --extra docs --extra dev \
+	    pyproject.toml tools/environment.in --output-file tools/environment.lock.new
+	@{ grep '^#' tools/environment.lock; cat tools/environment.lock.new; } > tools/environment.lock.whole
+	@mv tools/environment.lock.whole tools/environment.lock && rm tools/environment.lock.new
 
 # Two workers, each with whole modules; those of the node on one of them (see test/conftest.py).
 test: env

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # checkout, the source folder would hide them; joining the two lets both be imported.
 __path__ = extend_path(__path__, __name__)
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # name: (module, attribute; "" for the module itself)
 _PUBLIC = {

@@ -42,6 +42,10 @@ COMMANDS = {
         "Set and unset effects in a page, see the error at once.",
     ),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
+    "benchmark": (
+        "commands.benchmark:benchmark_command",
+        "The laws of sinkage on public data, parts left out in turn.",
+    ),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
     "init": (
         "commands.init:init",

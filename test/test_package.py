@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import itertools
 import os
 import re
 import subprocess
@@ -42,7 +43,8 @@ def run(
 def test_versions_agree(repository: Path) -> None:
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     manifest = ElementTree.parse(repository / "package.xml").getroot()
-    assert manifest.findtext("version") == project["version"] == smallwheel_ros.__version__
+    assert manifest.findtext("version") == smallwheel_ros.__version__
+    assert f"version: {smallwheel_ros.__version__}\n" in (repository / "CITATION.cff").read_text()
     assert manifest.findtext("name") == project["name"] == "smallwheel_ros"
 
 
@@ -67,9 +69,11 @@ def test_lock_file_pins_every_package_that_is_asked_for(repository: Path) -> Non
     )
     asked |= names((repository / "tools" / "environment.in").read_text())
     lines = (repository / "tools" / "environment.lock").read_text().splitlines()
-    pinned = [line for line in lines if line and not line.startswith("#")]
-    assert not [line for line in pinned if not re.match(r"[a-z0-9-]+==[0-9]", line)]
+    pinned = [line for line in lines if line and not line.startswith(("#", "    --hash=sha256:"))]
+    assert not [line for line in pinned if not re.match(r"[a-z0-9-]+==[0-9].* \\$", line)]
     assert not asked - names("\n".join(pinned))
+    followed = [after for line, after in itertools.pairwise(lines) if line in pinned]
+    assert all(after.startswith("    --hash=sha256:") for after in followed)
 
 
 def test_definitions_come_from_the_one_copy(repository: Path) -> None:
@@ -212,9 +216,12 @@ def pip_environment(source: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     venv = tmp_path_factory.mktemp("pip") / "venv"
     made = run(sys.executable, "-m", "venv", venv, cwd=source)
     assert made.returncode == 0, made.stderr
-    lock = source / "tools" / "environment.lock"
+    # With their hashes, pip would want one of this package too.
+    pinned = (source / "tools" / "environment.lock").read_text().splitlines()
+    versions = venv / "versions.txt"
+    versions.write_text("\n".join(line.rstrip(" \\") for line in pinned if "==" in line))
     result = run(
-        *(venv / "bin" / "python", "-m", "pip", "install", "--no-input", "-c", lock, "."),
+        *(venv / "bin" / "python", "-m", "pip", "install", "--no-input", "-c", versions, "."),
         cwd=source,
         timeout=600,
         **NO_ROS,

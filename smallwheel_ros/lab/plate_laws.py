@@ -99,8 +99,8 @@ class PlateLaws:
         return law.by_depth[at] <= _HOLDS * self.depths[at].expected
 
 
-class _OnPlates(Predictor):
-    """One law on some points, for a `Fitter`. reference: of the law's size, m."""
+class UnderLaw(Predictor):
+    """One law of size on points of sinkage, for a `Fitter`. reference: of the law's size, m."""
 
     def __init__(self, law: PlateLaw, reference: float, points: Points) -> None:
         super().__init__(points.conditions, points.channels, points.channel, points.row)
@@ -118,7 +118,8 @@ class _OnPlates(Predictor):
         return base, np.column_stack(moved) / steps - base[:, None] / steps
 
 
-def _vector(law: PlateLaw, soil: str) -> ParameterVector:
+def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
+    """theta of the module's head, with what is known of it before the data."""
     (unit, p), (_, n) = SOIL_PARAMETERS["log_reference_pressure"], SOIL_PARAMETERS["n"]
     centre = law.tied_to_n * n.centre
     deviation = float(np.hypot(_SLOPE, law.tied_to_n * n.deviation))
@@ -164,12 +165,12 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     expected = _expected(fitter, fit)
     laws = []
     for law in LAWS:
-        reference = _reference(law, points)
-        under = fitter.under(partial(_OnPlates, law, reference))
-        vector = _vector(law, soil)
+        reference = reference_size(law, points)
+        under = fitter.under(partial(UnderLaw, law, reference))
+        vector = law_vector(law, soil)
         best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
         constants, covariance = _constants(law, under, best, reference)
-        error = _left_out(under, best, size) if diameters.size > 2 else None
+        error = left_out(under, best, size) if diameters.size > 2 else None
         by_size: dict[float, float] = {}
         by_depth: tuple[float, ...] = ()
         if error is not None:
@@ -188,7 +189,7 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     return PlateLaws(soil, tuple(diameters.tolist()), points.run_count, tuple(laws), depths)
 
 
-def _reference(law: PlateLaw, points: Points) -> float:
+def reference_size(law: PlateLaw, points: Points) -> float:
     """Size (m) at which p_ref is the pressure: that of the model's soil, else the plates' middle."""
     if law.id == "meirion_griffith_spenko":
         return REFERENCE_DIAMETER
@@ -206,13 +207,13 @@ def _expected(fitter: Fitter, fit: Fit) -> Array:
     return np.asarray(np.sqrt(variance) / fitter.level)
 
 
-def _left_out(fitter: Fitter, fit: Fit, size: NDArray[np.intp]) -> Array:
-    """ln of predicted over measured sinkage by a fit without that size, shape (values,)."""
+def left_out(fitter: Fitter, fit: Fit, group: NDArray[np.intp]) -> Array:
+    """ln of predicted over measured sinkage, shape (values,), each group by a fit without its runs."""
     points = fitter.points
     error = np.empty(len(points))
     law = fitter.predictor
-    for out in range(int(size.max()) + 1):
-        mine = np.isin(points.run, points.run[size == out])
+    for out in range(int(group.max()) + 1):
+        mine = np.isin(points.run, points.run[group == out])
         alone = fitter.of_runs(points.take(~mine)).fit(fit.vector, fit.theta, fit.scatter)
         predicted = law.with_slopes(fit.vector, alone.theta)[0]
         error[mine] = np.log(predicted[mine] / points.value[mine])

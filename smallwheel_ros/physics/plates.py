@@ -1,11 +1,12 @@
-"""Plates pressed into soil: their sizes, and the laws of how size changes the pressure at one depth.
+"""The laws of how size changes the pressure at one depth: of plates, and of wheels by the closed form.
 
-Three laws share one form, with p_ref the pressure at a reference sinkage z_ref under a plate of the
+The laws share one form, with p_ref the pressure at a reference sinkage z_ref under a plate of the
 reference size, and one number s that says how size acts (rho: size over reference size):
 
     p = p_ref (z / z_ref)^n g(rho)
 
     Meirion-Griffith & Spenko  p = k z^n D^m                            g = rho^s, s = m, size D
+    Bernstein and Goriatchkin  p = k z^n                                g = 1: size does nothing
     Bekker                     p = (kc/b + kphi) z^n                    g = 1 - s + s / rho, size b
     Reece                      p = (c kc' + gamma b kphi') (z / b)^n    g = (1 - s + s rho) rho^-n, size b
 
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.sinkage import closed_form, plate_sinkage
 from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -69,7 +71,7 @@ class PlateLaw(NamedTuple):
     which size has no influence, over n.
     """
 
-    id: Literal["meirion_griffith_spenko", "bekker", "reece"]
+    id: Literal["meirion_griffith_spenko", "bekker", "reece", "bernstein_goriatchkin"]
     name: str
     formula: str
     source: str
@@ -86,10 +88,23 @@ class PlateLaw(NamedTuple):
     def sinkage(
         self, conditions: Conditions, reference: float, log_pressure: float, n: float, s: float
     ) -> Array:
-        """Sinkage (m) of each plate under its load, shape (rows,). reference: of the size, m."""
-        pressure = conditions.load / plate_area(conditions.diameter)
+        """Sinkage (m) of each plate or wheel under its load, shape (rows,). reference: of the size, m.
+
+        A wheel's by the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with K of its size.
+        """
         g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
-        return np.asarray(REFERENCE_SINKAGE * (pressure / (np.exp(log_pressure) * g)) ** (1.0 / n))
+        modulus = self.modulus(log_pressure, n) * g
+        plate = conditions.plate
+        found = np.empty(len(conditions))
+        found[plate] = plate_sinkage(
+            conditions.load[plate], conditions.diameter[plate], modulus[plate], n
+        )
+        wheel = conditions.take(~plate)
+        if len(wheel):
+            found[~plate] = closed_form(
+                wheel.load, wheel.diameter, wheel.width, modulus[~plate], n, 0.0
+            ).sinkage
+        return found
 
 
 LAWS: tuple[PlateLaw, ...] = (
@@ -128,4 +143,15 @@ LAWS: tuple[PlateLaw, ...] = (
         ),
         tied_to_n=1.0,
     ),
+)
+
+BERNSTEIN_GORIATCHKIN = PlateLaw(
+    "bernstein_goriatchkin",
+    "Bernstein-Goriatchkin",
+    "p = k z^n",
+    "Bernstein 1913; Meirion-Griffith and Spenko 2011, eq. 8",
+    (Constant("k", "Pa/m^n"), Constant("n", "1")),
+    lambda conditions: conditions.diameter,
+    lambda rho, n, s: np.ones_like(rho),
+    lambda modulus, size, n, s: (modulus, n),
 )

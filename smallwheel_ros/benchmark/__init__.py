@@ -1,0 +1,1 @@
+"""The public measured benchmark: laws of sinkage on data that anybody may have, parts left out in turn."""

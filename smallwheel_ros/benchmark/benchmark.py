@@ -1,0 +1,199 @@
+"""All data sets of a folder under all laws: `benchmark(folder)`, and what it finds.
+
+A data set is a folder with a licence file (LICENSE, LICENCE or COPYING) and tables beside it: without a
+licence nobody else can repeat the figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, LawError, errors_of
+from smallwheel_ros.benchmark.parts import Task, tasks_of
+from smallwheel_ros.display import number, sentence
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.points import FittingError
+from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.results import Result
+from smallwheel_ros.tables import text_table
+
+_LICENCES = ("LICENSE", "LICENCE", "COPYING")
+_TABLES = (".csv", ".tsv", ".xlsx", ".ods", ".parquet")
+_OURS = (INTEGRAL, FOUND, "Meirion-Griffith & Spenko")
+
+
+class BenchmarkError(SmallwheelError):
+    """A folder without data that may be used."""
+
+
+@dataclass(frozen=True)
+class TaskErrors:
+    """One contact in one soil of one table, and the laws' errors on its parts. file: its table."""
+
+    file: Path
+    licence: str
+    task: Task
+    laws: tuple[LawError, ...]
+
+    @property
+    def best(self) -> LawError:
+        """The law of the least error over all parts."""
+        return min(self.laws, key=lambda law: law.rmse)
+
+    def lost(self) -> dict[str, str]:
+        """By part, the law that beats every form of ours there."""
+        found = {}
+        for part in self.task.names:
+            known = {law.law: e for law in self.laws if (e := law.by_part[part]) is not None}
+            if known and (first := min(known, key=lambda law: known[law])) not in _OURS:
+                found[part] = first
+        return found
+
+
+@dataclass(frozen=True, repr=False)
+class Benchmark(Result):
+    """What the laws leave on each table. left_out: files that were not used, with the reason."""
+
+    folder: Path
+    tasks: tuple[TaskErrors, ...]
+    left_out: dict[str, str]
+
+    def headline(self) -> str:
+        """How many tables, and how often a form of the law of Meirion-Griffith & Spenko is best."""
+        first = sum(errors.best.law in _OURS for errors in self.tasks)
+        return (
+            f"{self.folder}: {len(self.tasks)} sets of rows; a form of Meirion-Griffith & Spenko's law "
+            f"has the least error on {first} of them"
+        )
+
+    def text(self) -> str:
+        """As `smallwheel benchmark` prints it."""
+        blocks = [self._text(errors) for errors in self.tasks]
+        left = [sentence(f"not used: {file}: {why}") for file, why in self.left_out.items()]
+        return "\n\n".join([*blocks, *(["\n".join(left)] if left else []), f"{self.headline()}."])
+
+    def _text(self, errors: TaskErrors) -> str:
+        task = errors.task
+        title = (
+            f"{errors.file} ({errors.licence}): {task.contact}, {task.soil}, "
+            f"{len(task.measurements)} rows; sinkage [mm, rms] of each {task.what} left out"
+        )
+        rows = [
+            [law.law, _mm(law.rmse), *(_mm(law.by_part[name]) for name in task.names)]
+            for law in errors.laws
+        ]
+        names = task.names if task.what != "run" or len(task.names) <= 6 else ()
+        rows = [row[: 2 + len(names)] for row in rows]
+        table = text_table(["law", "all", *names], rows)
+        lost = [f"{law} ({part})" for part, law in errors.lost().items()]
+        said = "A form of our law is best on each part"
+        if lost:
+            said = f"Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}"
+        effects = dict.fromkeys(e for law in errors.laws for f in law.effects.values() for e in f)
+        found = f"Effects found: {', '.join(effects)}" if effects else "No effect was found"
+        return "\n".join(
+            [title, *(f"  {line}" for line in table.splitlines()), f"{said}. {found}."]
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `smallwheel benchmark --json` writes it."""
+        return {
+            "folder": str(self.folder),
+            "tasks": [
+                {
+                    "file": str(errors.file),
+                    "licence": errors.licence,
+                    "contact": errors.task.contact,
+                    "soil": errors.task.soil,
+                    "left_out": errors.task.what,
+                    "rows": len(errors.task.measurements),
+                    "laws": [
+                        {
+                            "law": law.law,
+                            "sinkage_rmse": law.rmse,
+                            "by_part": law.by_part,
+                            "effects": {name: list(ids) for name, ids in law.effects.items()},
+                        }
+                        for law in errors.laws
+                    ],
+                    "lost": errors.lost(),
+                }
+                for errors in self.tasks
+            ],
+            "not_used": dict(self.left_out),
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each table, law and part. sinkage_rmse: m."""
+        return [
+            {
+                "file": str(errors.file), "contact": errors.task.contact, "soil": errors.task.soil,
+                "law": law.law, "left_out": errors.task.what, "part": part, "sinkage_rmse": error,
+            }
+            for errors in self.tasks
+            for law in errors.laws
+            for part, error in law.by_part.items()
+        ]  # fmt: skip
+
+
+def _mm(error: float | None) -> str:
+    return "-" if error is None else number(1e3 * error)
+
+
+def benchmark(folder: Path, progress: Callable[[str], object] = lambda step: None) -> Benchmark:
+    """Hold the laws of sinkage against every data set of a folder.
+
+    progress: told what is worked on. Raises BenchmarkError where no data set has a licence and a table.
+    """
+    sets = {file: _licence(file.parent) for file in _tables(folder)}
+    if not sets:
+        raise BenchmarkError(
+            f"{folder}: no data set found, expected folders of tables ({', '.join(_TABLES)})"
+        )
+    tasks: list[TaskErrors] = []
+    left: dict[str, str] = {}
+    for file, licence in sets.items():
+        name = file.relative_to(folder)
+        if not licence:
+            left[str(name)] = f"no licence beside it, expected a file {' or '.join(_LICENCES)}"
+            continue
+        try:
+            found = [
+                TaskErrors(
+                    name, licence, task, tuple(errors_of(task, _named(progress, name, task)))
+                )
+                for task in tasks_of(read_measurements(file))
+            ]
+        except (SmallwheelError, FittingError) as error:
+            left[str(name)] = str(error)
+            continue
+        tasks += found
+        if not found:
+            left[str(name)] = "fewer than three runs with sinkage, expected some to leave out"
+    if not tasks:
+        raise BenchmarkError("; ".join(f"{file}: {why}" for file, why in left.items()))
+    return Benchmark(folder, tuple(tasks), left)
+
+
+def _named(progress: Callable[[str], object], file: Path, task: Task) -> Callable[[str], object]:
+    return lambda step: progress(f"{file}, {task.contact}: {step}")
+
+
+def _tables(folder: Path) -> list[Path]:
+    """Tables of the folder and of the folders in it."""
+    if not folder.is_dir():
+        raise BenchmarkError(f"{folder}: no folder, expected one with data sets")
+    files = [*folder.glob("*"), *folder.glob("*/*")]
+    return sorted(f for f in files if f.is_file() and f.suffix.lower() in _TABLES)
+
+
+def _licence(folder: Path) -> str:
+    """First line of the licence file of a folder, else an empty text."""
+    for file in sorted(folder.iterdir()):
+        if file.is_file() and file.stem.upper() in _LICENCES:
+            text = file.read_bytes()[:4000].decode(errors="replace")
+            return next((line.strip() for line in text.splitlines() if line.strip()), file.name)
+    return ""

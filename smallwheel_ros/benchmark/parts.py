@@ -1,0 +1,89 @@
+"""What is left out in turn: one size of a plate, one level of slip, or one run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.fitting.points import FittingError, points_of
+from smallwheel_ros.measurements.columns import COLUMNS
+from smallwheel_ros.measurements.settings import DIAMETER_TOLERANCE, cluster
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.conditions import CONTACTS
+
+Index = NDArray[np.intp]
+What = Literal["size", "slip", "run"]
+
+_FEWEST = 3  # parts: with two, all that is left is one size or one level
+
+
+@dataclass(frozen=True)
+class Task:
+    """One kind of contact in one soil, and the part of its rows that each is left out with.
+
+    what: of which the parts are. names: of the parts; part: code of each row, shape (rows,).
+    """
+
+    contact: str
+    soil: str
+    measurements: Measurements
+    what: What
+    names: tuple[str, ...]
+    part: Index
+
+
+def tasks_of(measurements: Measurements) -> Iterator[Task]:
+    """The contacts and soils of a table, each with the parts that say most of a law.
+
+    A size of plate, where three were pressed; else a level of slip, where the wheel rolled at three;
+    else a run. A contact with fewer than three runs is left out.
+    """
+    contact = measurements.conditions.contact
+    for name in dict.fromkeys(measurements.soil.tolist()):
+        for kind in CONTACTS:
+            rows = np.flatnonzero((measurements.soil == name) & (contact == kind))
+            if rows.size:
+                task = _task(measurements.take(rows), kind, name or "soil")
+                if task is not None:
+                    yield task
+
+
+def _task(measurements: Measurements, contact: str, soil: str) -> Task | None:
+    try:
+        points = points_of(measurements)
+    except FittingError:
+        return None
+    if "sinkage" not in points.channels or points.run_count < _FEWEST:
+        return None
+    runs = np.zeros(len(measurements), dtype=np.intp)
+    for rows, run in zip(points.rows, points.run, strict=True):
+        runs[rows] = run
+    conditions = measurements.conditions
+    if contact != "rolling":
+        sizes = cluster(np.log(conditions.diameter), DIAMETER_TOLERANCE)
+        if sizes.max() + 1 >= _FEWEST:
+            return _named(measurements, contact, soil, "size", sizes, conditions.diameter, "m")
+    elif "slip" in conditions and np.isfinite(conditions["slip"]).all():
+        levels = cluster(conditions["slip"], COLUMNS["slip"].same)
+        if levels.max() + 1 >= _FEWEST:
+            return _named(measurements, contact, soil, "slip", levels, conditions["slip"], "")
+    names = tuple(points.runs)
+    return Task(contact, soil, measurements, "run", names, runs)
+
+
+def _named(
+    measurements: Measurements,
+    contact: str,
+    soil: str,
+    what: What,
+    part: Index,
+    values: NDArray[np.float64],
+    unit: str,
+) -> Task:
+    means = [float(values[part == code].mean()) for code in range(int(part.max()) + 1)]
+    names = tuple(f"{1e3 * v:.3g} mm" if unit == "m" else f"{v:.2f}" for v in means)
+    return Task(contact, soil, measurements, what, names, part)

@@ -1,0 +1,40 @@
+"""`smallwheel benchmark`: the laws of sinkage on data that anybody may have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from smallwheel_ros.benchmark.benchmark import benchmark
+from smallwheel_ros.commands.inputs import JSON, show
+from smallwheel_ros.output import check_targets
+
+
+@click.command(
+    "benchmark", short_help="The laws of sinkage on public data, parts left out in turn."
+)
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write the errors as a table (CSV).")  # fmt: skip
+@JSON
+def benchmark_command(folder: Path, output: Path | None, json_file: str | None) -> None:
+    """Hold laws of sinkage against the measured data sets in FOLDER.
+
+    A data set is a folder with its licence (a file LICENSE) and its tables. One size of plate, level of
+    slip or run after the other is left out; Bernstein-Goriatchkin, Bekker, Reece and Meirion-Griffith &
+    Spenko are fitted to the rest, the last also with the contact integral and with the effects that a
+    diagnosis of the rest names. What is printed is the error on what was left out, and where our law
+    loses.
+    """
+    check_targets([output, json_file])
+    with tqdm(desc="benchmark", unit="fit", disable=None, leave=False) as bar:
+
+        def progress(step: str) -> None:
+            bar.set_description(step)
+            bar.update()
+
+        result = benchmark(folder, progress)
+    written = [] if output is None else [result.save(output)]
+    show(result, json_file, written)
