@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hmac
 import json
 import re
+import secrets
 import sys
 import threading
 from contextlib import suppress
@@ -22,6 +24,7 @@ HOST = "127.0.0.1"
 _HTML, _TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
 _JSON = "application/json"
 _PAUSE = 0.05  # s, in which a request can take its turn
+_SILENCE = 30.0  # s after which a connection that says nothing is closed
 _POLICY = (  # beside that of the page, which names the one script that may run
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -32,11 +35,14 @@ _KEYS = ("effects", "over", "run")
 class ExploreServer(ThreadingHTTPServer):
     """Serves one session. A browser opens connections in reserve: each has its own thread.
 
+    The address holds a secret: pages of other sites, and other users of this machine, cannot ask without it.
+
     Raises ExploreError where the port cannot be had; port 0 is any that is free.
     """
 
     def __init__(self, session: Session, port: int = 0) -> None:
         self.session = session
+        self._secret = secrets.token_urlsafe(16)
         self.lock = threading.Lock()  # a session serves one at a time
         self.asking: set[int] = set()  # threads of requests that want it
         self._ended = threading.Event()
@@ -66,7 +72,12 @@ class ExploreServer(ThreadingHTTPServer):
     @property
     def url(self) -> str:
         """Where the page is."""
-        return f"http://{HOST}:{self.server_address[1]}/"
+        return f"http://{HOST}:{self.server_address[1]}{self.root}"
+
+    @property
+    def root(self) -> str:
+        """The path that all of the page is below."""
+        return f"/{self._secret}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say in one line what went wrong with a connection; one that the browser ended is none."""
@@ -77,18 +88,15 @@ class ExploreServer(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: ExploreServer
+    timeout = _SILENCE
 
     def do_GET(self) -> None:
         """Answer one request."""
-        # Another site's name that leads to this machine must not read what is shown here.
-        host = self.headers.get("Host", "")
-        if not re.fullmatch(rf"({re.escape(HOST)}|localhost)(:\d+)?", host):
-            self._send(403, _TEXT, f"asked for as '{host}': expected {HOST} or localhost")
+        root = self.server.root
+        if not hmac.compare_digest(self.path[: len(root)].encode(), root.encode()):
+            self._send(403, _TEXT, "open the whole address that `smallwheel explore` printed")
             return
-        if self.path != "/" and self._from_another_site(host):
-            self._send(403, _TEXT, f"asked by another site: open http://{host}/ yourself")
-            return
-        parts = urlsplit(self.path)
+        parts = urlsplit(self.path[len(root) - 1 :])
         pages = {"/": self._page, "/view": self._view, "/without": self._without,
                  "/model.yaml": self._model, "/learn.html": self._learn}  # fmt: skip
         if parts.path == "/progress":
@@ -105,17 +113,6 @@ class _Handler(BaseHTTPRequestHandler):
                 self._send(400, _TEXT, str(error))
             finally:
                 self.server.asking.discard(threading.get_ident())
-
-    def _from_another_site(self, host: str) -> bool:
-        """Whether a page of another site asks: it may lead here, but start no fit.
-
-        Browsers say so in Sec-Fetch-Site; those that do not, name the asking page (W3C Fetch
-        Metadata; RFC 6454).
-        """
-        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
-            return True
-        page = self.headers.get("Origin") or self.headers.get("Referer")
-        return page is not None and not (page + "/").startswith(f"http://{host}/")
 
     def _asked(self, query: str) -> tuple[tuple[str, ...], str, str]:
         """Effects, setting and run of a query; those to begin with where it is empty."""
@@ -179,6 +176,7 @@ class _Handler(BaseHTTPRequestHandler):
             "Content-Security-Policy": _POLICY,
             "X-Content-Type-Options": "nosniff",
             "Cache-Control": "no-store",
+            "Referrer-Policy": "no-referrer",  # the address is a secret
             **(headers or {}),
         }.items():
             self.send_header(name, value)
