@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, LawError, errors_of
+from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, errors_of
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.display import number, sentence
 from smallwheel_ros.errors import SmallwheelError
@@ -22,7 +22,7 @@ from smallwheel_ros.tables import text_table
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
 _TABLES = (".csv", ".tsv", ".xlsx", ".ods", ".parquet")
-_OURS = (INTEGRAL, FOUND, "Meirion-Griffith & Spenko")
+_OURS = (ONE_SIZE, INTEGRAL, FOUND, "Meirion-Griffith & Spenko")
 
 
 class BenchmarkError(SmallwheelError):
@@ -78,7 +78,7 @@ class Benchmark(Result):
     def _text(self, errors: TaskErrors) -> str:
         task = errors.task
         title = (
-            f"{errors.file} ({errors.licence}): {task.contact}, {task.soil}, "
+            f"{errors.file} ({errors.licence})\n{task.contact}, {task.soil}, "
             f"{len(task.measurements)} rows; sinkage [mm, rms] of each {task.what} left out"
         )
         rows = [
@@ -89,9 +89,9 @@ class Benchmark(Result):
         rows = [row[: 2 + len(names)] for row in rows]
         table = text_table(["law", "all", *names], rows)
         lost = [f"{law} ({part})" for part, law in errors.lost().items()]
-        said = "A form of our law is best on each part"
+        said = f"Least error: {errors.best.law}"
         if lost:
-            said = f"Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}"
+            said += f". Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}"
         effects = dict.fromkeys(e for law in errors.laws for f in law.effects.values() for e in f)
         found = f"Effects found: {', '.join(effects)}" if effects else "No effect was found"
         return "\n".join(

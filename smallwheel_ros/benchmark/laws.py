@@ -29,7 +29,7 @@ INTEGRAL = "Meirion-Griffith & Spenko, integral"
 FOUND = "... and the effects found"
 # The law that this package stands for is the last of them.
 SIZE_LAWS = (BERNSTEIN_GORIATCHKIN, *LAWS[1:], LAWS[0])
-NAMES = (*(law.name for law in SIZE_LAWS), INTEGRAL, FOUND)
+ONE_SIZE = "Any of the four laws of size (one size)"
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,12 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
             points = points.without_channel(channel)
     group = np.array([task.part[rows[0]] for rows in points.rows], dtype=np.intp)
     found = []
-    for law in SIZE_LAWS:
+    # Of bodies of one size all four are the same law of depth.
+    one = not {"diameter", "width"} & set(points.varied)
+    for law in SIZE_LAWS[-1:] if one else SIZE_LAWS:
         progress(law.name)
-        found.append(_summary(task, law.name, points, group, _of_law(law, points, group)))
+        name = ONE_SIZE if one else law.name
+        found.append(_summary(task, name, points, group, _of_law(law, points, group)))
     alone, named = np.full(len(points), np.nan), np.full(len(points), np.nan)
     effects: dict[str, tuple[str, ...]] = {}
     for part, name in enumerate(task.names):
