@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.robot_worlds import WORLDS, make_drive, run
+from benchmarks.robot_drives import make_drive
+from benchmarks.robot_scores import run
+from benchmarks.robot_worlds import WORLDS
 
 KINDS = ("zero known", "zero known, equal", "one track", "scatter 15 %")
 

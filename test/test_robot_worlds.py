@@ -14,7 +14,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.robot_worlds import WORLDS, Score, make_drive, run
+from benchmarks.robot_drives import make_drive
+from benchmarks.robot_scores import Score, run
+from benchmarks.robot_worlds import WORLDS
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 
 # Where the model has no part for what goes on, bands may be narrower than the errors now and then.
