@@ -132,7 +132,7 @@ def test_what_cannot_be_computed_does_not_block_what_can() -> None:
 # ---- What is determined
 
 
-def test_verdicts_and_directions_tell_what_the_data_knows() -> None:
+def test_verdicts_tell_what_the_data_knows() -> None:
     e = estimator(sinkage_zero_std=3e-4)
     assert all(
         words.startswith("not determined: 100 %") for words in e.estimate().verdicts.values()
@@ -142,11 +142,6 @@ def test_verdicts_and_directions_tell_what_the_data_knows() -> None:
     assert estimate.verdicts["reference_pressure"].startswith("determined")
     assert estimate.verdicts["n"].startswith("not determined")
     assert estimate.remaining["m"] == pytest.approx(1.0, abs=0.01)
-    best, *others = estimate.directions
-    assert best.remaining < 0.3
-    assert all(one.remaining > 0.8 for one in others)
-    weights = np.array([[d.log_pressure, d.n, d.m] for d in estimate.directions])
-    np.testing.assert_allclose(weights @ weights.T, np.eye(3), atol=1e-12)
 
 
 def test_one_wheel_size_is_said_before_driving() -> None:

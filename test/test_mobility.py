@@ -13,7 +13,6 @@ from random_examples import examples
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
-from smallwheel_ros.estimator.law_estimate import LawCovariance
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_filter import ROLLING, SCATTER
 from smallwheel_ros.model import Model, predict
@@ -31,14 +30,13 @@ STRENGTH = Strength(Quantity(500.0, 100.0), Quantity(0.52, 0.03), Quantity(0.015
 def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: float = 0.0):
     covariance = np.diag(np.square(deviations))
     covariance[0, 1] = covariance[1, 0] = correlation * deviations[0] * deviations[1]
-    law = LawCovariance.of(covariance)
     return SoilEstimate(
         k=kind.k,
         n=kind.n,
         m=kind.m,
         log_reference_pressure=kind.log_reference_pressure,
-        law_covariance=law,
-        prior=law,
+        log_covariance=covariance,
+        prior_covariance=covariance,
         reference_sinkage=REFERENCE_SINKAGE,
         reference_diameter=REFERENCE_DIAMETER,
         variety=Variety(),

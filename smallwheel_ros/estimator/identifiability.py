@@ -1,4 +1,4 @@
-"""What the measurements so far have determined of a soil, and what they cannot."""
+"""The soil as it is believed, in the terms of the field; what is determined of it, and what cannot be."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_estimate import DETERMINED, LawCovariance, modulus_row
 from smallwheel_ros.estimator.missing_effect import MissingEffect
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
+DETERMINED = 0.5  # posterior over prior standard deviation, at most
 _SAME_DIAMETER = 1.05  # largest over smallest
 _SAME_LOAD = 1.3
 
@@ -32,20 +33,6 @@ class Identifiable(NamedTuple):
     m: bool
     effective_modulus: bool
     reference_pressure: bool
-
-
-@dataclass(frozen=True)
-class Direction:
-    """A combination of soil parameters, and how much of its prior deviation is left.
-
-    log_pressure, n, m: weights, each in prior standard deviations, of unit length together.
-    remaining: posterior over prior standard deviation, 0 (known) to 1 (open).
-    """
-
-    log_pressure: float
-    n: float
-    m: float
-    remaining: float
 
 
 @dataclass(frozen=True)
@@ -68,7 +55,7 @@ class Variety:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SoilEstimate:
     """The soil under the wheels as it is believed now; every number is finite, SI units.
 
@@ -78,10 +65,10 @@ class SoilEstimate:
         The law p = k z^n D^m; k in Pa/m^(n+m).
     log_reference_pressure
         ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
-    law_covariance
-        Of (log_reference_pressure, n, m), in plain floats: the one to compute with.
-    prior
-        `law_covariance` as it was before the first measurement.
+    log_covariance
+        Of (log_reference_pressure, n, m), shape (3, 3): the one to compute with.
+    prior_covariance
+        `log_covariance` as it was before the first measurement.
     reference_sinkage, reference_diameter
         m.
     variety
@@ -102,8 +89,8 @@ class SoilEstimate:
     n: float
     m: float
     log_reference_pressure: float
-    law_covariance: LawCovariance
-    prior: LawCovariance
+    log_covariance: Array
+    prior_covariance: Array
     reference_sinkage: float
     reference_diameter: float
     variety: Variety
@@ -115,16 +102,12 @@ class SoilEstimate:
     missing_effect: MissingEffect | None = None
 
     @cached_property
-    def log_covariance(self) -> Array:
-        """`law_covariance` as an array of shape (3, 3)."""
-        return self.law_covariance.array()
-
-    @cached_property
     def covariance(self) -> Array:
         """Of (k, n, m), shape (3, 3), linearised at the estimate."""
-        up, across = math.log(self.reference_sinkage), math.log(self.reference_diameter)
-        of_k = self.k, -self.k * up, -self.k * across
-        return self.law_covariance.seen_as(of_k, 1.0).array()
+        slopes = np.eye(3)
+        slopes[0] = self.k * self._log_modulus_row(1.0)
+        covariance: Array = slopes @ self.log_covariance @ slopes.T
+        return covariance
 
     @property
     def reference_pressure(self) -> float:
@@ -134,13 +117,22 @@ class SoilEstimate:
     @property
     def reference_pressure_std(self) -> float:
         """Pa."""
-        return self.reference_pressure * math.sqrt(self.law_covariance.pp)
+        return self.reference_pressure * math.sqrt(self.log_covariance[0, 0])
 
     @cached_property
     def remaining(self) -> Mapping[str, float]:
         """Posterior over prior standard deviation of what `Identifiable` judges, by name."""
-        reference = self.reference_sinkage, self.reference_diameter
-        return _remaining(self.prior, self.law_covariance, *reference)
+        of_k, of_modulus = (
+            self._log_modulus_row(1.0),
+            self._log_modulus_row(self.reference_diameter),
+        )
+        rows = np.array([of_k, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], of_modulus, [1.0, 0.0, 0.0]])
+        after, before = (
+            np.einsum("ij,jk,ik->i", rows, covariance, rows)
+            for covariance in (self.log_covariance, self.prior_covariance)
+        )
+        left = np.sqrt(np.maximum(after, 0.0) / before)
+        return dict(zip(Identifiable._fields, left.tolist(), strict=True))
 
     @cached_property
     def identifiable(self) -> Identifiable:
@@ -150,12 +142,7 @@ class SoilEstimate:
     @property
     def status(self) -> tuple[str, ...]:
         """In words, what is not determined and why; empty when everything is determined."""
-        return in_words(self.identifiable, self.variety, self.accepted)
-
-    @cached_property
-    def directions(self) -> tuple[Direction, ...]:
-        """The three independent combinations of parameters, the best determined first."""
-        return _directions(self.prior.array(), self.log_covariance)
+        return _in_words(self.identifiable, self.variety, self.accepted)
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -171,41 +158,23 @@ class SoilEstimate:
 
         Without a diameter, for the reference diameter. The deviation is linearised.
         """
-        d = self.reference_diameter if diameter is None else diameter
-        row = modulus_row(self.reference_sinkage, self.reference_diameter, d)
-        log_modulus = self.log_reference_pressure + row[1] * self.n + row[2] * self.m
-        modulus = math.exp(log_modulus)
-        return modulus, modulus * self.law_covariance.deviation(row)
+        row = self._log_modulus_row(self.reference_diameter if diameter is None else diameter)
+        modulus = math.exp(row @ (self.log_reference_pressure, self.n, self.m))
+        variance = float(row @ self.log_covariance @ row)
+        return modulus, modulus * math.sqrt(max(variance, 0.0))
+
+    def _log_modulus_row(self, diameter: float) -> Array:
+        """Weights of (log_reference_pressure, n, m) in ln(k D^m) of a diameter (m)."""
+        across = math.log(diameter / self.reference_diameter)
+        return np.array([1.0, -math.log(self.reference_sinkage), across])
 
 
-def _remaining(
-    prior: LawCovariance,
-    posterior: LawCovariance,
-    reference_sinkage: float,
-    reference_diameter: float,
-) -> dict[str, float]:
-    """Compare two covariances: standard deviations, after over before."""
-    of_k = modulus_row(reference_sinkage, reference_diameter, 1.0)
-    of_modulus = modulus_row(reference_sinkage, reference_diameter, reference_diameter)
-    return {
-        "k": posterior.deviation(of_k) / prior.deviation(of_k),
-        "n": math.sqrt(posterior.nn / prior.nn),
-        "m": math.sqrt(posterior.mm / prior.mm),
-        "effective_modulus": posterior.deviation(of_modulus) / prior.deviation(of_modulus),
-        "reference_pressure": math.sqrt(posterior.pp / prior.pp),
-    }
-
-
-def _directions(prior: Array, posterior: Array) -> tuple[Direction, ...]:
-    """Independent directions in parameters counted in prior deviations, best determined first."""
-    scale = 1.0 / np.sqrt(np.diag(prior))
-    shares, vectors = np.linalg.eigh(posterior * np.outer(scale, scale))
-    return tuple(
-        Direction(
-            float(vector[0]), float(vector[1]), float(vector[2]), math.sqrt(max(float(share), 0.0))
-        )
-        for share, vector in zip(shares, vectors.T, strict=True)
-    )
+def to_reference(sinkage: float, diameter: float) -> Array:
+    """Turn (ln pressure, n, m) of the soil's reference into those of another (m), a matrix (3, 3)."""
+    turn = np.eye(3)
+    turn[0, 1] = math.log(sinkage / REFERENCE_SINKAGE)
+    turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
+    return turn
 
 
 def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
@@ -220,7 +189,7 @@ def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
     )
 
 
-def in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tuple[str, ...]:
+def _in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tuple[str, ...]:
     """Say what is not determined, and why."""
     if variety.diameters is None or variety.loadings is None:
         return ("no measurement yet: soil and uncertainty are the prior's",)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_estimate import DETERMINED
+from smallwheel_ros.estimator.identifiability import DETERMINED
 from smallwheel_ros.estimator.law_model import DELAY, LOAD_SCALE, PASS, PITCH, SLIP, ZERO, ZEROS
 from smallwheel_ros.estimator.segment import Segment
 

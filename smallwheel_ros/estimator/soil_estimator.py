@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.expectation import judge, sinkage_of
-from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.estimator.law_estimate import LawCovariance, LawEstimate, law_estimate
+from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate, to_reference
 from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_member import WheelPlace
 from smallwheel_ros.estimator.missing_effect import (
@@ -70,6 +70,8 @@ __all__ = [
     "UpdateResult",
 ]
 
+Array = NDArray[np.float64]
+
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
 _TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
@@ -106,6 +108,9 @@ class SoilEstimator:
         start = [prior.log_reference_pressure, prior.n, prior.m]
         deviations = [prior.log_reference_pressure_std, prior.n_std, prior.m_std]
         self._prior_mean, self._prior = np.array(start), np.diag(np.square(deviations))
+        at = self.settings.reference_sinkage, self.settings.reference_diameter
+        self._turn = to_reference(*at)
+        self._prior_of_field = self._turn @ self._prior @ self._turn.T
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self.reset()
@@ -119,7 +124,7 @@ class SoilEstimator:
         self._distance = 0.0
         self.outliers = 0
         self.refused: dict[str, int] = {}
-        self._said: tuple[object, LawEstimate] | None = None
+        self._said: tuple[object, tuple[Array, Array]] | None = None
 
     # -- in
 
@@ -276,10 +281,17 @@ class SoilEstimator:
         """
         found = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
         law, variety = (None, self._soils.variety) if found is None else found
+        at = self.settings.reference_sinkage, self.settings.reference_diameter
+        mean, covariance = self._at_the_reference(law)
+        pressure, n, m = mean.tolist()
         return SoilEstimate(
-            *self._in_terms_of_the_field(law),
-            self.settings.reference_sinkage,
-            self.settings.reference_diameter,
+            math.exp(pressure - n * math.log(at[0]) - m * math.log(at[1])),
+            n,
+            m,
+            pressure,
+            covariance,
+            self._prior_of_field,
+            *at,
             variety,
             self._soils.accepted,
             self.outliers,
@@ -289,16 +301,14 @@ class SoilEstimator:
             self._watch.alarm,
         )
 
-    def _in_terms_of_the_field(self, law: LawFilter | None) -> LawEstimate:
-        """A law, None: the prior's; worked out anew only where it has changed."""
+    def _at_the_reference(self, law: LawFilter | None) -> tuple[Array, Array]:
+        """Ln pressure at the reference to report at, n and m; anew only where a law has changed."""
         missed = self._watch.missed_variance
         state = law, 0 if law is None else law.version, missed
         if self._said is None or self._said[0] != state:
-            prior = LawCovariance.of(self._prior)
             mean, covariance = (self._prior_mean, self._prior) if law is None else law.law()
-            spread = LawCovariance.of(covariance).with_more(missed)
-            reference = self.settings.reference_sinkage, self.settings.reference_diameter
-            self._said = state, law_estimate(mean.tolist(), spread, prior, reference)
+            more = np.diag([missed, 0.0, 0.0])
+            self._said = state, (self._turn @ mean, self._turn @ (covariance + more) @ self._turn.T)
         return self._said[1]
 
     def predict(

@@ -129,7 +129,7 @@ def wheel_on_soil(
     if found is None:
         return None
     law = np.zeros((4, 4))
-    law[:3, :3] = soil.law_covariance.array()
+    law[:3, :3] = soil.log_covariance
     law[0, 0] += scatter**2
     law[3, 3] = (load.standard_deviation / load.value) ** 2
     (sinkage, compaction, other), slopes, thrust_factor = found

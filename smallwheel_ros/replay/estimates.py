@@ -60,7 +60,7 @@ class Estimate:
     def __init__(self, result: Result, before: Estimate | None = None) -> None:
         self.result, soil = result, result.soil
         self._mobility = mobility_fields(result.mobility)
-        law = (soil.k, soil.n, soil.m, soil.law_covariance, soil.prior)
+        law = (soil.k, soil.n, soil.m, soil.log_covariance.tobytes())
         self._state = (*law, soil.variety, soil.accepted, result.rejected)
         if before is not None and before._state == self._state:
             self._soil: dict[str, Any] = before._soil
