@@ -215,7 +215,12 @@ def test_asking_for_the_estimate_changes_nothing_and_is_never_behind(tmp_path: P
         fresh = copy.deepcopy(left_alone)  # never asked before, so nothing of it is kept
         for wheel in (None, one.wheel):
             here, there = asked.estimate(wheel), fresh.estimate(wheel)
-            assert (here.k, here.n, here.m, here.status) == (there.k, there.n, there.m, there.status)
+            assert (here.k, here.n, here.m, here.status) == (
+                there.k,
+                there.n,
+                there.m,
+                there.status,
+            )
             np.testing.assert_array_equal(here.covariance, there.covariance)
     assert asked.soil_changes == 1
     asked.save(tmp_path / "soil.json")

@@ -15,7 +15,7 @@ from wheel_drives import rolled, varied
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.law_filter import LawFilter
-from smallwheel_ros.estimator.law_member import Member, WheelPlace
+from smallwheel_ros.estimator.law_member import Member
 from smallwheel_ros.estimator.law_model import (
     DELAY,
     LAW,
@@ -56,10 +56,9 @@ SEGMENT = Segment(
     width=0.12,
     contact="rolling",
     count=8,
-    dropped=0,
-    stuck=False,
+    passes=1.0,
 )
-WHEEL = WheelPlace(0, 1.0)
+LEADING = replace(SEGMENT, passes=0.0)
 
 
 def model(effects: tuple[Effect, ...] = (), **settings: float) -> LawModel:
@@ -100,16 +99,16 @@ def sound(law: LawFilter) -> None:
 def test_the_row_of_h_is_its_slope(effects: tuple[Effect, ...]) -> None:
     made = model(effects)
     x = state(made)
-    got = made.h(x, SEGMENT, 1.0, 0)
+    got = made.h(x, SEGMENT)
     steps = np.full(len(x), 1e-4)
     steps[[PITCH, ZERO, ZEROS]] = 1e-6
     for i, step in enumerate(steps):
         h = np.zeros(len(x))
         h[i] = step
-        up, down = (made.h(x + sign * h, SEGMENT, 1.0, 0).value for sign in (1, -1))
+        up, down = (made.h(x + sign * h, SEGMENT).value for sign in (1, -1))
         assert got.row[i] == pytest.approx((up - down) / (2 * step), rel=2e-3, abs=1e-7), i
     heavier = replace(SEGMENT, load=SEGMENT.load * math.exp(1e-4))
-    slope = (made.h(x, heavier, 1.0, 0).value - got.value) / 1e-4
+    slope = (made.h(x, heavier).value - got.value) / 1e-4
     assert got.by_load == pytest.approx(slope, rel=1e-3)
 
 
@@ -130,7 +129,7 @@ def test_h_is_the_contact_integral_with_each_fault() -> None:
         y = clean.copy()
         for name, value in faults.items():
             y[globals()[name]] = value
-        return float(made.h(y, SEGMENT, 1.0, 0).value)
+        return float(made.h(y, SEGMENT).value)
 
     assert shown() == pytest.approx(static(80.0), rel=1e-6)
     assert shown(PASS=0.2) == pytest.approx(static(80.0) * math.exp(0.2))
@@ -179,13 +178,13 @@ def test_prior_is_that_of_the_field() -> None:
 def test_travel_ends_at_the_prior_and_leaves_the_faults() -> None:
     law = law_filter()
     for one in segments(rolled(varied(400), 1)):
-        law.absorb(one, WheelPlace(0, 0.0))
+        law.absorb(one)
     known = law.law()[1].diagonal()
     faults = law.covariance[ZERO, ZERO]
     previous = known
     for i, travelled in enumerate((5.0, 50.0, 1e3, 1e6)):
         # A segment that says nothing, further along the way.
-        law.absorb(replace(SEGMENT, distance=20.0 + travelled, sinkage_variance=1e6), WHEEL)
+        law.absorb(replace(SEGMENT, distance=20.0 + travelled, sinkage_variance=1e6))
         now = law.law()[1].diagonal()
         assert (now >= previous * (1.0 - 1e-9)).all(), i
         previous = now
@@ -198,9 +197,9 @@ def test_travel_ends_at_the_prior_and_leaves_the_faults() -> None:
 def test_without_process_noise_a_soil_is_one_for_ever() -> None:
     law = law_filter(process_noise=0.0)
     for one in segments(rolled(varied(400), 1)):
-        law.absorb(one, WheelPlace(0, 0.0))
+        law.absorb(one)
     known = law.law()[1].diagonal()
-    law.absorb(replace(SEGMENT, distance=1e7, sinkage_variance=1e6), WHEEL)
+    law.absorb(replace(SEGMENT, distance=1e7, sinkage_variance=1e6))
     np.testing.assert_allclose(law.law()[1].diagonal(), known, rtol=1e-2)
 
 
@@ -208,7 +207,7 @@ def test_repeats_of_a_deviation_count_as_one() -> None:
     """Texture of the soil is alike from segment to segment: their mean is not as sure as of dice."""
     law = law_filter()
     for i in range(30):
-        law.absorb(replace(SEGMENT, distance=0.2 * i), WHEEL)
+        law.absorb(replace(SEGMENT, distance=0.2 * i))
     _, counts, base = law.scatter.noise(SEGMENT, 0.009, 0.012)
     assert counts - base > 1.2 * (0.009**2 * law.scatter.soil) > 0.0
 
@@ -222,12 +221,9 @@ def test_scatter_of_the_soil_is_learnt(scatter: float) -> None:
         keep = math.exp(-1.0)
         texture = keep * texture + math.sqrt(1 - keep**2) * scatter * float(rng.standard_normal())
         load = 60.0 * math.exp(0.4 * math.sin(0.5 * i))
-        expected = law.model.h(law.model.mean, replace(SEGMENT, load=load, slip=0.0), 0.0, 0).value
+        expected = law.model.h(law.model.mean, replace(LEADING, load=load, slip=0.0)).value
         shown = expected * math.exp(-0.75 * math.sqrt(law.scatter.share) * texture)
-        law.absorb(
-            replace(SEGMENT, load=load, slip=0.0, distance=0.2 * i, sinkage=shown),
-            WheelPlace(0, 0.0),
-        )
+        law.absorb(replace(LEADING, load=load, slip=0.0, distance=0.2 * i, sinkage=shown))
     assert math.sqrt(law.scatter.soil) == pytest.approx(scatter, rel=0.4)
 
 
@@ -236,7 +232,7 @@ def test_zero_that_is_told_limits_n_and_one_that_is_known_does_not() -> None:
     for zero in (2e-3, 1e-4):
         law = law_filter(sinkage_zero_std=zero)
         for one in segments(rolled(varied(1500), 2)):
-            law.absorb(one, WheelPlace(0, 0.0))
+            law.absorb(one)
         mean, covariance = law.law()
         deviation[zero] = math.sqrt(covariance[1, 1])
         assert abs(mean[1] - TRUE_N) < 3.0 * deviation[zero]
@@ -246,7 +242,7 @@ def test_zero_that_is_told_limits_n_and_one_that_is_known_does_not() -> None:
 def test_another_soil_begins_with_the_prior_and_keeps_the_faults() -> None:
     law = law_filter()
     for one in segments(rolled(varied(800), 2)):
-        law.absorb(one, WheelPlace(0, 0.0))
+        law.absorb(one)
     faults = law.covariance[PASS:, PASS:].copy()
     law.reopen(None, 0.5, 20.0)
     assert law.used == 0
@@ -261,7 +257,7 @@ def test_a_wild_segment_moves_the_law_little() -> None:
         rows = segments(rolled(varied(800), 2))
         rows[60] = replace(rows[60], sinkage=rows[60].sinkage + wild - 0.012)
         for one in rows:
-            law.absorb(one, WheelPlace(0, 0.0))
+            law.absorb(one)
     off = np.abs(laws[0].law()[0] - laws[1].law()[0])
     assert (off < 0.5 * np.sqrt(laws[0].law()[1].diagonal())).all()
 
@@ -270,13 +266,12 @@ def soak(updates: int) -> None:
     """Segments as a drive makes them, very exact and very coarse in turn, on two sizes of wheel."""
     rng = np.random.default_rng(7)
     law = law_filter()
-    places = [WheelPlace(0, 0.0), WheelPlace(law.add_wheel(), 1.0)]
+    places = [LEADING, replace(SEGMENT, index=law.add_wheel())]
     prior = law.model.soil_covariance.diagonal()
     for i in range(updates):
-        place = places[i % 2]
         load = 60.0 * math.exp(0.4 * float(rng.standard_normal()))
         one = replace(
-            SEGMENT,
+            places[i % 2],
             distance=0.0 if (i // 500) % 5 == 4 else 0.1 * i,
             load=load,
             slip=float(rng.uniform(-0.1, 0.5)),
@@ -285,7 +280,7 @@ def soak(updates: int) -> None:
             sinkage_variance=(1e-6 if i % 1000 < 20 else 3e-4) ** 2,
             sinkage=0.012 * (load / 60.0) ** 0.8 * math.exp(0.1 * float(rng.standard_normal())),
         )
-        law.absorb(one, place)
+        law.absorb(one)
         if i % 100 == 0:
             sound(law)
             assert (law.covariance.diagonal()[PASS:ZERO] <= 4.0 * prior[PASS:ZERO]).all()
@@ -305,7 +300,7 @@ def test_covariance_is_sound_over_many_more_updates() -> None:
 def test_a_segment_that_cannot_be_used_leaves_the_filter_as_it_was(monkeypatch) -> None:
     law = law_filter()
     for i in range(20):
-        law.absorb(replace(SEGMENT, distance=0.2 * i), WHEEL)
+        law.absorb(replace(SEGMENT, distance=0.2 * i))
     mean, covariance, scatter, used = law.mean, law.covariance, law.scatter.soil, law.used
     update, updates = Member.update, []
 
@@ -317,10 +312,10 @@ def test_a_segment_that_cannot_be_used_leaves_the_filter_as_it_was(monkeypatch) 
 
     monkeypatch.setattr(Member, "update", third_time_bad)
     with pytest.raises(ArithmeticError, match="no law"):
-        law.absorb(replace(SEGMENT, distance=6.0), WHEEL)
+        law.absorb(replace(SEGMENT, distance=6.0))
     monkeypatch.setattr(Member, "update", update)
     np.testing.assert_allclose(law.mean, mean, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(law.covariance, covariance, rtol=1e-12, atol=1e-18)
     assert (law.scatter.soil, law.used) == (scatter, used)
-    law.absorb(replace(SEGMENT, distance=6.0), WHEEL)
+    law.absorb(replace(SEGMENT, distance=6.0))
     assert law.used == used + 1

@@ -26,7 +26,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_member import TEMPER, UNSETTLED, Border, Member, State, WheelPlace
+from smallwheel_ros.estimator.law_member import TEMPER, UNSETTLED, Border, Member, State
 from smallwheel_ros.estimator.law_model import LawModel, N, Shown
 from smallwheel_ros.estimator.scatter import Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
@@ -103,7 +103,7 @@ class LawFilter:
 
     # -- filter
 
-    def absorb(self, segment: Segment, wheel: WheelPlace) -> None:
+    def absorb(self, segment: Segment) -> None:
         """Use a segment for the soil.
 
         Raises ArithmeticError, ValueError or LinAlgError, with nothing changed, where the law cannot
@@ -112,7 +112,7 @@ class LawFilter:
         states, weights = self._states(), [member.log_weight for member in self._bank]
         scatter, stored = copy(self.scatter), len(self._store)
         try:
-            self._use(segment, wheel)
+            self._use(segment)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
             for member, state, weight in zip(self._bank, states, weights, strict=True):
                 member.begin(state)
@@ -123,25 +123,25 @@ class LawFilter:
             raise
         self.used += 1
 
-    def _use(self, segment: Segment, wheel: WheelPlace) -> None:
+    def _use(self, segment: Segment) -> None:
         found: list[tuple[float, ...]] = []
         for member in self._bank:
             member.travel(segment.distance, self._border)
-            of, base = member.update(segment, wheel, self.scatter)
+            of, base = member.update(segment, self.scatter)
             found.append((of.value, of.state_variance, of.variance, of.by_load, base))
         *innovation, base = np.average(np.array(found), axis=0, weights=self._weights).tolist()
-        self.scatter.learn(Innovation(*innovation), base, wheel.index)
+        self.scatter.learn(Innovation(*innovation), base, segment.index)
         self._level()
         if len(self._store) < _AGAIN[-1]:
-            self._store.append((segment, wheel))
+            self._store.append(segment)
             if len(self._store) in _AGAIN:
                 self._again()
         self._mix()
 
-    def linearised(self, segment: Segment, wheel: WheelPlace) -> tuple[Array, Shown]:
+    def linearised(self, segment: Segment) -> tuple[Array, Shown]:
         """The most likely filter's x, and what a segment should show there."""
         x = self.model.mean + self.most_likely.x
-        return x, self.model.h(x, segment, wheel.passes, wheel.index)
+        return x, self.model.h(x, segment)
 
     def innovation(self, segment: Segment, about: tuple[Array, Shown]) -> Innovation:
         """What a segment would say to the most likely filter. about: as linearised lately."""
@@ -157,9 +157,9 @@ class LawFilter:
             about = self.model.mean + member.kalman.x
             member.begin(start)
             member.log_weight = member.log_prior
-            for segment, wheel in self._store:
+            for segment in self._store:
                 member.travel(segment.distance, self._border)
-                member.update(segment, wheel, self.scatter, about)
+                member.update(segment, self.scatter, about)
         self._level()
 
     def _level(self) -> None:
@@ -172,7 +172,7 @@ class LawFilter:
     def _remember(self) -> None:
         """From here on segments are of this soil: what the bank is before them."""
         self._start = self._states()
-        self._store: list[tuple[Segment, WheelPlace]] = []
+        self._store: list[Segment] = []
 
     def _states(self) -> list[State]:
         """What each filter is at now."""
@@ -214,16 +214,14 @@ class LawFilter:
         self._remember()
         self._mix()
 
-    def log_likelihood(
-        self, law: tuple[Array, Array] | None, segments: Sequence[tuple[Segment, WheelPlace]]
-    ) -> float:
+    def log_likelihood(self, law: tuple[Array, Array] | None, segments: Sequence[Segment]) -> float:
         """How likely segments are of a law as in `reopen`, linearised about it."""
         kalman = ExtendedKalmanFilter(len(self.mean), 1)
         kalman.x, kalman.P = self._bank[self._best].with_law(law)
         total = 0.0
-        for segment, wheel in segments:
+        for segment in segments:
             x = self.model.mean + kalman.x
-            shown = self.model.h(x, segment, wheel.passes, wheel.index)
+            shown = self.model.h(x, segment)
             state = float(shown.row @ kalman.P @ shown.row)
             alone, counts, _ = self.scatter.noise(segment, shown.by_load, shown.value)
             # In ln of sinkage: under a wide prior the sinkage itself is far from normal.

@@ -24,14 +24,6 @@ UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it 
 
 
 @dataclass(frozen=True)
-class WheelPlace:
-    """A wheel in the state: its index among the zeros, and log2(1 + wheels ahead in its rut)."""
-
-    index: int
-    passes: float
-
-
-@dataclass(frozen=True)
 class Border:
     """Behind a change of soil: the soil may go on changing by `size` (of u) until there (m)."""
 
@@ -99,7 +91,7 @@ class Member:
             self.travelled = distance
 
     def update(
-        self, segment: Segment, wheel: WheelPlace, scatter: Scatter, about: Array | None = None
+        self, segment: Segment, scatter: Scatter, about: Array | None = None
     ) -> tuple[Innovation, float]:
         """Use a segment; return its innovation, and the variance of sensors and law (m^2).
 
@@ -109,7 +101,7 @@ class Member:
         mean = model.mean + kalman.x
         x = mean if about is None else about
         for step in range(_ITERATIONS if about is None else 1):
-            shown = model.h(x, segment, wheel.passes, wheel.index)
+            shown = model.h(x, segment)
             miss = segment.sinkage - shown.value - float(shown.row @ (mean - x))
             state = float(shown.row @ kalman.P @ shown.row)
             if step == 0:

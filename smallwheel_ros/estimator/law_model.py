@@ -143,26 +143,26 @@ class LawModel:
         pressure = log_modulus + n * _LOG_REFERENCE_SINKAGE - m * self._across
         return np.array([pressure, n, m]), jacobian
 
-    def h(self, x: Array, segment: Segment, passes: float, wheel: int) -> Shown:
-        """What the sensor of a wheel shows. wheel: its place among the zeros."""
+    def h(self, x: Array, segment: Segment) -> Shown:
+        """What the sensor of a wheel shows."""
         y, jacobian = self.soil(x)
-        shown = self._of_soil(y, segment, passes)
+        shown = self._of_soil(y, segment)
         row = shown.row @ jacobian
         row[PITCH] = segment.pitch
         row[ZERO] += 1.0
-        row[ZEROS + wheel] = 1.0
-        value = shown.value + x[PITCH] * segment.pitch + x[ZERO] + x[ZEROS + wheel]
+        row[ZEROS + segment.index] = 1.0
+        value = shown.value + x[PITCH] * segment.pitch + x[ZERO] + x[ZEROS + segment.index]
         return Shown(value, row, shown.by_load)
 
-    def sinkage(self, y: Array, segment: Segment, passes: float) -> Shown:
+    def sinkage(self, y: Array, segment: Segment) -> Shown:
         """The sinkage itself, without what is wrong with its sensor; y and the row are the soil's."""
         timely = y.copy()
         timely[DELAY] = 0.0
-        shown = self._of_soil(timely, segment, passes)
+        shown = self._of_soil(timely, segment)
         shown.row[DELAY] = 0.0
         return shown
 
-    def _of_soil(self, y: Array, segment: Segment, passes: float) -> Shown:
+    def _of_soil(self, y: Array, segment: Segment) -> Shown:
         u, n, m, passed, scale, digs, delay = y[: DELAY + 1].tolist()
         load = segment.load * math.exp(-scale - delay * segment.load_rate)
         observe = observation(
@@ -178,7 +178,7 @@ class LawModel:
         across = observe.diameter_log - self._across
         static = observe(log_modulus + n * _LOG_REFERENCE_SINKAGE + across * m, n)
         slip = 0.0 if segment.slip is None else max(segment.slip, 0.0)
-        rut = math.exp(passes * passed)
+        rut = math.exp(segment.passes * passed)
         factor = rut * max(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
         value, by_load = static.value * factor, static.by_load * factor
         by_pressure = static.by_pressure * factor
@@ -188,7 +188,7 @@ class LawModel:
         row[M] = by_pressure * across
         row[LOAD_SCALE] = -by_load
         row[DELAY] = -by_load * segment.load_rate
-        row[PASS] = passes * value
+        row[PASS] = segment.passes * value
         row[SLIP] = static.value * rut * slip
         return Shown(value, row, by_load)
 

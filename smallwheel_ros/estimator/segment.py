@@ -40,6 +40,7 @@ class Segment:
     sinkage_variance: of the mean, from the sensor's noise. load_variance: of ln load, from the
     sensor's. load_rate: d ln load / d time, 1/s. slip, speed: None where not known. count: readings
     in the mean; dropped: left out as outliers. stuck: the sensor showed one number throughout.
+    index: of the wheel among the zeros of the state. passes: log2(1 + wheels ahead in its rut).
     """
 
     wheel: str
@@ -50,27 +51,71 @@ class Segment:
     sinkage_variance: float
     load: float
     load_variance: float
-    load_rate: float
     slip: float | None
     speed: float | None
     pitch: float
     diameter: float
     width: float
     contact: str
-    count: int
-    dropped: int
-    stuck: bool
+    load_rate: float = 0.0
+    count: int = 1
+    dropped: int = 0
+    stuck: bool = False
+    index: int = 0
+    passes: float = 0.0
+
+    @property
+    def leads(self) -> bool:
+        """Whether the wheel runs in nobody's rut."""
+        return self.passes == 0.0
+
+    @classmethod
+    def of_reading(
+        cls,
+        given: SinkageMeasurement,
+        load: float,
+        load_variance: float,
+        index: int = 0,
+        passes: float = 0.0,
+    ) -> Segment:
+        """One reading, to predict by. load: N; load_variance: of its logarithm."""
+        return cls(
+            given.wheel,
+            given.time,
+            given.distance,
+            given.distance,
+            given.sinkage,
+            0.0,
+            load,
+            load_variance,
+            known(given.slip),
+            known(given.speed),
+            given.pitch,
+            given.diameter,
+            given.width,
+            given.contact,
+            index=index,
+            passes=passes,
+        )
 
 
 class SegmentCollector:
     """Collects the readings of one wheel.
 
     length: m of a segment. sinkage_std: m, noise of one reading until it is learnt. ahead: m that
-    the wheel is ahead of the vehicle's middle.
+    the wheel is ahead of the vehicle's middle. index, passes: see `Segment`.
     """
 
-    def __init__(self, length: float, sinkage_std: float, load_std: float, ahead: float) -> None:
-        self._length, self._ahead = length, ahead
+    def __init__(
+        self,
+        length: float,
+        sinkage_std: float,
+        load_std: float,
+        ahead: float,
+        index: int = 0,
+        passes: float = 0.0,
+    ) -> None:
+        self._length, self._ahead, self.index, self.passes = length, ahead, index, passes
         self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
         self._load_noise = load_std**2  # of ln load
         self._noise_readings = _TOLD_READINGS
@@ -156,16 +201,18 @@ class SegmentCollector:
             sinkage_variance=self.reading_variance / count,
             load=load,
             load_variance=load_variance,
-            load_rate=_slope(time, log_load),
             slip=_known_mean(slip),
             speed=_known_mean(speed),
             pitch=float(pitch.mean()),
             diameter=last.diameter,
             width=last.width,
             contact=last.contact,
+            load_rate=_slope(time, log_load),
             count=count,
             dropped=len(self._rows) - count,
             stuck=stuck,
+            index=self.index,
+            passes=self.passes,
         )
 
     def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
@@ -204,6 +251,11 @@ def _slope(time: Array, values: Array) -> float:
     centred = time - time.mean()
     square = float(centred @ centred)
     return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
+
+
+def known(value: float | None) -> float | None:
+    """Give a number, None where there is none."""
+    return None if value is None or not math.isfinite(value) else value
 
 
 def _known_mean(values: Array) -> float | None:

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.law_filter import LawFilter
-from smallwheel_ros.estimator.law_member import WheelPlace
 from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.scatter import Innovation
 from smallwheel_ros.estimator.segment import Segment
@@ -43,11 +42,9 @@ _WILD = 5.0  # deviations to which an innovation is cut
 
 @dataclass(frozen=True)
 class Waiting:
-    """A segment that waits, its wheel, and what it should show, as linearised when it came."""
+    """A segment that waits, and what it should show, as linearised when it came."""
 
     segment: Segment
-    wheel: WheelPlace
-    leads: bool
     about: tuple[Array, Shown]
 
 
@@ -90,7 +87,7 @@ class ChangeTest:
         if law.used < _SETTLED:
             return None
         rows = sorted(
-            (one for one in self.waiting if one.leads and not one.segment.stuck),
+            (one for one in self.waiting if one.segment.leads and not one.segment.stuck),
             key=lambda one: -one.segment.place,
         )
         best: Shift | None = None
@@ -117,7 +114,7 @@ class ChangeTest:
 
     def _agree(self, wheels: dict[str, list[float]], size: float) -> bool:
         """Whether every wheel that is ahead of the border shows it; two at least, where there are."""
-        leading = {one.segment.wheel for one in self.waiting if one.leads}
+        leading = {one.segment.wheel for one in self.waiting if one.segment.leads}
         if len(wheels) < min(2, len(leading)):
             return False
         return all(sum(shifts) / len(shifts) / size > _SHARE for shifts in wheels.values())

@@ -23,10 +23,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.expectation import judge, sinkage_of
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate, to_reference
 from smallwheel_ros.estimator.law_filter import LawFilter
-from smallwheel_ros.estimator.law_member import WheelPlace
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
@@ -46,11 +44,7 @@ from smallwheel_ros.estimator.sinkage_measurement import (
 )
 from smallwheel_ros.estimator.sinkage_observation import observation
 from smallwheel_ros.estimator.soils import Soils
-from smallwheel_ros.estimator.wheel_track import (
-    WheelTrack,
-    instant_segment,
-    wheels_ahead,
-)
+from smallwheel_ros.estimator.wheel_track import WheelTrack, sinkage_of, wheels_ahead
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
@@ -155,7 +149,7 @@ class SoilEstimator:
         relative = given.load_variance / given.load**2
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             law = self._soils.law or self._soils.new_law(self._reference(given))
-            sinkage_of(law, instant_segment(given, given.load, relative), 0.0, 0.0)
+            sinkage_of(law, Segment.of_reading(given, given.load, relative), 0.0)
         self._soils.law = law
         known = self._known_wheels.get(given.wheel)
         runs_ahead = [] if known is None else wheels_ahead(known, self._known_wheels.values())
@@ -165,10 +159,10 @@ class SoilEstimator:
         if given.contact != ROLLING:
             length = min(length, _PRESSED * given.diameter)
         wheel = WheelTrack(
-            SegmentCollector(length, noise, told, ahead),
-            WheelPlace(law.add_wheel(), math.log2(1.0 + len(runs_ahead))),
+            SegmentCollector(
+                length, noise, told, ahead, law.add_wheel(), math.log2(1.0 + len(runs_ahead))
+            ),
             ahead,
-            not runs_ahead,
         )
         self._wheels[given.wheel] = wheel
         return wheel
@@ -177,16 +171,16 @@ class SoilEstimator:
         changes = self._soils.changes
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             law, missed = self._law_under(wheel), self._watch.missed_variance
-            result = judge(given, wheel, law, missed, self._gate)
+            result = wheel.judge(given, law, missed, self._gate)
         closed = wheel.follow(given)
         self._distance = max(self._distance, given.distance)
         if closed is not None:
-            self._take(closed, wheel)
+            self._take(closed)
         if self._soils.changes > changes:
             result = result._replace(outcome=Outcome.ACCEPTED, reason="soil_changed", message="")
         return result
 
-    def _take(self, segment: Segment, wheel: WheelTrack) -> None:
+    def _take(self, segment: Segment) -> None:
         """A segment has closed: look at its sensor, at what the model misses, at the soil."""
         self.outliers += segment.dropped
         self._sensors.add(segment)
@@ -196,7 +190,7 @@ class SoilEstimator:
         if segment.contact == ROLLING and self._watch.add(segment):
             law = self.estimate()
             self._watch.test(self.prior.soil, (law.k, law.n, law.m), segment.distance)
-        self._soils.take(segment, wheel, self._sensors)
+        self._soils.take(segment, self._sensors)
 
     def _reference(self, given: SinkageMeasurement) -> tuple[float, float, float]:
         """Load (N), diameter and width (m) of the reference wheel: the one measured first.
@@ -219,7 +213,7 @@ class SoilEstimator:
         found = self._soils.under(wheel)
         assert found is not None
         assert self._soils.law is not None
-        return found[0] if wheel.place.index < found[0].wheels else self._soils.law
+        return found[0] if wheel.collector.index < found[0].wheels else self._soils.law
 
     def _refuse(self, reason: str, message: str) -> UpdateResult:
         self.refused[reason] = self.refused.get(reason, 0) + 1
@@ -346,14 +340,14 @@ class SoilEstimator:
         if problem is not None:
             raise EstimatorError(problem[1])
         known = self._wheels.get(wheel) if wheel is not None else None
-        passes = 0.0 if known is None else known.place.passes
-        now = instant_segment(given, load, load_variance / load**2)
+        passes = 0.0 if known is None else known.collector.passes
+        now = Segment.of_reading(given, load, load_variance / load**2, passes=passes)
         try:
             if known is None:
                 law = self._soils.law or self._soils.new_law(self._reference(given))
             else:
                 law = self._law_under(known)
-            value, variance = sinkage_of(law, now, passes, self._watch.missed_variance)
+            value, variance = sinkage_of(law, now, self._watch.missed_variance)
         except (ArithmeticError, ValueError) as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return SinkagePrediction(value, math.sqrt(max(variance, 0.0)), value > 0.5 * diameter)

@@ -104,18 +104,18 @@ class Soils:
         """Forget the waiting segments of a sensor that turns out to be stuck."""
         self._test.drop(lambda segment: segment.wheel == wheel and segment.stuck)
 
-    def take(self, segment: Segment, wheel: WheelTrack, watch: SensorWatch) -> None:
+    def take(self, segment: Segment, watch: SensorWatch) -> None:
         """A segment has closed: it waits, may show another soil, and then is used."""
         law = self.law
         if law is None or not self._is_clear(segment):
             return
-        about = law.linearised(segment, wheel.place)
+        about = law.linearised(segment)
         if segment.contact != ROLLING:
             # A rig presses into one place: there is no border on the way down.
-            self._absorb(Waiting(segment, wheel.place, wheel.leads, about), law, watch)
+            self._absorb(Waiting(segment, about), law, watch)
             return
-        self._test.waiting.append(Waiting(segment, wheel.place, wheel.leads, about))
-        shift = self._test.find(law) if wheel.leads else None
+        self._test.waiting.append(Waiting(segment, about))
+        shift = self._test.find(law) if segment.leads else None
         if shift is not None:
             self._change(shift, law, watch)
             return
@@ -126,7 +126,7 @@ class Soils:
     def _absorb(self, one: Waiting, law: LawFilter, watch: SensorWatch) -> None:
         segment = one.segment
         before = law.innovation(segment, one.about)
-        law.absorb(segment, one.wheel)
+        law.absorb(segment)
         watch.judge(segment, before.value / math.sqrt(before.variance))
         self.accepted += segment.count
         self.variety = self.variety.with_wheel(segment.diameter, segment.load / segment.width)
@@ -161,10 +161,10 @@ class Soils:
 
     def _like(self, new: Sequence[Waiting], law: LawFilter) -> KnownSoil | None:
         """Return the remembered soil that these segments are more likely of than of the prior."""
-        pairs = [(one.segment, one.wheel) for one in new]
-        best, found = law.log_likelihood(None, pairs), None
+        segments = [one.segment for one in new]
+        best, found = law.log_likelihood(None, segments), None
         for known in self._remembered:
-            likelihood = law.log_likelihood(known.state, pairs)
+            likelihood = law.log_likelihood(known.state, segments)
             if likelihood > best:
                 best, found = likelihood, known
         return found

@@ -1,4 +1,4 @@
-"""A wheel of the vehicle as the estimator follows it."""
+"""A wheel of the vehicle as the estimator follows it, and what is expected of its readings."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from statistics import median
+from typing import NamedTuple
 
-from smallwheel_ros.estimator.law_member import WheelPlace
-from smallwheel_ros.estimator.segment import Segment, SegmentCollector
-from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+from smallwheel_ros.estimator.law_filter import LawFilter
+from smallwheel_ros.estimator.law_model import Shown
+from smallwheel_ros.estimator.scatter import MODEL_ERROR
+from smallwheel_ros.estimator.segment import Segment, SegmentCollector, known
+from smallwheel_ros.estimator.sinkage_measurement import Outcome, SinkageMeasurement, UpdateResult
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
 
@@ -17,61 +21,34 @@ _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
 # Of ln load, slip, speed (m/s) and pitch: sinkage is a straight line over so little.
 _NEAR = 0.02
 _RECENT = 9  # readings, for the median that an outlier is far from
+_LEAST_SINKAGE = 1e-9  # m: the model's of a wheel that has no weight to speak of
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What was last expected of a wheel's readings, and what for.
+class Expected(NamedTuple):
+    """What a wheel was last expected to show (`shown`) and to sink (`sinkage`), m, and variances.
 
-    shown: of the sensor, m; sinkage: of the wheel, m. by_load: slope of both by ln load.
-    shown_variance: by law and place; sinkage_variance. m^2.
+    of: what for, in steps of `_NEAR`. by_load: slope of both by ln load.
     """
 
-    version: int  # of the law
+    of: tuple[object, ...]
     log_load: float
-    given: SinkageMeasurement
     shown: float
     shown_variance: float
     sinkage: float
     sinkage_variance: float
     by_load: float
 
-    def holds(self, version: int, log_load: float, given: SinkageMeasurement) -> bool:
-        """Whether it holds for a reading too, but for a little more or less load."""
-        was = self.given
-        if version != self.version or abs(log_load - self.log_load) > _NEAR:
-            return False
-        if (was.diameter, was.width, was.contact) != (given.diameter, given.width, given.contact):
-            return False
-        return (
-            abs(was.pitch - given.pitch) <= _NEAR
-            and _is_near(was.slip, given.slip)
-            and _is_near(was.speed, given.speed)
-        )
-
-
-def _known(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else value
-
-
-def _is_near(one: float | None, other: float | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return abs(one - other) <= _NEAR
-
 
 @dataclass(eq=False)
 class WheelTrack:
-    """A wheel: its place in the state, its collector, and its newest reading.
+    """A wheel: its collector, and its newest reading.
 
-    ahead: m that it is ahead of the vehicle's middle. leads: no wheel runs ahead in its track. at: m
-    along the vehicle's path. slip: the newest that was known, at slip_at on the wheel's own path.
+    ahead: m that it is ahead of the vehicle's middle. at: m along the vehicle's path. slip: the
+    newest that was known, at slip_at on the wheel's own path.
     """
 
     collector: SegmentCollector
-    place: WheelPlace
     ahead: float
-    leads: bool
     time: float = -math.inf
     distance: float = -math.inf
     path: float = -math.inf
@@ -106,11 +83,62 @@ class WheelTrack:
         closed = self.collector.add(given)
         self.time, self.distance, self.path = given.time, given.distance, given.own_path
         self.at = given.distance + self.ahead
-        slip = _known(given.slip)
+        slip = known(given.slip)
         if slip is not None:
             self.slip, self.slip_at = slip, self.path
         self.recent.append(given.sinkage)
         return closed
+
+    def judge(
+        self, given: SinkageMeasurement, law: LawFilter, missed: float, gate: float
+    ) -> UpdateResult:
+        """Compare a reading with what was expected of it, before it counts.
+
+        missed: see `sinkage_of`. gate: squared normalised innovation from which on it is an outlier.
+        Raises ArithmeticError or ValueError for one that the model has no sinkage for.
+        """
+        load, load_variance = self.collector.load(given)
+        log_load = math.log(load)
+        near = (known(given.slip), known(given.speed), given.pitch, log_load)
+        of = (
+            *(law, law.version, missed, given.diameter, given.width, given.contact),
+            *(value if value is None else round(value / _NEAR) for value in near),
+        )
+        if self.expected is None or self.expected.of != of:
+            place = self.collector.index, self.collector.passes
+            now = Segment.of_reading(given, load, load_variance, *place)
+            self.expected = Expected(of, log_load, *_expect(now, law, missed))
+        expected = self.expected
+        more = expected.by_load * (log_load - expected.log_load)
+        true, variance = expected.sinkage + more, expected.sinkage_variance
+        noise = self.collector.reading_variance
+        spread = expected.shown_variance + noise + law.scatter.additive
+        if not math.isfinite(true + variance + spread):
+            raise ArithmeticError("its uncertainty has no bounds")
+        shown = expected.shown + more
+        miss = given.sinkage - shown
+        square = miss * miss / spread
+        outcome, reason, message = Outcome.ACCEPTED, "accepted", ""
+        if square > gate:
+            recent = median([*self.recent, given.sinkage])
+            if abs(given.sinkage - recent) > 3.0 * math.sqrt(noise):
+                outcome, reason = Outcome.OUTLIER, "gate"
+                message = (
+                    f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
+                    f"{1e3 * shown:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
+                )
+        return UpdateResult(outcome, reason, message, true, variance, miss, spread, square)
+
+
+def _expect(
+    now: Segment, law: LawFilter, missed: float
+) -> tuple[float, float, float, float, float]:
+    """The last five of `Expected`."""
+    _, shown = law.linearised(now)
+    P = law.most_likely.P
+    spread = float(shown.row @ P @ shown.row) + _place_variance(law, shown, now)
+    sinkage, variance = sinkage_of(law, now, missed)
+    return shown.value, spread, sinkage, variance, shown.by_load
 
 
 def wheels_ahead(wheel: Wheel, wheels: Iterable[Wheel]) -> list[Wheel]:
@@ -124,25 +152,20 @@ def wheels_ahead(wheel: Wheel, wheels: Iterable[Wheel]) -> list[Wheel]:
     ]
 
 
-def instant_segment(given: SinkageMeasurement, load: float, load_variance: float) -> Segment:
-    """A segment of one reading, to predict by. load: N; load_variance: of its logarithm."""
-    return Segment(
-        wheel=given.wheel,
-        time=given.time,
-        distance=given.distance,
-        place=given.distance,
-        sinkage=given.sinkage,
-        sinkage_variance=0.0,
-        load=load,
-        load_variance=load_variance,
-        load_rate=0.0,
-        slip=_known(given.slip),
-        speed=_known(given.speed),
-        pitch=given.pitch,
-        diameter=given.diameter,
-        width=given.width,
-        contact=given.contact,
-        count=1,
-        dropped=0,
-        stuck=False,
-    )
+def sinkage_of(law: LawFilter, now: Segment, missed: float) -> tuple[float, float]:
+    """The sinkage of a wheel (m) and its variance: of the law, the place and the load.
+
+    missed: variance of ln k that an effect takes which the model lacks. Raises ArithmeticError or
+    ValueError where the model has no sinkage.
+    """
+    shown = law.model.sinkage(law.mean, now)
+    if not shown.value > _LEAST_SINKAGE:
+        raise ArithmeticError(f"it is {shown.value:g} m")
+    spread = float(shown.row @ law.covariance @ shown.row) + shown.by_load**2 * missed
+    return shown.value, spread + _place_variance(law, shown, now)
+
+
+def _place_variance(law: LawFilter, shown: Shown, now: Segment) -> float:
+    """Variance of the sinkage at one place (m^2) by soil, load and what the law misses."""
+    by_place = shown.by_load**2 * (law.scatter.soil + now.load_variance)
+    return by_place + (MODEL_ERROR * shown.value) ** 2
