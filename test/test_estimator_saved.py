@@ -15,6 +15,7 @@ from wheel_drives import follow, rolled, varied
 from benchmarks.robot_drives import make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.estimator.law_model import WHEELS
 from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
@@ -109,13 +110,19 @@ def change(path: Path, **values: object) -> None:
         ({"soil": 3}, "TypeError"),
         ({"soil__mean": [1.0, 2.0]}, "is no soil"),
         ({"soil__mean": [1e300, 0.8, 0.3]}, "not finite, or"),
-        ({"soil__mean": [100.0, *8 * [0.0]]}, "outside of the model's range"),
+        ({"soil__mean": [100.0, *(WHEELS - 1) * [0.0]]}, "outside of the model's range"),
         ({"soil__covariance": [[1e308, 0, 0], [0, 1e308, 0], [0, 0, 1e308]]}, "not finite, or"),
-        ({"soil__mean": ["a", *8 * [0.0]]}, "ValueError"),
+        ({"soil__mean": ["a", *(WHEELS - 1) * [0.0]]}, "ValueError"),
         ({"soil__reference": [60.0, -0.2, 0.1]}, "is no soil"),
-        ({"soil__covariance": np.diag([-1.0, *8 * [1.0]]).tolist()}, "LinAlgError"),
-        ({"soil__covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}, "not symmetric, 9 by 9"),
-        ({"soil__covariance": (np.eye(9) + 0.1 * np.eye(9, k=1)).tolist()}, "not symmetric"),
+        ({"soil__covariance": np.diag([-1.0, *(WHEELS - 1) * [1.0]]).tolist()}, "LinAlgError"),
+        (
+            {"soil__covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]},
+            f"not symmetric, {WHEELS} by {WHEELS}",
+        ),
+        (
+            {"soil__covariance": (np.eye(WHEELS) + 0.1 * np.eye(WHEELS, k=1)).tolist()},
+            "not symmetric",
+        ),
         ({"diameters": [0.3, 0.2]}, "no range"),
     ],
 )

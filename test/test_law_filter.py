@@ -20,11 +20,13 @@ from smallwheel_ros.estimator.law_model import (
     DELAY,
     LAW,
     LOAD_SCALE,
+    LOAD_ZERO,
     PASS,
     PITCH,
+    SIDE,
     SLIP,
+    WHEELS,
     ZERO,
-    ZEROS,
     LawModel,
     M,
     N,
@@ -56,14 +58,16 @@ SEGMENT = Segment(
     width=0.12,
     contact="rolling",
     count=8,
+    index=0,
     passes=1.0,
+    side=-1.0,
 )
-LEADING = replace(SEGMENT, passes=0.0)
+LEADING = replace(SEGMENT, passes=0.0, side=0.0)
 
 
 def model(effects: tuple[Effect, ...] = (), **settings: float) -> LawModel:
     made = LawModel(PRIOR, EstimatorSettings(**settings), effects, REFERENCE)
-    made.mean = np.append(made.mean, 0.0)  # a wheel's zero
+    made.mean = np.append(made.mean, [0.0, 0.0])  # of a wheel
     return made
 
 
@@ -71,8 +75,8 @@ def state(made: LawModel) -> Array:
     """A state with every fault in it."""
     x = made.mean.copy()
     x[[U, N, M]] += 0.2, -0.1, 0.15
-    x[[PASS, LOAD_SCALE, SLIP, DELAY, PITCH]] = 0.2, 0.05, 0.8, 0.1, 0.01
-    x[ZERO], x[ZEROS] = 8e-4, -3e-4
+    x[[PASS, SIDE, LOAD_SCALE, SLIP, DELAY, PITCH]] = 0.2, 0.1, 0.05, 0.8, 0.1, 0.01
+    x[ZERO], x[WHEELS], x[WHEELS + 1] = 8e-4, -3e-4, 0.04
     return x
 
 
@@ -101,7 +105,7 @@ def test_the_row_of_h_is_its_slope(effects: tuple[Effect, ...]) -> None:
     x = state(made)
     got = made.h(x, SEGMENT)
     steps = np.full(len(x), 1e-4)
-    steps[[PITCH, ZERO, ZEROS]] = 1e-6
+    steps[[PITCH, ZERO, WHEELS]] = 1e-6
     for i, step in enumerate(steps):
         h = np.zeros(len(x))
         h[i] = step
@@ -116,7 +120,7 @@ def test_h_is_the_contact_integral_with_each_fault() -> None:
     made = model()
     x = state(made)
     clean = x.copy()
-    clean[[PASS, LOAD_SCALE, SLIP, DELAY, PITCH, ZERO, ZEROS]] = 0.0
+    clean[[PASS, SIDE, LOAD_SCALE, LOAD_ZERO, SLIP, DELAY, PITCH, ZERO, WHEELS, WHEELS + 1]] = 0.0
     pressure, n, m = made.law(made.soil(clean)[0])[0]
 
     def static(load: float) -> float:
@@ -134,6 +138,8 @@ def test_h_is_the_contact_integral_with_each_fault() -> None:
     assert shown() == pytest.approx(static(80.0), rel=1e-6)
     assert shown(PASS=0.2) == pytest.approx(static(80.0) * math.exp(0.2))
     assert shown(LOAD_SCALE=0.05) == pytest.approx(static(80.0 * math.exp(-0.05)), rel=1e-6)
+    assert shown(SIDE=0.1) == pytest.approx(static(80.0 * math.exp(0.1)), rel=1e-6)
+    assert shown(LOAD_ZERO=0.1) == pytest.approx(static(80.0 - 0.1 * REFERENCE[0]), rel=1e-6)
     assert shown(SLIP=0.8) == pytest.approx(static(80.0) * (1.0 + 0.8 * 0.2))
     # The load rises: what is shown is that of a lighter wheel.
     assert shown(DELAY=0.1) == pytest.approx(static(80.0 * math.exp(-0.1 * 0.4)), rel=1e-6)

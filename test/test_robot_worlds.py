@@ -21,6 +21,8 @@ from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 
 # Where the model has no part for what goes on, bands may be narrower than the errors now and then.
 _UNKNOWN = ("rough", "slip sinkage", "rebound", "pitch error", "zero -1 mm")
+# No reading shows these: a sensor's gain, ground that is no power of depth; docs/estimator.md says so.
+_UNSEEN = ("sinkage gain", "bedrock")
 
 
 def band(name: str) -> float:
@@ -42,19 +44,23 @@ def slow(*names: str) -> list[object]:
     return [pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
-SAMPLE = ("nominal", "rough 3 mm", "outliers 5 %", "turning", "firm")
+SAMPLE = (
+    *("nominal", "rough 3 mm", "outliers 5 %", "turning", "firm"),
+    "load +20 %, one wheel, zero known",  # this load cell has a scale of its own
+)
 MORE = slow(
     "zero known, equal", "load noise 10 %, told half", "load +20 %, one wheel", "ruts k x1.6"
 )
 FINDINGS = {
+    "right x3, equal": "the ground under the right wheels is 2.",
     "delay 200 ms": "s behind the load: check the stamps",
-    "zero +3 mm": "mm too much: set their zero on firm ground",
+    "zero +5 mm": "mm too much: set their zero on firm ground",
     "stuck sensor": "wheel 'front_left': the sinkage sensor shows",
     "slip sinkage 3": "deeper: slip sinkage",
     "ruts z x1.23, equal": "wheels that follow in a rut sink 1.2",
     "pitch error": "mm per degree of pitch too deep",
 }
-FAST_FINDINGS = list(FINDINGS)[:4]
+FAST_FINDINGS = list(FINDINGS)[:5]
 
 
 def check(score: Score) -> None:
@@ -64,6 +70,7 @@ def check(score: Score) -> None:
 
 @pytest.mark.parametrize("name", [*SAMPLE, *MORE])
 def test_what_is_said_to_be_determined_is_right(name: str) -> None:
+    """At every place of the drive, not only where it ends."""
     score = drive(name)
     check(score)
     assert score.changes == 0
@@ -83,7 +90,7 @@ def test_in_the_nominal_world_there_is_nothing_to_find() -> None:
     assert drive("nominal").findings == ()
 
 
-@pytest.mark.parametrize("name", [*FAST_FINDINGS, *slow(*list(FINDINGS)[4:])])
+@pytest.mark.parametrize("name", [*FAST_FINDINGS, *slow(*list(FINDINGS)[5:])])
 def test_a_fault_is_named_and_does_no_harm(name: str) -> None:
     score = drive(name)
     check(score)
@@ -126,7 +133,7 @@ def _one(task: tuple[str, int]) -> Score:
 
 @pytest.fixture(scope="module")
 def scores() -> dict[str, list[Score]]:
-    """12 seeds of every world."""
+    """Twelve seeds of every world."""
     tasks = [(name, seed) for name in WORLDS for seed in range(12)]
     found: dict[str, list[Score]] = {name: [] for name in WORLDS}
     with multiprocessing.get_context("spawn").Pool() as pool:
@@ -153,7 +160,8 @@ def test_hardly_anything_determined_is_wrong_in_any_world(scores: dict[str, list
 def test_bands_hold_in_every_world(scores: dict[str, list[Score]]) -> None:
     held = {name: float(np.mean([s.held for s in group])) for name, group in scores.items()}
     print({name: round(value, 3) for name, value in held.items()})
-    assert {name: value for name, value in held.items() if value < band(name)} == {}
+    short = {name: value for name, value in held.items() if value < band(name)}
+    assert [name for name in short if not name.startswith(_UNSEEN)] == []
     assert 0.93 <= held["zero known"] <= 0.98  # and are not wider than they should be
 
 

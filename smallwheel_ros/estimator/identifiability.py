@@ -106,8 +106,7 @@ class SoilEstimate:
         """Of (k, n, m), shape (3, 3), linearised at the estimate."""
         slopes = np.eye(3)
         slopes[0] = self.k * self._log_modulus_row(1.0)
-        covariance: Array = slopes @ self.log_covariance @ slopes.T
-        return covariance
+        return seen_as(slopes, self.log_covariance)
 
     @property
     def reference_pressure(self) -> float:
@@ -167,6 +166,13 @@ class SoilEstimate:
         """Weights of (log_reference_pressure, n, m) in ln(k D^m) of a diameter (m)."""
         across = math.log(diameter / self.reference_diameter)
         return np.array([1.0, -math.log(self.reference_sinkage), across])
+
+
+def seen_as(slopes: Array, covariance: Array) -> Array:
+    """Covariance of slopes @ x, symmetric to the last digit."""
+    whole = slopes @ covariance @ slopes.T
+    found: Array = 0.5 * (whole + whole.T)
+    return found
 
 
 def to_reference(sinkage: float, diameter: float) -> Array:

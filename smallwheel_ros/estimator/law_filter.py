@@ -27,7 +27,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.law_member import TEMPER, UNSETTLED, Border, Member, State
-from smallwheel_ros.estimator.law_model import LawModel, N, Shown
+from smallwheel_ros.estimator.law_model import EACH, LawModel, N, Shown
 from smallwheel_ros.estimator.scatter import Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
@@ -69,11 +69,11 @@ class LawFilter:
     # -- state
 
     def add_wheel(self) -> int:
-        """Give a wheel's zero a place in the state."""
+        """Give a wheel a place in the state."""
         for i, member in enumerate(self._bank):
             member.add_wheel()
             self._start[i] = member.with_wheel(self._start[i])
-        self.model.mean = np.append(self.model.mean, 0.0)
+        self.model.mean = np.append(self.model.mean, np.zeros(EACH))
         self._wheels += 1
         self._mix()
         return self._wheels - 1
@@ -82,7 +82,7 @@ class LawFilter:
     def prior_deviations(self) -> Array:
         """Standard deviations of the soil's numbers and the nuisances before any measurement."""
         common = np.sqrt(np.diag(self.model.soil_covariance))
-        return np.append(common, [self.model.each_zero_std] * self._wheels)
+        return np.append(common, np.tile(self.model.wheel_deviations, self._wheels))
 
     @property
     def most_likely(self) -> ExtendedKalmanFilter:
@@ -130,7 +130,7 @@ class LawFilter:
             of, base = member.update(segment, self.scatter)
             found.append((of.value, of.state_variance, of.variance, of.by_load, base))
         *innovation, base = np.average(np.array(found), axis=0, weights=self._weights).tolist()
-        self.scatter.learn(Innovation(*innovation), base, segment.index)
+        self.scatter.learn(Innovation(*innovation), base, segment.wheel)
         self._level()
         if len(self._store) < _AGAIN[-1]:
             self._store.append(segment)

@@ -9,7 +9,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_model import LAW, ZEROS, LawModel, U
+from smallwheel_ros.estimator.law_model import EACH, LAW, SIDE, SIDE_STD, WHEELS, LawModel, U
 from smallwheel_ros.estimator.scatter import LARGEST, Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
 
@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 State = tuple[Array, Array, float]  # x - x0, P, and to where it has travelled (m)
 
 TEMPER = 0.5  # power of the likelihood
+_SIDE_FADE = 100.0  # m, over which the sides come to differ by something else
 _HUBER = 2.5  # deviations from which on a segment counts less and less
 _ITERATIONS = 4
 _SETTLED = 0.01  # of u: what is left of the curvature is 1e-4 of the sinkage
@@ -42,10 +43,10 @@ class Member:
         self, model: LawModel, fade: float, wide: bool, tight: float, log_prior: float
     ) -> None:
         self.model, self.fade, self.wide = model, fade, wide
-        self._factor = 1.0 if wide else tight
+        self._scale = 1.0 if wide else tight
         self.log_prior = self.log_weight = log_prior
-        self.kalman = ExtendedKalmanFilter(ZEROS, 1)
-        self.kalman.x, self.kalman.P = np.zeros(ZEROS), model.prior(self._factor)
+        self.kalman = ExtendedKalmanFilter(WHEELS, 1)
+        self.kalman.x, self.kalman.P = np.zeros(WHEELS), model.prior(self._scale)
         self.travelled = math.nan
 
     @property
@@ -59,16 +60,16 @@ class Member:
         self.kalman.x, self.kalman.P = x.copy(), covariance.copy()
 
     def with_wheel(self, state: State) -> State:
-        """A state with a place for one more wheel's zero."""
+        """A state with a place for one more wheel."""
         x, covariance, travelled = state
         size = len(x)
-        whole = np.zeros((size + 1, size + 1))
+        whole = np.zeros((size + EACH, size + EACH))
         whole[:size, :size] = covariance
-        whole[size, size] = (self._factor * self.model.each_zero_std) ** 2
-        return np.append(x, 0.0), whole, travelled
+        whole[size:, size:] = np.diag(np.square(self.model.wheel_deviations * [self._scale, 1.0]))
+        return np.append(x, np.zeros(EACH)), whole, travelled
 
     def add_wheel(self) -> None:
-        """Give a wheel's zero a place in the state."""
+        """Give a wheel a place in the state."""
         state = self.with_wheel(self.state)
         self.kalman = ExtendedKalmanFilter(len(state[0]), 1)
         self.begin(state)
@@ -80,8 +81,10 @@ class Member:
             keep = math.exp(-(distance - self.travelled) / self.fade)
             factors = np.ones(len(kalman.x))
             factors[:LAW] = keep
+            factors[SIDE] = math.exp(-(distance - self.travelled) / _SIDE_FADE)
             kalman.F = np.diag(factors)
             kalman.Q = np.zeros_like(kalman.P)
+            kalman.Q[SIDE, SIDE] = (1.0 - factors[SIDE] ** 2) * SIDE_STD**2
             kalman.Q[:LAW, :LAW] = (1.0 - keep * keep) * self.model.soil_covariance[:LAW, :LAW]
             unsettled = min(distance, border.until) - self.travelled
             if unsettled > 0.0:

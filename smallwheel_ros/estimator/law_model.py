@@ -6,12 +6,15 @@ State x, all but m as the sensors show it:
     n'   exponent of sinkage as it is shown
     m    exponent of the wheel's diameter
     g    ln of the factor on sinkage per doubling of the wheels that have passed (ruts)
+    a    half of ln of what k is under the left wheels, over that under the right ones
     l    ln of the load cells' scale
+    b    what the load cells show too much, over the reference wheel's load W_ref
     s    slip sinkage: z (1 + s i) at slip i > 0
     t    s, by which sinkage is shown behind the load
     e    m/rad, error of the shown sinkage with pitch
     c    m, zero of all sinkage sensors
     d_w  m, zero of the sensor of wheel w besides
+    l_w  ln of the scale of the load cell of wheel w besides
 
 From what is shown to the soil: with q = 1 - c / exp(u),
 
@@ -21,7 +24,10 @@ Why u and n'? A zero that is off bends ln z_ref and n together; in the shown num
 says little of c, so that a filter which is linearised anew each time does not learn a zero that
 nobody measured. h of a wheel with load W, slip i, and p = log2(1 + wheels ahead in its rut):
 
-    h(x) = z(W exp(-l - t d ln W/dt); z_ref, n, m) exp(g p) (1 + s max(i, 0)) + e pitch + c + d_w
+    h(x) = z(W'; z_ref, n, m) exp(g p) (1 + s max(i, 0)) + e pitch + c + d_w
+    W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)
+
+since sinkage is of W/k; side: 1 of a wheel on the left, -1 on the right, 0 in the middle.
 
 z is the sinkage of the contact integral (Meirion-Griffith and Spenko 2011 with the load's integral
 in place of its approximation), with the model's effects.
@@ -45,14 +51,18 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
-U, N, M, PASS, LOAD_SCALE, SLIP, DELAY, PITCH, ZERO, ZEROS = range(10)  # ZEROS + i: of wheel i
+U, N, M, PASS, SIDE, LOAD_SCALE, LOAD_ZERO, SLIP, DELAY, PITCH, ZERO, WHEELS = range(12)
+SIDE_STD = 0.3  # of a: soils under the two sides of a vehicle differ by a factor of 1.8
+EACH = 2  # numbers of each wheel, from WHEELS on: d_w, l_w
 LAW = 3
 _LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
 _N_RANGE = (0.05, 2.9)
 _SHOWN_N_RANGE = (-0.35, 5.0)
-_LEAST_SHARE = 0.15  # of the shown sinkage that is the wheel's, whatever the zero
+_LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
 _LEAST_SLIP_FACTOR = 0.2
-_EACH = 0.25  # zero of a single sensor over that common to all
+# What a single sensor is off by besides what is common to all, over that: zeros are set together, while
+# each load cell has its own mounting and wear.
+_EACH_ZERO, _EACH_LOAD = 0.25, 0.5
 _TINY = 1e-9  # a nuisance that is taken not to be there
 
 
@@ -80,15 +90,18 @@ class LawModel:
         self.reference = reference
         self.effects = tuple(effects)
         self._across = math.log(reference[1] / REFERENCE_DIAMETER)
-        self.each_zero_std = max(_EACH * settings.sinkage_zero_std, _TINY)
+        each = _EACH_ZERO * settings.sinkage_zero_std, _EACH_LOAD * settings.load_scale_std
+        self.wheel_deviations: Array = np.maximum(each, _TINY)
         log_modulus = prior.log_modulus(reference[1])
         u = point_sinkage(*reference, log_modulus, prior.n).log_sinkage
-        self.mean: Array = np.zeros(ZEROS)
+        self.mean: Array = np.zeros(WHEELS)
         self.mean[:LAW] = u, prior.n, prior.m
         slip_known = any("slip" in effect.drivers for effect in self.effects)
         nuisances = (
             settings.pass_std,
+            SIDE_STD,
             settings.load_scale_std,
+            settings.load_zero_std,
             0.0 if slip_known else settings.slip_sinkage_std,
             settings.delay_std,
             settings.pitch_std,
@@ -102,7 +115,7 @@ class LawModel:
 
     def prior(self, factor: float) -> Array:
         """Covariance of x before any measurement. factor: on the deviations of passes and zeros."""
-        scale = np.ones(ZEROS)
+        scale = np.ones(WHEELS)
         scale[[PASS, ZERO]] = factor
         back = np.linalg.inv(self.soil(self.mean)[1])
         prior: Array = back @ (self.soil_covariance * np.outer(scale, scale)) @ back.T
@@ -150,8 +163,11 @@ class LawModel:
         row = shown.row @ jacobian
         row[PITCH] = segment.pitch
         row[ZERO] += 1.0
-        row[ZEROS + segment.index] = 1.0
-        value = shown.value + x[PITCH] * segment.pitch + x[ZERO] + x[ZEROS + segment.index]
+        value = shown.value + x[PITCH] * segment.pitch + x[ZERO]
+        if segment.index is not None:
+            zero = WHEELS + EACH * segment.index
+            row[zero] = 1.0
+            value += x[zero]
         return Shown(value, row, shown.by_load)
 
     def sinkage(self, y: Array, segment: Segment) -> Shown:
@@ -163,8 +179,13 @@ class LawModel:
         return shown
 
     def _of_soil(self, y: Array, segment: Segment) -> Shown:
-        u, n, m, passed, scale, digs, delay = y[: DELAY + 1].tolist()
-        load = segment.load * math.exp(-scale - delay * segment.load_rate)
+        u, n, m, passed, sides, scale, off, digs, delay = y[: DELAY + 1].tolist()
+        own = None if segment.index is None else WHEELS + EACH * segment.index + 1
+        if own is not None:
+            scale += float(y[own])
+        reference = self.reference[0]
+        weight = max(segment.load - off * reference, _LEAST_SHARE * segment.load)
+        load = weight * math.exp(-scale - delay * segment.load_rate - segment.side * sides)
         observe = observation(
             self.effects,
             load,
@@ -187,6 +208,10 @@ class LawModel:
         row[N] = static.by_exponent * factor + by_pressure * (by_exponent + _LOG_REFERENCE_SINKAGE)
         row[M] = by_pressure * across
         row[LOAD_SCALE] = -by_load
+        row[SIDE] = -by_load * segment.side
+        row[LOAD_ZERO] = -by_load * reference / weight
+        if own is not None:
+            row[own] = -by_load
         row[DELAY] = -by_load * segment.load_rate
         row[PASS] = segment.passes * value
         row[SLIP] = static.value * rut * slip

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Variety
-from smallwheel_ros.estimator.law_model import ZEROS
+from smallwheel_ros.estimator.law_model import WHEELS
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
 from smallwheel_ros.text_file import read_text_file
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
 _BEGIN = f'{{\n "format": "{FORMAT}"'.encode()
-_VERSION = 2  # 1, of 0.1.0: without the sensors' faults
+_VERSION = 3  # 1, of 0.1.0: without the sensors' faults; 2: without the zero of the load cells
 _TOLERANCE = 1e-9  # relative, of the prior's numbers
 _MOST_ACCEPTED = 2**32 - 1  # what SoilEstimate.msg can hold
 _LARGEST = 1e9  # of any number: loads in N are the largest, and the square of it is finite
@@ -41,7 +41,7 @@ class SoilRecord:
     """A soil's law and what is known of the sensors' faults, but for those of single wheels.
 
     reference: load (N), diameter, width (m) of the reference wheel. mean, covariance: of the soil's
-    numbers (`law_model.LawModel.soil`), shape (ZEROS,) and (ZEROS, ZEROS).
+    numbers (`law_model.LawModel.soil`), shape (WHEELS,) and (WHEELS, WHEELS).
     """
 
     reference: tuple[float, float, float]
@@ -228,9 +228,9 @@ def _soil(content: dict[str, Any]) -> SoilRecord:
     numbers = np.concatenate([reference.ravel(), mean.ravel(), covariance.ravel()])
     if not np.abs(numbers).max() < _LARGEST:  # NaN too
         raise ValueError("a number is not finite, or too large")
-    if reference.shape != (3,) or reference.min() <= 0 or mean.shape != (ZEROS,):
+    if reference.shape != (3,) or reference.min() <= 0 or mean.shape != (WHEELS,):
         raise ValueError("reference or mean is no soil")
-    check_covariance(covariance, ZEROS)
+    check_covariance(covariance, WHEELS)
     if np.abs(mean).max() > _LARGEST_STATE:
         raise ValueError("its soil is outside of the model's range")
     load, diameter, width = reference.tolist()

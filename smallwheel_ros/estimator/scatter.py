@@ -45,7 +45,7 @@ class Scatter:
         self.together = 2.0
         self._normal: Array = np.zeros((2, 2))
         self._moment: Array = np.zeros(2)
-        self._alike: dict[int, float] = {}
+        self._alike: dict[str, float] = {}
         self._products = np.array([0.0, 1.0])  # of neighbours, and squares
 
     def noise(self, segment: Segment, by_load: float, value: float) -> tuple[float, float, float]:
@@ -63,7 +63,7 @@ class Scatter:
         counts = base + self.together * soil + self.additive_together * self.additive
         return alone, counts, base
 
-    def learn(self, innovation: Innovation, base: float, wheel: int) -> None:
+    def learn(self, innovation: Innovation, base: float, wheel: str) -> None:
         """Take an innovation. base: variance (m^2) of the sensors and the law."""
         size = innovation.variance
         square = min(innovation.value**2, LARGEST * size)

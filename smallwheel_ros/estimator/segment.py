@@ -40,7 +40,8 @@ class Segment:
     sinkage_variance: of the mean, from the sensor's noise. load_variance: of ln load, from the
     sensor's. load_rate: d ln load / d time, 1/s. slip, speed: None where not known. count: readings
     in the mean; dropped: left out as outliers. stuck: the sensor showed one number throughout.
-    index: of the wheel among the zeros of the state. passes: log2(1 + wheels ahead in its rut).
+    index: of the wheel in the state, None: it has no place. passes: log2(1 + wheels ahead in its rut).
+    side: 1 of a wheel on the left, -1 on the right, 0 in the middle or not known.
     """
 
     wheel: str
@@ -61,8 +62,9 @@ class Segment:
     count: int = 1
     dropped: int = 0
     stuck: bool = False
-    index: int = 0
+    index: int | None = None
     passes: float = 0.0
+    side: float = 0.0
 
     @property
     def leads(self) -> bool:
@@ -75,8 +77,9 @@ class Segment:
         given: SinkageMeasurement,
         load: float,
         load_variance: float,
-        index: int = 0,
+        index: int | None = None,
         passes: float = 0.0,
+        side: float = 0.0,
     ) -> Segment:
         """One reading, to predict by. load: N; load_variance: of its logarithm."""
         return cls(
@@ -96,6 +99,7 @@ class Segment:
             given.contact,
             index=index,
             passes=passes,
+            side=side,
         )
 
 
@@ -103,7 +107,7 @@ class SegmentCollector:
     """Collects the readings of one wheel.
 
     length: m of a segment. sinkage_std: m, noise of one reading until it is learnt. ahead: m that
-    the wheel is ahead of the vehicle's middle. index, passes: see `Segment`.
+    the wheel is ahead of the vehicle's middle. index, passes, side: see `Segment`.
     """
 
     def __init__(
@@ -114,8 +118,10 @@ class SegmentCollector:
         ahead: float,
         index: int = 0,
         passes: float = 0.0,
+        side: float = 0.0,
     ) -> None:
-        self._length, self._ahead, self.index, self.passes = length, ahead, index, passes
+        self._length, self._ahead, self.index = length, ahead, index
+        self.passes, self.side = passes, side
         self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
         self._load_noise = load_std**2  # of ln load
         self._noise_readings = _TOLD_READINGS
@@ -213,6 +219,7 @@ class SegmentCollector:
             stuck=stuck,
             index=self.index,
             passes=self.passes,
+            side=self.side,
         )
 
     def _learn_noise(self, sinkage: Array, log_load: Array) -> None:

@@ -11,7 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.identifiability import DETERMINED
-from smallwheel_ros.estimator.law_model import DELAY, LOAD_SCALE, PASS, PITCH, SLIP, ZERO, ZEROS
+from smallwheel_ros.estimator.law_model import (
+    DELAY,
+    EACH,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    PASS,
+    PITCH,
+    SIDE,
+    SLIP,
+    WHEELS,
+    ZERO,
+)
 from smallwheel_ros.estimator.segment import Segment
 
 Array = NDArray[np.float64]
@@ -62,6 +73,20 @@ _NUISANCES = (
         LOAD_SCALE,
         lambda x: f"the load cells show {math.exp(x):.2f} times the load: calibrate them",
     ),
+    _Nuisance(
+        SIDE,
+        lambda x: (
+            f"the ground under the {'left' if x > 0 else 'right'} wheels is "
+            f"{math.exp(2.0 * abs(x)):.1f} times as stiff as that under the others"
+        ),
+    ),
+    _Nuisance(
+        LOAD_ZERO,
+        lambda x: (
+            f"the load cells show {100 * x:+.0f} % of a wheel's load too much whatever the load: set "
+            "their zero"
+        ),
+    ),
     _Nuisance(SLIP, lambda x: f"wheels sink by {100 * x:.0f} % of their slip deeper: slip sinkage"),
 )
 
@@ -100,12 +125,19 @@ class SensorWatch:
             for nuisance in _NUISANCES
             if _is_sure(mean, covariance, prior, nuisance.place)
         ]
-        of_one = [
-            f"wheel '{name}': the sinkage sensor shows {1e3 * mean[ZEROS + i]:+.1f} mm more than "
-            "those of the other wheels: set its zero"
-            for i, name in enumerate(names)
-            if _is_sure(mean, covariance, prior, ZEROS + i)
-        ]
+        of_one = []
+        for i, name in enumerate(names):
+            zero, scale = WHEELS + EACH * i, WHEELS + EACH * i + 1
+            if _is_sure(mean, covariance, prior, zero):
+                of_one.append(
+                    f"wheel '{name}': the sinkage sensor shows {1e3 * mean[zero]:+.1f} mm more than "
+                    "those of the other wheels: set its zero"
+                )
+            if _is_sure(mean, covariance, prior, scale):
+                of_one.append(
+                    f"wheel '{name}': the load cell shows {math.exp(mean[scale]):.2f} times what those "
+                    "of the other wheels say: calibrate it"
+                )
         return (*self.of_wheels(), *of_all, *of_one)
 
     def of_wheels(self) -> tuple[str, ...]:

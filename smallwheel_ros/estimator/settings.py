@@ -104,6 +104,23 @@ class SoilPrior:
         )
 
 
+_RANGES = {
+    **dict.fromkeys(
+        ("reference_sinkage", "reference_diameter", "scatter_length"),
+        (1e-4, 1e4, "a length from 1e-4 to 1e4 m"),
+    ),
+    "process_noise": (0.0, 10.0, "0 to 10 per sqrt(m)"),
+    "soil_scatter": (1e-3, 3.0, "0.001 to 3"),
+    "sinkage_std": (1e-5, 1.0, "1e-5 to 1 m"),
+    "gate_probability": (0.5, math.nextafter(1.0, 0.0), "a probability, 0.5 to under 1"),
+    **dict.fromkeys(
+        ("sinkage_zero_std", "pass_std", "load_scale_std", "load_zero_std", "delay_std"),
+        (0.0, 1.0, "0 to 1"),
+    ),
+    **dict.fromkeys(("slip_sinkage_std", "pitch_std"), (0.0, 10.0, "0 to 10")),
+}
+
+
 @dataclass(frozen=True)
 class EstimatorSettings:
     """How the estimator judges measurements, and how it forgets.
@@ -134,7 +151,9 @@ class EstimatorSettings:
     pass_std
         Of ln sinkage, per doubling of the wheels that have passed, of wheels that follow in a rut.
     load_scale_std
-        Scale of the load cells, 1.
+        Scale of the load cells, common to all; each by itself half of that. 1.
+    load_zero_std
+        What the load cells show too much or too little whatever the load, over a wheel's usual load.
     slip_sinkage_std
         Slip sinkage s in z (1 + s slip).
     delay_std
@@ -155,27 +174,13 @@ class EstimatorSettings:
     sinkage_zero_std: float = 0.002
     pass_std: float = 0.3
     load_scale_std: float = 0.1
+    load_zero_std: float = 0.03
     slip_sinkage_std: float = 1.0
     delay_std: float = 0.1
     pitch_std: float = 0.01
 
     def __post_init__(self) -> None:
         """Check every number."""
-        what = "estimator settings"
-        for name in ("reference_sinkage", "reference_diameter", "scatter_length"):
+        for name, (low, high, expected) in _RANGES.items():
             value = getattr(self, name)
-            _require(what, name, value, 1e-4 <= value <= 1e4, "a length from 1e-4 to 1e4 m")
-        noise, scatter = self.process_noise, self.soil_scatter
-        _require(what, "process_noise", noise, 0 <= noise <= 10, "0 to 10 per sqrt(m)")
-        _require(what, "soil_scatter", scatter, 1e-3 <= scatter <= 3, "0.001 to 3")
-        _require(
-            what, "sinkage_std", self.sinkage_std, 1e-5 <= self.sinkage_std <= 1, "1e-5 to 1 m"
-        )
-        gate = self.gate_probability
-        _require(what, "gate_probability", gate, 0.5 <= gate < 1, "a probability, 0.5 to under 1")
-        for name in ("sinkage_zero_std", "pass_std", "load_scale_std", "delay_std"):
-            value = getattr(self, name)
-            _require(what, name, value, 0 <= value <= 1, "0 to 1")
-        for name in ("slip_sinkage_std", "pitch_std"):
-            value = getattr(self, name)
-            _require(what, name, value, 0 <= value <= 10, "0 to 10")
+            _require("estimator settings", name, value, low <= value <= high, expected)

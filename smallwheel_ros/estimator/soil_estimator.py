@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate, to_reference
+from smallwheel_ros.estimator.identifiability import (
+    Identifiable,
+    SoilEstimate,
+    seen_as,
+    to_reference,
+)
 from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
@@ -104,7 +110,7 @@ class SoilEstimator:
         self._prior_mean, self._prior = np.array(start), np.diag(np.square(deviations))
         at = self.settings.reference_sinkage, self.settings.reference_diameter
         self._turn = to_reference(*at)
-        self._prior_of_field = self._turn @ self._prior @ self._turn.T
+        self._prior_of_field = seen_as(self._turn, self._prior)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self.reset()
@@ -160,7 +166,9 @@ class SoilEstimator:
             length = min(length, _PRESSED * given.diameter)
         wheel = WheelTrack(
             SegmentCollector(
-                length, noise, told, ahead, law.add_wheel(), math.log2(1.0 + len(runs_ahead))
+                *(length, noise, told, ahead, law.add_wheel()),
+                passes=math.log2(1.0 + len(runs_ahead)),
+                side=0.0 if known is None else float(np.sign(known.lateral_position)),
             ),
             ahead,
         )
@@ -302,7 +310,7 @@ class SoilEstimator:
         if self._said is None or self._said[0] != state:
             mean, covariance = (self._prior_mean, self._prior) if law is None else law.law()
             more = np.diag([missed, 0.0, 0.0])
-            self._said = state, (self._turn @ mean, self._turn @ (covariance + more) @ self._turn.T)
+            self._said = state, (self._turn @ mean, seen_as(self._turn, covariance + more))
         return self._said[1]
 
     def predict(
@@ -340,8 +348,10 @@ class SoilEstimator:
         if problem is not None:
             raise EstimatorError(problem[1])
         known = self._wheels.get(wheel) if wheel is not None else None
-        passes = 0.0 if known is None else known.collector.passes
-        now = Segment.of_reading(given, load, load_variance / load**2, passes=passes)
+        now = Segment.of_reading(given, load, load_variance / load**2)
+        if known is not None:
+            own = known.collector
+            now = replace(now, index=own.index, passes=own.passes, side=own.side)
         try:
             if known is None:
                 law = self._soils.law or self._soils.new_law(self._reference(given))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Variety
 from smallwheel_ros.estimator.law_filter import LawFilter
-from smallwheel_ros.estimator.law_model import LAW, ZEROS, LawModel
+from smallwheel_ros.estimator.law_model import LAW, WHEELS, LawModel
 from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
@@ -79,9 +79,9 @@ class Soils:
         law = self.law
         if law is None or not law.used:
             return None
-        covariance = law.covariance[:ZEROS, :ZEROS]
+        covariance = law.covariance[:WHEELS, :WHEELS]
         symmetric = 0.5 * (covariance + covariance.T)
-        return SoilRecord(law.model.reference, law.mean[:ZEROS].copy(), symmetric)
+        return SoilRecord(law.model.reference, law.mean[:WHEELS].copy(), symmetric)
 
     def is_behind(self, wheel: WheelTrack) -> bool:
         """Whether a wheel is on the old soil still."""

@@ -99,13 +99,14 @@ class WheelTrack:
         """
         load, load_variance = self.collector.load(given)
         log_load = math.log(load)
-        near = (known(given.slip), known(given.speed), given.pitch, log_load)
-        of = (
-            *(law, law.version, missed, given.diameter, given.width, given.contact),
-            *(value if value is None else round(value / _NEAR) for value in near),
-        )
+        steps = [
+            round(value / _NEAR) if value is not None and math.isfinite(value) else None
+            for value in (given.slip, given.speed, given.pitch, log_load)
+        ]
+        of = law, law.version, missed, given.diameter, given.width, given.contact, *steps
         if self.expected is None or self.expected.of != of:
-            place = self.collector.index, self.collector.passes
+            collector = self.collector
+            place = collector.index, collector.passes, collector.side
             now = Segment.of_reading(given, load, load_variance, *place)
             self.expected = Expected(of, log_load, *_expect(now, law, missed))
         expected = self.expected
