@@ -42,6 +42,10 @@ class Stages:
         value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
         first = arguments[0] if arguments else None
         expected = first.shape if isinstance(first, np.ndarray) else (len(self.conditions),)
+        if np.asarray(value).dtype.kind not in "fiu":
+            raise EffectError(
+                f"effect '{effect.id}': {stage} gave {type(value).__name__}, expected numbers"
+            )
         if np.shape(value) not in ((), expected):
             raise EffectError(
                 f"effect '{effect.id}': {stage} gave values of shape {np.shape(value)}, "

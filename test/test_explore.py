@@ -420,6 +420,19 @@ def test_a_fit_that_fails_is_said_in_the_page(
         assert "With slip sinkage" in ask(running, "/?effects=slip_sinkage")[1]
 
 
+def test_where_no_known_effect_explains_a_button_looks_for_a_law(
+    server: ExploreServer, rig: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, button = server.session, 'formaction="learn.html"'
+    assert button not in ask(server, "/")[1]
+    monkeypatch.setitem(session.document, "verdict", "unknown_effect")
+    assert button in ask(server, "/")[1]
+    monkeypatch.setattr(session, "measurements", read_measurements(rig).take(np.arange(9)))
+    answer, page = ask(server, "/learn.html")
+    assert answer.status == 200
+    assert "3 settings, and a law needs 10" in page
+
+
 def test_only_this_machine_is_served(server: ExploreServer) -> None:
     assert server.server_address[0] == "127.0.0.1"
     port = server.server_address[1]

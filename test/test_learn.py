@@ -17,21 +17,21 @@ from hypothesis import strategies as st
 
 from benchmarks.learn_worlds import table
 from smallwheel_ros.cli import main
-from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.drafted import Drafted, continued
 from smallwheel_ros.effects.registry import load_effects
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.chance import chance
-from smallwheel_ros.learn.draft import Number, class_text, file_text
-from smallwheel_ros.learn.drivers import drivers_of
+from smallwheel_ros.learn.draft import Number, class_text, file_text, formula
+from smallwheel_ros.learn.drivers import DEPTH, drivers_of
 from smallwheel_ros.learn.grammar import Term, terms_of
-from smallwheel_ros.learn.law import Law, places_for
+from smallwheel_ros.learn.law import PLACES, Law, effect_of, places_for
 from smallwheel_ros.learn.pipeline import SURE
 from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.learn.shapes import SATURATION
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model_file import write_model
 from smallwheel_ros.onboard.starting_model import read_starting_models
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -160,6 +160,38 @@ def test_the_file_predicts_what_the_search_did(
     ours, theirs = (predict(model, data.conditions) for model in (fitted, loaded))
     np.testing.assert_array_equal(theirs.sinkage, ours.sinkage)
     np.testing.assert_array_equal(theirs.resistance, ours.resistance)
+
+
+def test_every_place_and_shape_is_written_as_it_is_searched(
+    data: Measurements, tmp_path: Path
+) -> None:
+    points = Problem.of(data).judged.points
+    depths = np.linspace(0.01, 0.03, len(points.conditions))
+    drivers = [d for d in drivers_of(points, depths)[0] if d.name in ("load", "slip", DEPTH)]
+    terms = {t.kind: t for t in terms_of(drivers, 24)}.values()
+    assert {"step", "wave", "hinge", "optimum"} <= {s for t in terms for _, s in t.kind}
+    simple = next(t for t in terms if t.kind == (("slip", "linear"),))
+    depth = next(t for t in terms if t.of_depth and t.free)
+    laws = [Law(place, link, (simple,)) for place in PLACES for link in place.links]
+    laws += [Law(place, "exponential", (depth,)) for place in PLACES if place.stage == "R"]
+    laws += [Law(PLACES[1], "linear", (t,)) for t in terms if t.factors and not t.of_depth]
+    laws += [Law(PLACES[0], "exponential", (simple, laws[-1].terms[0]))]
+    classes, effects = [], []
+    for i, law in enumerate(laws):
+        values = {n: 1e-3 if n[0] == "a" else law.terms[int(n[1]) - 1].constant for n in law.names}
+        numbers = [
+            Number(n, v, None, "1", (v - 1.0, v + 1.0), n[0] == "a") for n, v in values.items()
+        ]
+        classes.append(class_text(law, numbers, f"law_{i}", data, 24, 1, formula(law, values)))
+        effects.append(effect_of(law, values))
+    path = tmp_path / "laws.py"
+    path.write_text(file_text(classes))
+    written = load_effects(path)
+    for i, effect in enumerate(effects):
+        ours = predict(Model("dry_sand", effects=[effect]), data.conditions)
+        theirs = predict(Model("dry_sand", effects=[written[f"law_{i}"][0]()]), data.conditions)
+        np.testing.assert_allclose(theirs.sinkage, ours.sinkage, rtol=1e-12)
+        np.testing.assert_allclose(theirs.resistance, ours.resistance, rtol=1e-12)
 
 
 def test_beyond_its_range_a_law_says_so_and_goes_on_straight(law: Path) -> None:
@@ -332,10 +364,36 @@ def test_a_law_file_that_is_nonsense_says_so_in_one_message(
     text = law.read_text()
     assert old in text
     broken.write_text(text.replace(old, new, 1))
-    with pytest.raises(EffectError, match=re.escape(said)) as raised:
-        load_effects(broken)
-    assert str(broken) in str(raised.value)
-    assert "Traceback" not in str(raised.value)
+    result = CliRunner().invoke(main, ["effects", "--effects", str(broken)])
+    assert result.exit_code == 2
+    assert len(re.findall("^Error: ", result.stderr, re.MULTILINE)) == 1
+    assert said in result.stderr
+    assert str(broken) in result.stderr
+    assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("return sinkage *", "return None and sinkage *", "slip_law': sinkage gave NoneType"),
+        ("return sinkage *", "return sinkage[:0] *", "slip_law"),
+        ('conditions["slip"]', 'conditions["slipp"]', "no column 'slipp'"),
+    ],
+)
+def test_a_law_file_that_cannot_be_computed_names_itself(
+    old: str, new: str, said: str, law: Path, tmp_path: Path
+) -> None:
+    broken, model = tmp_path / "broken.py", tmp_path / "model.yaml"
+    loaded = load_effects(law)["slip_law"][0]()
+    write_model(model, Model("dry_sand", effects=[loaded]))
+    assert old in law.read_text()
+    broken.write_text(law.read_text().replace(old, new, 1))
+    wheel = ["--load", "60", "--diameter", "0.2", "--width", "0.1", "--slip", "0.3"]
+    arguments = ["predict", *wheel, "--model", str(model), "--effects", str(broken), "--json", "-"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2, result.output
+    assert said in result.stderr
+    assert "Traceback" not in result.output
 
 
 @pytest.mark.parametrize(

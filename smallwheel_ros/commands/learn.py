@@ -66,7 +66,7 @@ def learn_command(
 ) -> None:
     """Learn which law a model of the measurements in DATA lacks, where no known effect explains it.
 
-    The program searches some 20,000 formulas inside the model. It drafts a law only where chance
+    The program searches some 40,000 formulas inside the model. It drafts a law only where chance
     would not gain as much, and where the law also predicts settings that the search never saw.
     Nothing could be learnt is a normal answer.
     """

@@ -15,7 +15,8 @@ from smallwheel_ros.learn.draft import Number, formula, numbers_of
 from smallwheel_ros.learn.drivers import Driver
 from smallwheel_ros.learn.implied import Implied, curve, disagreements, implied
 from smallwheel_ros.learn.law import SOUGHT
-from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought, settings_in
+from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought
+from smallwheel_ros.learn.refused import settings_in
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions

@@ -26,15 +26,19 @@ Array = NDArray[np.float64]
 
 _AROUND = 8.0  # deviations: bounds of a number in a file
 _AT_LEAST = 0.05  # of the number, in place of a deviation that is smaller
+# The one method of each stage, and what it returns.
 _METHODS = {
-    "k": ("modulus_factor(self, conditions)", "{factor}"),
-    "z": ("sinkage(self, sinkage, conditions)", "sinkage * {factor}"),
-    "z without resistance": ("sinkage(self, sinkage, conditions)", "sinkage * {factor}"),
-    "n": ("exponent_shift(self, conditions)", "{eta}"),
-    "D": ("wheel_diameter(self, diameter, conditions)", "diameter * {factor}"),
-    "R": ("added_resistance(self, state, conditions)", "{carrier} * ({eta})"),
+    "k": ("modulus_factor(self, conditions)", "{change}"),
+    "z": ("sinkage(self, sinkage, conditions)", "sinkage * {change}"),
+    "n": ("exponent_shift(self, conditions)", "{change}"),
+    "D": ("wheel_diameter(self, diameter, conditions)", "diameter * {change}"),
+    "R": ("added_resistance(self, state, conditions)", "{carrier} * ({change})"),
 }
+# What an added strength multiplies: as Python, for people, and its unit.
 _CARRIERS = {
+    "": ("", "", "1"),
+    "length": ("", "", "m"),
+    "force": ("1.0", "", "N"),
     "load": ("state.load", "W", "1"),
     "width sinkage^2": ("state.width * state.sinkage**2", "b z^2", "N/m^3"),
     "width sinkage": ("state.width * state.sinkage", "b z", "N/m^2"),
@@ -73,7 +77,7 @@ def numbers_of(fitter: Fitter, candidate: Candidate) -> list[Number]:
             bounds = (min(value - around, 0.0), max(value + around, 0.0))
         else:
             bounds = (min(term.bounds[0], value), max(term.bounds[1], value))
-        unit = _strength_unit(law, term) if strength else _driver(term).unit
+        unit = _strength_unit(law, term) if strength else _driver(term).source.unit
         found.append(Number(free.field, value, std, unit, bounds, strength))
     return found
 
@@ -84,10 +88,10 @@ def _driver(term: Term) -> Driver:
 
 
 def _strength_unit(law: Law, term: Term) -> str:
-    units = [_CARRIERS[law.place.carrier][2]] if law.place.stage == "R" else ["1"]
+    units = [_CARRIERS[law.place.carrier][2]]
     for driver, shape in term.factors:
-        if driver.unit not in ("", "1") and shape.power:
-            units.append(f"({driver.unit})^{-shape.power:g}")
+        if driver.source.unit not in ("", "1") and shape.power:
+            units.append(f"({driver.source.unit})^{-shape.power:g}")
     return " ".join(u for u in units if u != "1") or "1"
 
 
@@ -99,27 +103,27 @@ def formula(law: Law, numbers: Mapping[str, float]) -> str:
         shape = _term_text(term, numbers.get(f"c{i}"))
         sign = (" + " if value >= 0 else " - ") if said else ("" if value >= 0 else "-")
         said += f"{sign}{abs(value):.3g}{f' {shape}' if shape else ''}"
-    stage = law.place.stage
-    if stage == "R":
+    name = law.place.stage[0]
+    if law.place.shifts:
         carrier = _CARRIERS[law.place.carrier][1]
-        return (
-            f"R = R0 + ({said}) {carrier}" if len(law.terms) > 1 else f"R = R0 + {said} {carrier}"
-        )
-    if stage == "n":
-        return f"n = n0 {said if said.startswith('-') else '+ ' + said}"
-    name = stage[0]
-    kept = ", the resistance stays" if stage == "z without resistance" else ""
-    if law.link == "exponential":
-        return f"{name} = {name}0 exp({said}){kept}"
-    joined = f"1 - {said[1:]}" if said.startswith("-") else f"1 + {said}"
-    return f"{name} = {name}0 ({joined}){kept}"
+        if carrier:
+            said = f"({said}) {carrier}" if len(law.terms) > 1 else f"{said} {carrier}"
+        return f"{name} = {name}0 {_after(said)}"
+    kept = ", the resistance stays" if law.place.stage == "z without resistance" else ""
+    change = f"exp({said})" if law.link == "exponential" else f"(1 {_after(said)})"
+    return f"{name} = {name}0 {change}{kept}"
+
+
+def _after(sum_: str) -> str:
+    """A sum with the sign that joins it to what stands before it."""
+    return f"- {sum_[1:]}" if sum_.startswith("-") else f"+ {sum_}"
 
 
 def _term_text(term: Term, constant: float | None) -> str:
     parts = []
     for driver, shape in term.factors:
         c = constant if shape.constant == "free" else driver.middle
-        if shape.constant == "free" and shape.power and driver.reference:
+        if shape.moved and driver.reference:
             # (x - reference) - c reads better as x - (reference + c)
             text = shape.text.format(u=driver.name, c=f"{driver.reference + (c or 0.0):.4g}")
         else:
@@ -166,24 +170,27 @@ def class_text(
     summary: str,
 ) -> str:
     """The Python class of a law. Numbers have all their digits: what reads it predicts the same."""
-    method, returned = _METHODS[law.place.stage]
+    method, returned = _METHODS[law.place.stage.split()[0]]
     lines: list[str] = []
     variables: dict[str, str] = {}
     for term in law.terms:
         for driver, _ in term.factors:
             if driver.name not in variables:
-                variable = driver.variable
-                if variable in variables.values() or variable == "diameter":
+                variable = driver.source.variable
+                if variable in variables.values():
                     variable = f"{variable}_{len(variables) + 1}"  # two columns may read alike
                 variables[driver.name] = variable
                 less = f" - {driver.reference!r}" if driver.reference else ""
-                lines.append(f"        {variable} = {driver.code}{less}")
+                lines.append(f"        {variable} = {driver.source.code}{less}")
     eta = " + ".join(_term_code(i, term, variables) for i, term in enumerate(law.terms, 1))
-    factor = f"np.exp({eta})"
-    if law.link == "linear":
-        factor = f"np.maximum(1.0 + {eta}, {LEAST_FACTOR})"
-    carrier = _CARRIERS[law.place.carrier][0] if law.place.stage == "R" else ""
-    lines.append(f"        return {returned.format(factor=factor, eta=eta, carrier=carrier)}")
+    change = eta
+    if not law.place.shifts:
+        linear = f"np.maximum(1.0 + {eta}, {LEAST_FACTOR})"
+        change = f"np.exp({eta})" if law.link == "exponential" else linear
+    elif law.place.carrier == "length":
+        returned = f"np.maximum(sinkage + {{change}}, {LEAST_FACTOR} * sinkage)"
+    carrier = _CARRIERS[law.place.carrier][0]
+    lines.append(f"        return {returned.format(change=change, carrier=carrier)}")
     needs = sorted(law.columns - {"load", "width", "diameter"})
     columns = sorted(law.columns)
     valid = [f"{_quoted(c)}: {_range(measurements, c)!r}" for c in columns]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import keyword
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from types import CodeType, SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,42 +19,80 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
-# Variables of a drafted method that are no drivers, and those of compounds.
-_TAKEN = ("self", "conditions", "state", "sinkage", "np", "u", "continued")
-GRAVITY = 9.81  # m/s^2
 DEPTH = "sinkage/diameter"
 FEWEST_LEVELS = 3  # of a law: two values are a difference between two days
-_LEVEL = 0.01  # of the range: what differs by less is one level
 QUANTILES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
+_GRAVITY = 9.81  # m/s^2
+_LEVEL = 0.01  # of the range: what differs by less is one level
 _FAR = 0.6  # of the largest value: a range that begins beyond it has its zero far away
+_SIZES = {"load": "N", "width": "m", "diameter": "m"}  # what every row has, with units
+# Variables of a drafted method that are no drivers.
+_TAKEN = ("self", "conditions", "state", "sinkage", "diameter", "np", "u", "continued")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a driver's values come from.
+
+    columns: settings that it is made of. code: Python of `conditions` (and `state`) that works it out:
+    the search computes this line, and a drafted file contains it. variable: its name there. weight:
+    what it counts as when drivers are counted.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    variable: str
+    code: str
+    unit: str
+    weight: float = 1.0
+
+    @cached_property
+    def _compiled(self) -> CodeType:
+        return compile(self.code, "<driver>", "eval")
+
+    def values(self, conditions: Conditions, sinkage: Array | None) -> Array:
+        """Its values, shape (rows,). sinkage: m, of one that is made of it."""
+        state = SimpleNamespace(sinkage=sinkage)
+        found = eval(self._compiled, {"np": np, "conditions": conditions, "state": state})
+        return np.asarray(found)
+
+
+_COMPOUNDS = (
+    Source("width/diameter", ("width", "diameter"), "slenderness",
+           "conditions.width / conditions.diameter", "1", 1.5),
+    Source("load/(width diameter)", ("load", "width", "diameter"), "pressure",
+           "conditions.load / (conditions.width * conditions.diameter)", "Pa", 2.0),
+    Source("speed/sqrt(g diameter)", ("speed",), "froude",
+           f'conditions["speed"] / np.sqrt({_GRAVITY} * conditions.diameter)', "1", 1.5),
+)  # fmt: skip
+_DEPTH = Source(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
 
 
 @dataclass(frozen=True)
 class Driver:
     """A number that a law can follow, SI units.
 
-    columns: settings that it is made of. code: Python that works it out of `conditions` (and
-    `state`). reference: what is taken off it. low, high: range that was measured, after that.
-    middle: median size. quantiles: `QUANTILES` of its values. weight: what it counts as when
-    drivers are counted.
+    reference: what is taken off it. low, high: range that was measured, after that. middle: median
+    size. quantiles: `QUANTILES` of its values. levels: how many different ones there are.
     """
 
-    name: str
-    columns: tuple[str, ...]
-    code: str
+    source: Source
     reference: float
     low: float
     high: float
     middle: float
     quantiles: tuple[float, ...]
     levels: int
-    unit: str = "1"
-    weight: float = 1.0
 
     @property
-    def variable(self) -> str:
-        """Its name as a Python variable."""
-        return _COMPOUND[self.name].variable if self.name in _COMPOUND else identifier(self.name)
+    def name(self) -> str:
+        """As in documents and formulas."""
+        return self.source.name
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Settings that it is made of; none is of the depth."""
+        return self.source.columns
 
     @property
     def span(self) -> float:
@@ -61,43 +101,12 @@ class Driver:
 
     def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
         """Its values, shape (rows,). sinkage: m, of a driver that is made of it."""
-        return _raw(self.name, conditions, sinkage) - self.reference
+        return self.source.values(conditions, sinkage) - self.reference
 
     @property
     def text(self) -> str:
         """It, in a formula for people."""
         return f"({self.name} - {self.reference:g})" if self.reference else self.name
-
-
-@dataclass(frozen=True)
-class _Compound:
-    columns: tuple[str, ...]
-    variable: str
-    code: str
-    weight: float
-    unit: str
-    value: Callable[[Conditions], Array]
-
-
-_COMPOUND: Mapping[str, _Compound] = {
-    "width/diameter": _Compound(
-        ("width", "diameter"), "slenderness", "conditions.width / conditions.diameter", 1.5, "1",
-        lambda c: c.width / c.diameter,
-    ),
-    "load/(width diameter)": _Compound(
-        ("load", "width", "diameter"), "pressure",
-        "conditions.load / (conditions.width * conditions.diameter)", 2.0, "Pa",
-        lambda c: c.load / (c.width * c.diameter),
-    ),
-    "speed/sqrt(g diameter)": _Compound(
-        ("speed",), "froude",
-        f'conditions["speed"] / np.sqrt({GRAVITY} * conditions.diameter)', 1.5, "1",
-        lambda c: c["speed"] / np.sqrt(GRAVITY * c.diameter),
-    ),
-    DEPTH: _Compound(
-        (), "depth", "state.sinkage / conditions.diameter", 1.5, "1", lambda c: c.diameter
-    ),
-}  # fmt: skip
 
 
 def identifier(name: str) -> str:
@@ -107,45 +116,39 @@ def identifier(name: str) -> str:
     return f"column_{made}" if taken or not made.isidentifier() else made
 
 
-def _raw(name: str, conditions: Conditions, sinkage: Array | None) -> Array:
-    if name == DEPTH:
-        assert sinkage is not None
-        return np.asarray(sinkage / conditions.diameter)
-    if name in _COMPOUND:
-        return np.asarray(_COMPOUND[name].value(conditions))
-    return conditions[name]
+def _column(name: str, units: Mapping[str, str]) -> Source:
+    """A setting as it is. Its name is quoted in the code: it may have any character."""
+    code = f"conditions.{name}" if name in _SIZES else f"conditions[{json.dumps(name)}]"
+    return Source(name, (name,), identifier(name), code, _SIZES.get(name, units.get(name) or "1"))
 
 
 def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
     """The drivers that these points vary, and why other settings are none, in words.
 
     A setting with two values is a driver: what follows it must not be laid at another's door, though
-    no law can be learnt of it.
-    sinkage: as the base model has it, m, shape (points,).
+    no law can be learnt of it. sinkage: as the base model has it, m, shape (points,).
     """
     used = np.unique(points.row)
-    conditions, z = points.conditions.take(used), sinkage[used]
     usable = independent(points)
-    found: list[Driver] = []
-    refused = [f"{name} follows other settings" for name in points.varied if name not in usable]
-    names: list[str] = [n for n in ("load", "width", "diameter") if n in usable]
-    names += [n for n in usable if n not in names]
-    made = [n for n, c in _COMPOUND.items() if n != DEPTH and _both(n, c, usable)]
-    for name in [*names, *made, *([DEPTH] if "resistance" in points.channels else [])]:
-        driver = _driver(name, conditions, z, points)
-        if isinstance(driver, Driver):
-            found.append(driver)
-        else:
-            refused += [driver] if name in names else []
-    return found, refused
+    names = [n for n in _SIZES if n in usable] + [n for n in usable if n not in _SIZES]
+    sources = [_column(name, points.measurements.units) for name in names]
+    sources += [source for source in _COMPOUNDS if _says_more(source, usable)]
+    if "resistance" in points.channels:
+        sources.append(_DEPTH)
+    found = []
+    for source in sources:
+        x = source.values(points.conditions, sinkage)[used]
+        if np.ptp(x) >= 1e-3 * np.abs(x).max() > 0.0:
+            found.append(_driver(source, x))
+    return found, [f"{n} follows other settings" for n in points.varied if n not in usable]
 
 
-def _both(name: str, compound: _Compound, usable: Mapping[str, Array]) -> bool:
+def _says_more(compound: Source, usable: Mapping[str, Array]) -> bool:
     """Whether a compound says something that its columns alone do not.
 
     Columns of two values each make a compound of four, which are still two days by two days.
     """
-    columns = {*compound.columns, *(("diameter",) if name == "speed/sqrt(g diameter)" else ())}
+    columns = {*compound.columns, "diameter"}  # each is of the diameter
     if not columns <= usable.keys():
         return False
     return any(_levels(usable[column]) >= FEWEST_LEVELS for column in columns)
@@ -153,36 +156,16 @@ def _both(name: str, compound: _Compound, usable: Mapping[str, Array]) -> bool:
 
 def _levels(x: Array) -> int:
     """How many different values there are."""
-    low, high = float(x.min()), float(x.max())
-    return int(np.unique(np.round((x - low) / max(high - low, 1e-300) / _LEVEL)).size)
+    return int(np.unique(np.round((x - x.min()) / max(float(np.ptp(x)), 1e-300) / _LEVEL)).size)
 
 
-def _driver(name: str, conditions: Conditions, sinkage: Array, points: Points) -> Driver | str:
-    x = _raw(name, conditions, sinkage)
+def _driver(source: Source, x: Array) -> Driver:
+    """The driver with these values, shape (points,)."""
     low, high = float(x.min()), float(x.max())
-    size = max(abs(low), abs(high))
-    if high - low < 1e-3 * size or size == 0.0:
-        return f"{name} is constant"
-    levels = _levels(x)
-    reference = float(f"{low:.3g}") if low > _FAR * high and name not in _COMPOUND else 0.0
-    known = _COMPOUND.get(name)
-    unit = known.unit if known else _unit(name, points)
-    columns = known.columns if known else (name,)
-    code = known.code if known else _code(name)
+    far = low > _FAR * high and source not in _COMPOUNDS
+    reference = float(f"{low:.3g}") if far else 0.0
     return Driver(
-        name, columns, code, reference, low - reference, high - reference,
+        source, reference, low - reference, high - reference,
         float(f"{np.median(np.abs(x - reference)):.2g}"),
-        tuple(np.quantile(x - reference, QUANTILES).tolist()), levels, unit,
-        known.weight if known else 1.0,
+        tuple(np.quantile(x - reference, QUANTILES).tolist()), _levels(x),
     )  # fmt: skip
-
-
-def _code(name: str) -> str:
-    if name in ("load", "width", "diameter"):
-        return f"conditions.{name}"
-    return f"conditions[{json.dumps(name)}]"  # quoted: a name may have any character
-
-
-def _unit(name: str, points: Points) -> str:
-    fixed = {"load": "N", "width": "m", "diameter": "m"}
-    return fixed.get(name) or points.measurements.units.get(name) or "1"

@@ -24,7 +24,11 @@ Array = NDArray[np.float64]
 
 FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
 _CURVED = 4  # levels of a driver from which a shape with a constant is tried
+_WAVY = 8  # levels from which a wave is
 _SCALES = (0.1, 0.2, 0.35, 0.6, 1.0)  # of a driver's span
+_PERIODS = np.geomspace(0.4, 1.7, 13)  # of a driver's span; neighbours are an eighth apart
+_PHASES = np.arange(6) / 12  # of a period: over half of one, since a strength has either sign
+_STEP = 0.03  # of a driver's span: width of a step
 
 
 @dataclass(frozen=True)
@@ -58,12 +62,17 @@ class Term:
     @cached_property
     def weight(self) -> float:
         """How many drivers it counts as."""
-        return sum(driver.weight for driver, _ in self.factors)
+        return sum(driver.source.weight for driver, _ in self.factors)
 
     @cached_property
     def kind(self) -> tuple[tuple[str, str], ...]:
         """What tells it from others, whatever its constant."""
         return tuple((driver.name, shape.name) for driver, shape in self.factors)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it takes to describe: its strength, and those of its shapes."""
+        return 1 + self.free + sum(shape.written for _, shape in self.factors)
 
     @property
     def of_depth(self) -> bool:
@@ -99,7 +108,7 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
     listed = [Term((), cost=constant)]
     for group in (single, pairs):
         forms = np.log(max(len({term.kind for term in group}), 1))
-        listed += [replace(t, cost=forms + constant * (1 + t.free)) for t in group]
+        listed += [replace(t, cost=forms + constant * t.numbers) for t in group]
     return listed
 
 
@@ -138,6 +147,12 @@ def _single(driver: Driver) -> Iterator[Term]:
     for shape in (shapes.SATURATION, shapes.DECAY, shapes.LOG_GROWTH):
         yield from made(shape, scales, (0.03 * span, 3.0 * span))
     yield from made(shapes.GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
+    yield from made(shapes.step(_STEP * span), inner, (low, high))
+    if driver.levels >= _WAVY:
+        for period in (_PERIODS * span).tolist():
+            starts = low + _PHASES * period
+            bounds = (low - 0.5 * period, low + period)
+            yield from made(shapes.wave(period), starts.tolist(), bounds)
 
 
 def _products(one: Driver, other: Driver) -> Iterator[Term]:

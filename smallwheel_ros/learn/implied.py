@@ -138,4 +138,4 @@ def curve(law: Law, numbers: dict[str, float], conditions: Conditions, sinkage: 
     eta = law.eta(numbers, conditions, sinkage)
     if law.place.shifts:
         return eta
-    return np.log(law.factor(eta))
+    return np.log(law.change(eta))

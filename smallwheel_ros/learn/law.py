@@ -1,7 +1,7 @@
 """A law that is sought: where in the model it acts, how, and with which terms.
 
 factor = exp(a1 t1 + a2 t2)   or   1 + a1 t1 + a2 t2      of k, of the sinkage, of the diameter
-shift  = a1 t1 + a2 t2                                    of n, or of the resistance
+shift  = a1 t1 + a2 t2                                    of n, the sinkage or the resistance
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_values
@@ -24,6 +24,7 @@ from smallwheel_ros.physics.traction import compaction_resistance
 Array = NDArray[np.float64]
 Link = Literal["exponential", "linear"]
 
+CONSTANT = Term(())
 SOUGHT = "sought"  # id of the law while it is sought
 LEAST_FACTOR = 0.05  # of a linear link: a factor on a stiffness or a depth does not change sign
 _WIDE = 3.0  # prior deviation of ln factor: twenty times either way
@@ -34,7 +35,7 @@ _FAR = 1e3  # prior deviations at which a strength is bounded: nowhere
 class Place:
     """One place of the model where a law can act.
 
-    stage: as in documents: k, z, z without resistance, n, D, R. carrier: of a resistance, what its
+    stage: as in documents: k, z, z without resistance, n, D, R. carrier: of what is added, what its
     strength multiplies. nats: what it costs beside others, since it is the rarer explanation.
     """
 
@@ -45,8 +46,8 @@ class Place:
 
     @property
     def shifts(self) -> bool:
-        """Whether what acts there is added (to n, or as resistance); elsewhere it is a factor."""
-        return self.stage in ("n", "R")
+        """Whether what acts there is added; elsewhere it is a factor."""
+        return self.stage == "n" or self.carrier != ""
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -57,9 +58,11 @@ class Place:
 PLACES = (
     Place("k", "k"),
     Place("z", "z"),
+    Place("z/length", "z", "length"),
     Place("z without resistance", "z without resistance", nats=1.0),
     Place("n", "n", nats=2.0),
     Place("D", "D", nats=2.0),
+    Place("R/force", "R", "force"),
     Place("R/load", "R", "load"),
     Place("R/width sinkage^2", "R", "width sinkage^2"),
     Place("R/width sinkage", "R", "width sinkage"),
@@ -78,6 +81,8 @@ def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
 
 def carried(carrier: str, state: WheelState) -> Array:
     """What a law of resistance multiplies, shape (rows,)."""
+    if carrier == "force":
+        return np.ones_like(state.load)
     if carrier == "load":
         return state.load
     if carrier == "compaction":
@@ -113,7 +118,7 @@ class Law:
     @property
     def weight(self) -> float:
         """How many drivers it counts as; a constant as one."""
-        known = {d.name: d.weight for t in self.terms for d, _ in t.factors}
+        known = {d.name: d.source.weight for t in self.terms for d, _ in t.factors}
         return max(1.0, sum(known.values()))
 
     @property
@@ -133,8 +138,8 @@ class Law:
             total = total + numbers[f"a{i}"] * term(conditions, sinkage, constant)
         return total
 
-    def factor(self, eta: Array) -> Array:
-        """The factor that a sum of terms makes; of n and resistance the sum itself."""
+    def change(self, eta: Array) -> Array:
+        """The factor that a sum of terms makes; of what is added the sum itself."""
         if self.place.shifts:
             return eta
         if self.link == "exponential":
@@ -144,91 +149,57 @@ class Law:
 
 @dataclass(frozen=True)
 class _Sought(Effect):
-    """A law in the model while it is sought."""
+    """A law in the model while it is sought. Only one of its stages is not as if it were not there."""
 
     law: Law
-    a1: float = 0.0
-    a2: float = 0.0
-    c1: float = 1.0
-    c2: float = 1.0
+    a1: Any = 0.0  # a number, or one for each row
+    a2: Any = 0.0
+    c1: Any = 1.0
+    c2: Any = 1.0
 
     id = SOUGHT
 
-    def change(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
-        return self.law.factor(self.law.eta(vars(self), conditions, sinkage))
+    def _factor(self, stage: str, conditions: Conditions) -> Array | float:
+        return self._change(conditions) if self.law.place.stage == stage else 1.0
 
+    def _change(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
+        return self.law.change(self.law.eta(vars(self), conditions, sinkage))
 
-@dataclass(frozen=True)
-class _OfModulus(_Sought):
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return self.change(conditions)
+    def modulus_factor(self, conditions: Conditions) -> Array | float:
+        return self._factor("k", conditions)
 
-
-@dataclass(frozen=True)
-class _OfSinkage(_Sought):
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage * self.change(conditions))
-
-
-@dataclass(frozen=True)
-class _OfSinkageAlone(_OfSinkage):
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
-
-
-@dataclass(frozen=True)
-class _OfExponent(_Sought):
-    def exponent_shift(self, conditions: Conditions) -> Array:
-        return self.change(conditions)
-
-
-@dataclass(frozen=True)
-class _OfDiameter(_Sought):
     def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
-        return np.asarray(diameter * self.change(conditions))
+        return diameter * self._factor("D", conditions)
+
+    def exponent_shift(self, conditions: Conditions) -> Array | float:
+        return self._change(conditions) if self.law.place.stage == "n" else 0.0
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        if not self.law.place.stage.startswith("z"):
+            return sinkage
+        change = self._change(conditions)
+        if self.law.place.shifts:
+            return np.maximum(sinkage + change, LEAST_FACTOR * sinkage)
+        return np.asarray(sinkage * change)
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        alone = self.law.place.stage == "z without resistance"
+        return sinkage if alone else self.sinkage(sinkage, conditions)
+
+    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array | float:
+        if self.law.place.stage != "R":
+            return 0.0
+        return carried(self.law.place.carrier, state) * self._change(conditions, state.sinkage)
 
 
-@dataclass(frozen=True)
-class _OfResistance(_Sought):
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        carrier = carried(self.law.place.carrier, state)
-        return np.asarray(carrier * self.change(conditions, state.sinkage))
-
-
-_CLASSES: dict[str, type[_Sought]] = {
-    "k": _OfModulus,
-    "z": _OfSinkage,
-    "z without resistance": _OfSinkageAlone,
-    "n": _OfExponent,
-    "D": _OfDiameter,
-    "R": _OfResistance,
-}
-
-
-def effect_of(law: Law, numbers: Mapping[str, float]) -> Effect:
-    """The law as an effect of a model."""
-    return _CLASSES[law.place.stage](law, **numbers)
-
-
-@dataclass(frozen=True)
-class _Asked(Term):
-    """A term whose value is given for each row."""
-
-    given: Array | None = None
-
-    def __call__(
-        self,
-        conditions: Conditions,
-        sinkage: Array | None = None,
-        constant: ArrayLike | None = None,
-    ) -> Array:
-        assert self.given is not None
-        return self.given
+def effect_of(law: Law, numbers: Mapping[str, Any]) -> Effect:
+    """The law as an effect of a model; its numbers may differ from row to row."""
+    return _Sought(law, **numbers)
 
 
 def asked(place: Place, shift: Array) -> Effect:
     """An effect that changes each row by its own ln factor or shift, shape (rows,)."""
-    return effect_of(Law(place, "exponential", (_Asked((), given=shift),)), {"a1": 1.0})
+    return effect_of(Law(place, "exponential", (CONSTANT,)), {"a1": shift})
 
 
 def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
@@ -238,6 +209,7 @@ def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> E
         i = int(name[1]) - 1
         value = float(numbers[name])
         if name.startswith("a"):
+            value = float(np.clip(value, -_WIDE * size[i], _WIDE * size[i]))
             prior = Prior(0.0, _WIDE * size[i], -_FAR * size[i], _FAR * size[i])
         else:
             low, high = law.terms[i].bounds

@@ -6,7 +6,8 @@ points -> base -> drivers -> grammar -> tangent of the whole grammar -> refits i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+import itertools
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,23 +15,20 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting import Base, FittingError, Problem
-from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.learn.chance import chance
-from smallwheel_ros.learn.drivers import FEWEST_LEVELS, Driver, drivers_of
+from smallwheel_ros.learn.drivers import drivers_of
 from smallwheel_ros.learn.folds import HeldOut, Judgement, add_errors, judge, nested, vault_of
 from smallwheel_ros.learn.grammar import terms_of
 from smallwheel_ros.learn.law import places_for
+from smallwheel_ros.learn.refused import cannot_be_told, nothing_to_follow, too_little
 from smallwheel_ros.learn.search import WHOLE, Candidate, Found, Grid, Search
-from smallwheel_ros.measurements.columns import COLUMNS, is_bookkeeping, is_response
-from smallwheel_ros.measurements.settings import settings_of_rows
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import predict
 
 Array = NDArray[np.float64]
 
-FEWEST_SETTINGS = 10
 PERMUTATIONS = 199
 SURE = 0.02  # p of a draft
 LOOKED_AT = 0.05  # p up to which held-out errors are worked out at all
@@ -75,76 +73,54 @@ def seek(
     """Search for one law that a model lacks. The same seed gives the same answer."""
     try:
         problem = Problem.of(_by_trial(measurements), base).judged
-        reason = _too_little(problem.points)
+        reason = too_little(problem.points)
         if reason:
             return Sought("refused", (reason,), problem)
-        fitter, fit = problem.fitter, problem.fit
+        points, fitter, fit = problem.points, problem.fitter, problem.fit
     except FittingError as error:
         return Sought("refused", (str(error),))
-    points = problem.points
-    depth = predict(fit.model, points.conditions).true_sinkage
-    drivers, notes = drivers_of(points, depth)
-    if not [d for d in drivers if d.columns and d.levels >= FEWEST_LEVELS]:
-        few = [_two_values(d) for d in drivers if d.columns]
-        why = "; ".join([*notes, *few]) or "nothing was varied"
-        return Sought("refused", (f"there is nothing that a law could follow: {why}",), problem)
-    settings = np.unique(points.setting).size
-    terms = terms_of(drivers, settings)
-    values = np.column_stack([term(points.conditions, depth) for term in terms])
-    grid = Grid(tuple(terms), places_for(points.channels), depth, values)
-    sought = Sought("nothing", (), problem, fitter, fit, grid, notes=tuple(notes))
+    grid, reason, notes = _grid(points, fit)
+    sought = Sought("refused", (reason,), problem, fitter, fit, grid, notes=notes)
+    if reason:
+        return sought
 
     apart = vault_of(points, seed)
-    open_fitter, open_fit = fitter, fit
     if apart.any():
-        open_fitter = fitter.of_values(points.take(~apart), ~apart)
-        open_fit = open_fitter.fit(fit.vector, fit.theta, fit.scatter)
+        fitter = fitter.of_values(points.take(~apart), ~apart)
+        fit = fitter.fit(fit.vector, fit.theta, fit.scatter)
     progress("permuting", 0, 1)
-    search = Search(open_fitter, open_fit, grid)
-    p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))
+    p = chance(Search(fitter, fit, grid), PERMUTATIONS, np.random.default_rng([seed, 0]))
     progress("searching", 0, 1)
-    found = search.run(WHOLE)
-    sought = replace(sought, p=p)
-    draft = found.draft
+    found = Search(fitter, fit, grid).run(WHOLE)
+    draft, sought = found.draft, replace(sought, p=p)
     if draft is None or p > LOOKED_AT or found.gain <= 0.0:
-        return replace(sought, reasons=(_nothing(p),))
-    unknown = _with_gaps(measurements)
-    if unknown:
-        return replace(sought, verdict="refused", reasons=(unknown,))
-    coarse = [d for t in draft.law.terms for d, _ in t.factors if d.levels < FEWEST_LEVELS]
-    if coarse:
-        why = f"what is missing follows {coarse[0].name}; {_two_values(coarse[0])}"
-        return replace(sought, verdict="refused", reasons=(why,))
-    folds = _Counter(progress, "searching without some settings")
-    held_out = nested(open_fitter, open_fit, grid, seed, folds.one)
-    judgement = judge(held_out, draft.law, open_fitter, draft.fit)
+        why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
+        return replace(sought, verdict="nothing", reasons=(why,))
+    reason = cannot_be_told(draft.law, measurements)
+    if reason:
+        return replace(sought, reasons=(reason,))
+
+    step, folds = "searching without some settings", itertools.count(1)
+    held_out = nested(fitter, fit, grid, seed, lambda: progress(step, next(folds), 0))
+    judgement = judge(held_out, draft.law, fitter, draft.fit)
     verdict, reasons = _decide(p, judgement)
     if apart.any():
         verdict, reasons = _opened(verdict, reasons, held_out, points.take(apart), found)
-    law = _final(fitter, draft)
-    tied = _refitted(fitter, law, found)
+    law, tied = _refitted(problem.fitter, draft, found.tied)
     return replace(
         sought, verdict=verdict, reasons=reasons, law=law, tied=tied, held_out=held_out,
         judgement=judgement, vault=int(np.unique(points.setting[apart]).size),
     )  # fmt: skip
 
 
-def _with_gaps(measurements: Measurements) -> str:
-    """Say which settings are blank in some rows, "" where none is: the law may follow one of them."""
-    known = {*measurements.conditions.covariates, *measurements.channels, *COLUMNS}
-    blank = [name for name, unit in measurements.units.items()
-             if name not in known and not name.endswith("_std")
-             and not is_response(name, unit) and not is_bookkeeping(name)]  # fmt: skip
-    if not blank:
-        return ""
-    return (
-        f"something is missing, and {' and '.join(blank)}, blank in some rows, may be what it follows: "
-        "fill the cells in, or leave the column out"
-    )
-
-
-def _two_values(driver: Driver) -> str:
-    return f"{driver.name} has {driver.levels} values: a law needs {FEWEST_LEVELS} or more"
+def _grid(points: Points, base: Fit) -> tuple[Grid, str, tuple[str, ...]]:
+    """Every term at each point, why there are none worth trying, and notes on settings."""
+    depth = predict(base.model, points.conditions).true_sinkage
+    drivers, notes = drivers_of(points, depth)
+    terms = terms_of(drivers, np.unique(points.setting).size)
+    values = np.column_stack([term(points.conditions, depth) for term in terms])
+    grid = Grid(tuple(terms), places_for(points.channels), depth, values)
+    return grid, nothing_to_follow(drivers, notes), tuple(notes)
 
 
 def _by_trial(measurements: Measurements) -> Measurements:
@@ -159,41 +135,6 @@ def _by_trial(measurements: Measurements) -> Measurements:
         f"{run}, row {line}" for run, line in zip(measurements.run, measurements.line, strict=True)
     ]
     return replace(measurements, run=np.array(names))
-
-
-class _Counter:
-    """Counts folds for the progress; their number is known when the first is done."""
-
-    def __init__(self, progress: Progress, step: str) -> None:
-        self._progress, self._step, self._done = progress, step, 0
-
-    def one(self) -> None:
-        self._done += 1
-        self._progress(self._step, self._done, 0)
-
-
-def _too_little(points: Points) -> str:
-    settings = settings_in(points)
-    if settings == 1:
-        return "every run has the same setting: a law needs something that was varied"
-    if settings < FEWEST_SETTINGS:
-        return f"{settings} settings, and a law needs {FEWEST_SETTINGS} or more"
-    if points.run_count < FEWEST_RUNS:
-        return (
-            f"{points.run_count} runs, and a law needs {FEWEST_RUNS} or more: settings of one run "
-            "share its soil"
-        )
-    return ""
-
-
-def settings_in(points: Points) -> int:
-    """How many settings the rows have that are used."""
-    used = np.unique(np.concatenate(points.rows))
-    return int(np.unique(settings_of_rows(points.measurements)[used]).size)
-
-
-def _nothing(p: float) -> str:
-    return f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
 
 
 def _decide(p: float, judgement: Judgement) -> tuple[str, tuple[str, ...]]:
@@ -233,25 +174,23 @@ def _opened(
     return verdict, reasons
 
 
-def _final(fitter: Fitter, draft: Candidate) -> Candidate:
-    """The draft, fitted to all points with the scatter."""
+def _refitted(
+    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate]
+) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
     fit = fitter.fit(draft.fit.vector, draft.fit.theta, draft.fit.scatter)
-    return replace(draft, fit=fit)
-
-
-def _refitted(fitter: Fitter, law: Candidate, found: Found) -> tuple[Candidate, ...]:
-    """The tied laws, fitted to all points; law: the draft, which is already."""
+    law = replace(draft, fit=fit)
     made = []
-    for c in found.tied:
-        if c.law.key == law.law.key:
+    for c in tied:
+        if c.law.key == draft.law.key:
             made.append(law)
             continue
         try:
-            fit = fitter.fit(c.fit.vector, c.fit.theta, law.fit.scatter, turns=0)
+            own = fitter.fit(c.fit.vector, c.fit.theta, fit.scatter, turns=0)
         except FAILURES:
             continue
-        made.append(replace(c, fit=fit))
-    return tuple(made)
+        made.append(replace(c, fit=own))
+    return law, tuple(made)
 
 
 def without_effects(base: Base, ids: Collection[str]) -> Base:

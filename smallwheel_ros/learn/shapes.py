@@ -23,7 +23,8 @@ class Shape:
     """One shape. code: Python of u and c. text: the same for people, of {u} and {c}.
 
     power: by which power of u's unit its value grows (0: it has none). constant: whether it has a
-    c, and whether that is fitted or given (the driver's middle).
+    c, and whether that is fitted or given (the driver's middle). written: further numbers that stand
+    in its code, and have to be described as c has.
     """
 
     name: str
@@ -31,6 +32,12 @@ class Shape:
     text: str
     power: float = 0.0
     constant: Constant = "none"
+    written: int = 0
+
+    @property
+    def moved(self) -> bool:
+        """Whether c is a place on u's axis."""
+        return "u - c" in self.code or "c - u" in self.code
 
     @cached_property
     def _function(self) -> Callable[[ArrayLike, ArrayLike], Array]:
@@ -60,3 +67,16 @@ SATURATION = Shape("saturation", "np.tanh(u / c)", "tanh({u}/{c})", constant="fr
 DECAY = Shape("decay", "np.exp(-np.abs(u) / c)", "exp(-|{u}|/{c})", constant="free")
 LOG_GROWTH = Shape("log_growth", "np.log1p(np.abs(u) / c)", "ln(1 + |{u}|/{c})", constant="free")
 GROWTH = Shape("growth", "np.expm1(u / c)", "(exp({u}/{c}) - 1)", constant="free")
+
+
+def step(width: float) -> Shape:
+    """From 0 to 1 at c, over a width in u's unit: a step that a fit of c can follow."""
+    code = f"0.5 + 0.5 * np.tanh((u - c) / {width!r})"
+    return Shape("step", code, f"step({{u}} - {{c}}, width {width:.2g})", constant="free")
+
+
+def wave(period: float) -> Shape:
+    """A sine of u with a period in u's unit; c is where it rises through 0."""
+    code = f"np.sin({2.0 * np.pi / period!r} * (u - c))"
+    text = f"sin(2 pi ({{u}} - {{c}})/{period:.3g})"
+    return Shape("wave", code, text, constant="free", written=1)

@@ -94,74 +94,37 @@ class Tangent:
     """
 
     def __init__(self, yardstick: Yardstick, white_errors: Array, slopes: Array) -> None:
-        self.yardstick = yardstick
-        self.basis = np.linalg.qr(yardstick.white(slopes))[0]
-        columns = white_errors.reshape(len(slopes), -1)
-        self.errors = self._rest(columns)
-        self._parts = yardstick.by_channel(self.errors)
+        self._yardstick = yardstick
+        self._basis = np.linalg.qr(yardstick.white(slopes))[0]
+        self._errors = self._rest(white_errors.reshape(len(slopes), -1))
+        self._parts = yardstick.by_channel(self._errors)
         self._sums = [[np.sum(a * b, axis=0) for b in self._parts] for a in self._parts]
 
     def _rest(self, columns: Array) -> Array:
-        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+        return np.asarray(columns - self._basis @ (self._basis.T @ columns))
 
     @property
     def nats(self) -> Array:
         """n/2 ln det S without another term, shape (copies,)."""
-        return self.yardstick.nats(self._sums)
+        return self._yardstick.nats(self._sums)
 
     def gains(self, columns: Array) -> tuple[Array, Array]:
         """What each term gains, and its strength; shape (terms, copies).
 
         columns: what a unit of each moves the values by, shape (values, terms), not whitened.
         """
-        white = self.yardstick.white(columns)
-        moved = np.sum(white**2, axis=0)
+        white = self._yardstick.white(columns)
         rest = self._rest(white)
         left = np.sum(rest**2, axis=0)
-        testable = left > _LEFT * moved + 1e-300
-        left = np.where(testable, left, 1.0)
-        strength = (rest.T @ self.errors) / left[:, None]
-        parts = self.yardstick.by_channel(rest)
-        indices = range(len(parts))
-        cross = [[parts[a].T @ self._parts[b] for b in indices] for a in indices]
-        own = [[np.sum(parts[a] * parts[b], axis=0)[:, None] for b in indices] for a in indices]
+        testable = left > _LEFT * np.sum(white**2, axis=0) + 1e-300
+        strength = (rest.T @ self._errors) / np.where(testable, left, 1.0)[:, None]
+        parts = self._yardstick.by_channel(rest)
         after = [
-            [self._sums[a][b] - strength * (cross[a][b] + cross[b][a]) + strength**2 * own[a][b]
-             for b in indices] for a in indices
+            [self._sums[a][b]
+             - strength * (parts[a].T @ self._parts[b] + parts[b].T @ self._parts[a])
+             + strength**2 * np.sum(parts[a] * parts[b], axis=0)[:, None]
+             for b in range(len(parts))] for a in range(len(parts))
         ]  # fmt: skip
-        gained = self.nats - self.yardstick.nats(after)
+        gained = self.nats - self._yardstick.nats(after)
         gained[~testable] = _UNTESTABLE
         return gained, strength
-
-    def pair_gains(self, columns: Array) -> tuple[Array, Array]:
-        """What each two terms gain together, and the first one's strength; (terms, terms).
-
-        columns: as in `gains`. Of one copy of the errors.
-        """
-        rest = self._rest(self.yardstick.white(columns))
-        gram = rest.T @ rest
-        size = np.diag(gram)
-        pull = rest.T @ self.errors[:, 0]
-        both = np.outer(size, size) - gram**2
-        testable = both > _LEFT * np.outer(size, size) + 1e-300
-        first = (size[None, :] * pull[:, None] - gram * pull[None, :]) / np.where(
-            testable, both, 1.0
-        )
-        second = first.T
-        parts = self.yardstick.by_channel(rest)
-        indices = range(len(parts))
-        after = []
-        for a in indices:
-            row = []
-            for b in indices:
-                cross = parts[a].T @ self._parts[b][:, 0] + parts[b].T @ self._parts[a][:, 0]
-                products = parts[a].T @ parts[b]
-                own = np.diag(products)
-                moved = first * cross[:, None] + second * cross[None, :]
-                added = first**2 * own[:, None] + second**2 * own[None, :]
-                row.append(
-                    self._sums[a][b][0] - moved + added + first * second * (products + products.T)
-                )
-            after.append(row)
-        gained = np.where(testable, self.nats[0] - self.yardstick.nats(after), _UNTESTABLE)
-        return gained, first
