@@ -20,7 +20,7 @@ from benchmarks.robot_worlds import WORLDS
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 
 # Where the model has no part for what goes on, bands may be narrower than the errors now and then.
-_UNKNOWN = ("rough", "slip sinkage", "rebound", "pitch error", "zero -1 mm")
+_UNKNOWN = ("rough", "slip sinkage", "rebound", "pitch error", "zero -1 mm", "scatter 15 %, zero")
 # No reading shows these: a sensor's gain, ground that is no power of depth; docs/estimator.md says so.
 _UNSEEN = ("sinkage gain", "bedrock")
 
