@@ -107,6 +107,10 @@ def test_the_alarm_falls_silent_with_the_law(repository: Path, tmp_path: Path) -
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(
+    reason="known miss: `diagnose --effects` does not name the wave that is drafted here",
+    strict=True,
+)
 def test_the_real_wheel_with_slip_and_skid_withheld(shared_data: Path, tmp_path: Path) -> None:
     """Soil from the wheel pressed straight down, then rolling at slip angle 0."""
     folder = shared_data / "cmu_wheel_rig"
