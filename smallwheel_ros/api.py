@@ -23,28 +23,21 @@ from smallwheel_ros.arguments import (
     model_of,
     registry_of,
 )
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.comparison import compare as compare_models
-from smallwheel_ros.diagnosis.apply import Added, add_effect
-from smallwheel_ros.diagnosis.pipeline import Diagnosis
-from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
-from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting import Base, FitResult, Problem
-from smallwheel_ros.fitting.files import base_of
-from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.lab.agreement import agreements
-from smallwheel_ros.lab.lab import LabFit, fit_lab
-from smallwheel_ros.learn.learning import Learnt
-from smallwheel_ros.learn.learning import learn as learn_law
-from smallwheel_ros.measurements.joining import joined, joined_shear
-from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.measurements.table import Measurements, read_measurements
-from smallwheel_ros.measurements.tests import read_tests
-from smallwheel_ros.model import Geometry
-from smallwheel_ros.prediction import PredictionTable, on_one_soil, predict_table
 
+# A function imports what it needs when it is called: a model in a notebook needs no search for effects.
 if TYPE_CHECKING:
     from smallwheel_ros.arguments import AnyEffect, AnyModel, Data, OwnEffects, Setting
+    from smallwheel_ros.compare.comparison import Comparison
+    from smallwheel_ros.diagnosis.apply import Added
+    from smallwheel_ros.diagnosis.pipeline import Diagnosis
+    from smallwheel_ros.effects.registry import Registry
+    from smallwheel_ros.fitting import Base, FitResult
+    from smallwheel_ros.lab.lab import LabFit
+    from smallwheel_ros.learn.learning import Learnt
+    from smallwheel_ros.measurements.shear import ShearTests
+    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.model import Geometry
+    from smallwheel_ros.prediction import PredictionTable
     from smallwheel_ros.replay.result import Replayed
     from smallwheel_ros.replay.spec import Copy
 
@@ -88,6 +81,8 @@ def read(
     >>> data.channels.keys()
     dict_keys(['sinkage', 'resistance'])
     """
+    from smallwheel_ros.measurements.table import Measurements, read_measurements
+
     if isinstance(data, Measurements):
         return data
     return read_measurements(
@@ -103,6 +98,10 @@ def read(
 
 def read_test(data: Data | ShearTests, **how: Any) -> Measurements | ShearTests:
     """Read a table of any test of a lab, shear tests too. how: as in ``read``."""
+    from smallwheel_ros.measurements.shear import ShearTests
+    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.tests import read_tests
+
     if isinstance(data, (Measurements, ShearTests)):
         return data
     return read_tests(_source(data), **how)
@@ -151,6 +150,13 @@ def fit(
     >>> sorted(again.held_out)
     ['resistance', 'sinkage']
     """
+    from smallwheel_ros.fitting import Base, Problem
+    from smallwheel_ros.fitting.files import base_of
+    from smallwheel_ros.fitting.parameters import part_of
+    from smallwheel_ros.lab.agreement import agreements
+    from smallwheel_ros.lab.lab import fit_lab
+    from smallwheel_ros.measurements.joining import joined, joined_shear
+
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None
     known = None if model is None else model_of(model)
@@ -178,6 +184,9 @@ def _tests_of(
     data: Data | ShearTests | Sequence[Data | ShearTests],
 ) -> tuple[list[ShearTests], list[Measurements]]:
     """Shear tests, and tables of load and sinkage."""
+    from smallwheel_ros.measurements.shear import ShearTests
+    from smallwheel_ros.measurements.table import Measurements
+
     given: list[Any] = list(data) if isinstance(data, (list, tuple)) else [data]
     if not given:
         raise ArgumentError("data: found an empty list, expected measurements")
@@ -215,6 +224,8 @@ def compare(
     >>> [model.contender.name for model in found.models]
     ['bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
     """
+    from smallwheel_ros.compare.comparison import compare as compare_models
+
     measurements, user = read(data), registry_of(effects)
     return compare_models(measurements, contenders_of(models, user), progress=progress or _unheard)
 
@@ -255,6 +266,8 @@ def diagnose(
     >>> found.verdict, found.missing_effects
     ('missing_effect', ['slip_sinkage'])
     """
+    from smallwheel_ros.diagnosis.pipeline import diagnose as diagnose_data
+
     measurements, base, known, out = start_of(data, model, effects, without)
     return diagnose_data(
         measurements,
@@ -309,6 +322,8 @@ def learn(
     >>> found.verdict, found.law["drivers"]
     ('law', ['slip'])
     """
+    from smallwheel_ros.learn.learning import learn as learn_law
+
     measurements, base, known, out = start_of(data, model, effects, without)
     return learn_law(
         measurements,
@@ -352,6 +367,8 @@ def add(
     >>> added.recommended
     True
     """
+    from smallwheel_ros.diagnosis.apply import add_effect
+
     if data is None:
         raise ArgumentError("data: found nothing, expected the measurements to fit the effect to")
     wanted = effect if isinstance(effect, str) else getattr(effect, "id", None)
@@ -395,6 +412,8 @@ def predict(
     >>> [f"{1e3 * row['sinkage']:.1f} mm" for row in table.rows()]
     ['6.7 mm', '11.5 mm']
     """
+    from smallwheel_ros.prediction import on_one_soil, predict_table
+
     given = {"load": load, "diameter": diameter, "width": width}
     given |= {} if slip is None else {"slip": slip}
     settings = {name: levels_of(name, value) for name, value in (given | others).items()}
@@ -438,7 +457,6 @@ def replay(
     >>> drive.state
     'complete'
     """
-    # Kept apart: replay brings the readers of bags and the estimator, which nothing else here needs.
     from smallwheel_ros.replay.assumed import with_assumed_config
     from smallwheel_ros.replay.inputs import read_remaps
     from smallwheel_ros.replay.one import replay as replay_bag
@@ -468,6 +486,9 @@ def start_of(
     without: str | Collection[str] = (),
 ) -> tuple[Measurements, Base, Registry, tuple[str, ...]]:
     """What a diagnosis starts from: table, model to fit, effects, and those that do not compete."""
+    from smallwheel_ros.fitting import Base
+    from smallwheel_ros.fitting.files import base_of
+
     measurements, known = read(data), registry_of(effects)
     base = Base() if model is None else base_of(model_of(model, known), measurements)
     return measurements, base, known, ids_of(without, known)

@@ -5,33 +5,29 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from smallwheel_ros.compare.contenders import STANDARD, Contender
-from smallwheel_ros.diagnosis.apply import Added
-from smallwheel_ros.diagnosis.pipeline import Diagnosis
-from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting import FitResult
-from smallwheel_ros.lab.lab import LabFit
-from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel, as_calibrated, read_model
-from smallwheel_ros.physics.soil import Soil, nearest, soil
-from smallwheel_ros.ranges import parse_range
 
 if TYPE_CHECKING:
     import pandas as pd
+    from numpy.typing import ArrayLike
+
+    from smallwheel_ros.compare.contenders import Contender
+    from smallwheel_ros.diagnosis.apply import Added
+    from smallwheel_ros.diagnosis.pipeline import Diagnosis
+    from smallwheel_ros.effects.base import Effect
+    from smallwheel_ros.effects.registry import Registry
+    from smallwheel_ros.fitting import FitResult
+    from smallwheel_ros.lab.lab import LabFit
+    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.model import Model
+    from smallwheel_ros.model_file import CalibratedModel
+    from smallwheel_ros.physics.soil import Soil
 
     Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
-    AnyModel: TypeAlias = (
-        Model | Soil | FitResult | LabFit | Diagnosis | Added | str | PathLike[str]
-    )
+    WithModel: TypeAlias = FitResult | LabFit | Diagnosis | Added
+    AnyModel: TypeAlias = Model | Soil | WithModel | str | PathLike[str]
     AnyEffect: TypeAlias = Effect | type[Effect] | str
     OwnEffects: TypeAlias = Registry | str | PathLike[str] | None
     Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
@@ -50,6 +46,8 @@ def kind(value: object) -> str:
 
 def registry_of(own: OwnEffects) -> Registry:
     """All effects, with those of your own. Raises ArgumentError, EffectError."""
+    from smallwheel_ros.effects.registry import Registry, default_registry
+
     if own is None:
         return default_registry()
     if isinstance(own, Registry):
@@ -75,8 +73,13 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
     Raises ArgumentError, ModelFileError.
     """
-    if isinstance(given, (FitResult, LabFit, Diagnosis, Added)):
-        return given.model
+    from smallwheel_ros.model import Model
+    from smallwheel_ros.model_file import CalibratedModel, as_calibrated, read_model
+    from smallwheel_ros.physics.soil import Soil, nearest, soil
+
+    of_result = getattr(given, "model", None)
+    if isinstance(of_result, CalibratedModel):
+        return of_result
     if isinstance(given, Model):
         return as_calibrated(given)
     if isinstance(given, Soil) or (isinstance(given, str) and given in soil):
@@ -92,6 +95,9 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
 def effects_of(given: AnyEffect | Iterable[AnyEffect], measurements: Measurements) -> list[Effect]:
     """Effects to start a fit from: what only scales is set from the data where it is not given."""
+    from smallwheel_ros.effects.base import Effect
+    from smallwheel_ros.effects.registry import default_registry
+
     listed = [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
     known, made = default_registry(), []
     for one in listed:
@@ -121,13 +127,14 @@ def contenders_of(
     models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel], known: Registry
 ) -> list[Contender]:
     """One contender for each model, each under a name of its own."""
+    from smallwheel_ros.compare.contenders import STANDARD, Contender
+
     if isinstance(models, Mapping):
         named = [(str(name), model) for name, model in models.items()]
     else:
-        single = isinstance(
-            models, (str, PathLike, Model, Soil, FitResult, LabFit, Diagnosis, Added)
-        )
-        named = [("", model) for model in ([models] if single else _listed("models", models))]
+        several = isinstance(models, Iterable) and not isinstance(models, str)
+        listed: list[Any] = list(cast(Any, models)) if several else [models]
+        named = [("", model) for model in listed]
     found: list[Contender] = []
     for name, given in named:
         read_one, taken = model_of(given, known), [*STANDARD, *(c.name for c in found)]
@@ -144,6 +151,11 @@ def contenders_of(
 
 def levels_of(name: str, value: Setting) -> Any:
     """Values of a setting in SI units, shape (values,)."""
+    import numpy as np
+
+    from smallwheel_ros.measurements.columns import unit_of
+    from smallwheel_ros.ranges import parse_range
+
     if isinstance(value, str):
         return parse_range(name, value, unit_of(name) or None)
     try:

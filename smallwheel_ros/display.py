@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.units import DIMENSIONLESS, to_base
+
+if TYPE_CHECKING:
+    from smallwheel_ros.measurements.table import Measurements
 
 
 class Display(NamedTuple):

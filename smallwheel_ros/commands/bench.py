@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -26,8 +26,10 @@ from smallwheel_ros.commands.inputs import (
     show,
     table_options,
 )
-from smallwheel_ros.model import Geometry
 from smallwheel_ros.output import check_folder_target, check_targets
+
+if TYPE_CHECKING:
+    from smallwheel_ros.model import Geometry
 
 _PATH = click.Path(path_type=Path)
 _PLOTS = click.option("--plots", type=_PATH, metavar="DIR",

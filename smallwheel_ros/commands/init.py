@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from smallwheel_ros.commands.inputs import JSON, show
-from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import (
     FILL_IN,
     InitError,
@@ -63,6 +62,8 @@ def init(
 
 def _rover(source: Path | None, urdf: Path | None, wheels: int | None) -> Rover:
     if source is not None:
+        from smallwheel_ros.init.from_bag import rover_of_bag  # brings the readers of bags
+
         return rover_of_bag(source)
     if urdf is not None:
         return rover_of_description(urdf)

@@ -7,18 +7,18 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
-from tqdm import tqdm
 
 from smallwheel_ros import api
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.results import Result
-from smallwheel_ros.tables import write_json
+
+# `--help` of a command needs none of what the command computes with.
+if TYPE_CHECKING:
+    from smallwheel_ros.measurements.shear import ShearTests
+    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.results import Result
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _PATH = click.Path(path_type=Path)
@@ -105,7 +105,7 @@ def read_table(data: Path, how: Mapping[str, Any]) -> Measurements:
 def read_test(data: Path, how: Mapping[str, Any]) -> Measurements | ShearTests:
     """A table of any test of a lab, as `read_table`."""
     test = api.read_test(data, **how)
-    _say(test.understood, () if isinstance(test, ShearTests) else test.warnings)
+    _say(test.understood, getattr(test, "warnings", ()))
     return test
 
 
@@ -118,6 +118,8 @@ def _say(understood: Sequence[str], warnings: Sequence[str]) -> None:
 
 def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) -> None:
     """Write the result's JSON; print its text and what was written, unless JSON is printed."""
+    from smallwheel_ros.tables import write_json
+
     if json_file is not None:
         write_json(json_file, result.to_dict())
     if json_file != "-":
@@ -129,6 +131,8 @@ def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) ->
 @contextmanager
 def progress_of_fits() -> Iterator[Callable[[int, int], None]]:
     """A bar of fits that are done, on a terminal."""
+    from tqdm import tqdm
+
     with tqdm(desc="fitting", unit="fit", disable=None, leave=False) as bar:
 
         def progress(done: int, needed: int) -> None:
@@ -141,6 +145,8 @@ def progress_of_fits() -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def progress_of_steps(what: str) -> Iterator[Callable[[str], None]]:
     """A bar of the steps of a diagnosis, on a terminal."""
+    from tqdm import tqdm
+
     with tqdm(total=_STEPS, desc=what, disable=None, leave=False) as bar:
 
         def progress(step: str) -> None:
@@ -157,6 +163,8 @@ def names_of(text: str) -> list[str]:
 
 def levels_of(given: tuple[str, ...], measurements: Measurements) -> dict[str, list[float]]:
     """Levels by setting of --can NAME=A..B or NAME=A,B,C. Raises BenchError where one is neither."""
+    from smallwheel_ros.physics.soil import nearest
+
     found = {}
     known = ("load", "diameter", "width", *measurements.conditions.covariates)
     for text in given:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from smallwheel_ros import api
 from smallwheel_ros.commands.inputs import show
-from smallwheel_ros.effect_curves import effect_curves
-from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.registry import families, forms, load_effects
-from smallwheel_ros.model import Model
 from smallwheel_ros.output import check_folder_target, check_targets
-from smallwheel_ros.paper import paper_lines
 from smallwheel_ros.physics.soil import SOILS
-from smallwheel_ros.pictures.physics import plot_effect, plot_paper, plot_prediction
-from smallwheel_ros.tables import sparkline, text_table, write_json
+
+# `--help` of a command needs none of what the command computes and draws with.
+if TYPE_CHECKING:
+    from smallwheel_ros.effects.base import Effect
+    from smallwheel_ros.model import Model
 
 _JSON = click.option(
     "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
@@ -77,6 +75,8 @@ def predict(
 
     smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand
     """
+    from smallwheel_ros.model import Model
+
     if soil_name is None and model_file is None:
         raise click.UsageError("give --soil or --model")
     if model_file is not None and closed_form:
@@ -102,6 +102,8 @@ def predict(
         **given,
     )
     if plot is not None:
+        from smallwheel_ros.pictures.physics import plot_prediction
+
         plot_prediction(table, plot)
     show(table, json_file, [] if plot is None else [plot])
 
@@ -115,6 +117,9 @@ def effects(
     effect: str | None, effects_file: Path | None, json_file: str | None, plot: Path | None
 ) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
+    from smallwheel_ros.effects.registry import families, forms, load_effects
+    from smallwheel_ros.tables import text_table, write_json
+
     check_targets([plot, json_file], [effects_file])
     user = load_effects(effects_file) if effects_file else None
     if effect is None:
@@ -135,6 +140,8 @@ def effects(
     if json_file != "-":
         click.echo(_explained(family))
     if plot is not None:
+        from smallwheel_ros.pictures.physics import plot_effect
+
         plot_effect(family, plot)
         if json_file != "-":
             click.echo(f"\nDrawn: {plot}")
@@ -172,6 +179,9 @@ def _described(form: type[Effect]) -> dict[str, object]:
 
 
 def _explained(family: tuple[type[Effect], ...]) -> str:
+    from smallwheel_ros.effect_curves import effect_curves
+    from smallwheel_ros.tables import sparkline
+
     first = family[0]
     needed = ", ".join(first.needs) or "nothing beyond load, diameter and width"
     lines = [
@@ -202,7 +212,7 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
     lines += ["", f"  {drawn.channel.replace('_', ' ')} over {drawn.axis}, {drawn.setting}"]
     curves = {"without it": drawn.without, **drawn.forms}
     width = max(map(len, curves))
-    top = max(float(np.max(y)) for y in curves.values())
+    top = max(float(max(y)) for y in curves.values())
     for name, y in curves.items():
         ends = f"{y[0]:.3g} to {y[-1]:.3g} {drawn.unit}"
         lines.append(f"    {name.ljust(width)}  {sparkline(y, top)}  {ends}")
@@ -214,6 +224,9 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
 @click.option("--plots", type=click.Path(path_type=Path), help="Folder to draw figures into.")
 def paper(json_file: str | None, plots: Path | None) -> None:
     """Compute the numbers that the paper prints, and say which of them reproduce."""
+    from smallwheel_ros.paper import paper_lines
+    from smallwheel_ros.tables import write_json
+
     check_targets([json_file])
     check_folder_target(plots)
     lines = paper_lines()
@@ -232,6 +245,8 @@ def paper(json_file: str | None, plots: Path | None) -> None:
         }
         click.echo("\n" + ", ".join(f"{n} {s}" for s, n in counts.items()))
     if plots is not None:
+        from smallwheel_ros.pictures.physics import plot_paper
+
         drawn = plot_paper(plots)
         if json_file != "-":
             click.echo("\n".join(f"Drawn: {path}" for path in drawn))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.measurements.long_text import LongColumn, LongText
 
 _LONGEST_SHOWN = 60  # characters of a cell or header that a message repeats
 _MOST_PROBLEMS = 20  # that a message lists: a page of a terminal
@@ -56,6 +57,13 @@ def is_blank(cell: Cell) -> bool:
     return isinstance(cell, str) and not cell.strip()
 
 
+def all_blank(cells: Sequence[Cell]) -> bool:
+    """Whether nothing stands in the column."""
+    if isinstance(cells, LongColumn):
+        return bool(cells.blank.all())
+    return all(is_blank(cell) for cell in cells)
+
+
 def texts_only(cells: Sequence[Cell]) -> TypeGuard[Sequence[str]]:
     """Whether every cell is a text, as in any text file; the rest can be skipped then."""
     return set(map(type, cells)) <= {str}
@@ -85,8 +93,7 @@ class Grid:
     place: "line" of a text file, "row" of any other. header: column names where the file keeps
     them apart from its rows (Parquet, data frames). comma: whether a comma can only be a decimal
     mark, as cells are separated by something else. said: what was understood on the way.
-    tail: the rows that follow, as columns, where a long text file is plain from there on: `unsplit`
-    makes rows of them.
+    long: of a long text file, of which `rows` are the first ones only; `whole` has all of them.
     """
 
     source: str
@@ -97,12 +104,8 @@ class Grid:
     header: list[str] | None = None
     comma: bool = False
     said: list[str] = field(default_factory=list)
-    tail: list[list[str]] | None = None
-
-    def unsplit(self) -> Grid:
-        """The same grid without a tail."""
-        rows = [*self.rows, *zip(*self.tail or [], strict=True)]
-        return replace(self, rows=rows, tail=None)
+    long: LongText | None = None
+    whole: Callable[[], Grid] | None = None
 
 
 @dataclass
@@ -162,18 +165,17 @@ def refuse_many_cells(source: str, rows: int, columns: int) -> None:
 
 def array_of_texts(cells: Sequence[Cell]) -> NDArray[np.str_]:
     """Cells as an array of texts."""
+    cells = cells.texts if isinstance(cells, LongColumn) else cells
     if texts_only(cells):
         return np.array(list(map(str.strip, cells)), dtype=np.str_)
     texts = [cell.strip() if isinstance(cell, str) else shown(cell) for cell in cells]
     return np.array(texts, dtype=np.str_)
 
 
-def refuse_long_texts(
-    headers: Sequence[str], columns: Sequence[Sequence[Cell]], problems: Problems
-) -> None:
-    """Refuse a table of which one array a column would take too much memory."""
+def refuse_long_texts(columns: Iterable[tuple[str, Sequence[Cell]]], problems: Problems) -> None:
+    """Refuse a table of which an array of texts for each of these columns would take too much memory."""
     total = 0
-    for header, cells in zip(headers, columns, strict=True):
+    for header, cells in columns:
         try:
             longest = max(map(len, cells), default=0)  # type: ignore[arg-type]
         except TypeError:  # numbers, which have no length

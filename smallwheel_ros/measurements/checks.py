@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,8 @@ def suspicions(data: Measurements, place: str) -> Iterator[str]:
     yield from _sizes(data, place)
     yield from _depths(data, place)
     yield from _settings(data, place)
-    yield from _runs(data)
+    if data.runs_given:
+        yield from _runs(data)
 
 
 def _where(data: Measurements, rows: NDArray[np.bool_], place: str) -> str:
@@ -101,15 +102,18 @@ def _spread(values: Array, index: NDArray[np.intp], runs: int) -> tuple[Array, A
     return low, high
 
 
-def codes_of(texts: NDArray[np.str_]) -> tuple[list[str], NDArray[np.intp]]:
-    """The different texts in the order in which they first appear, and each row's index into them.
+def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
+    """The different values in the order in which they first appear, and each row's index into them.
 
-    A table of names is many times quicker than sorting them, as `np.unique` does.
+    Equal neighbours are one value to look up, and a table of values is many times quicker than sorting
+    texts, as `np.unique` does.
     """
-    rows: list[str] = texts.tolist()
+    begins = np.concatenate([[True], column[1:] != column[:-1]])[: column.size]
+    rows = column[begins].tolist()
     names = list(dict.fromkeys(rows))
     number = dict(zip(names, range(len(names)), strict=True))
-    return names, np.fromiter(map(number.__getitem__, rows), np.intp, len(rows))
+    codes = np.fromiter(map(number.__getitem__, rows), np.intp, len(rows))
+    return names, codes[np.cumsum(begins) - 1]
 
 
 def one_row_a_wheel(data: Measurements) -> bool:

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
 from smallwheel_ros.measurements.cells import (
     Cell,
     Grid,
@@ -36,7 +39,7 @@ class Layout:
     headers: list[str]
     columns: list[Sequence[Cell]]
     units: dict[int, str]
-    numbers: list[int]
+    numbers: NDArray[np.intp]
     header_line: int | None
     ragged: dict[int, int]
     said: list[str]
@@ -100,15 +103,18 @@ def find_layout(grid: Grid) -> Layout:
         said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
     refuse_many_cells(grid.source, len(rows) + (grid.header is None), width)
-    numbers = [grid.numbers[i] for i in rows]
-    if grid.tail is not None and len(grid.tail) != width:
-        return find_layout(grid.unsplit())
-    body = [grid.rows[i] for i in rows]
-    body = [row if len(row) == width else _fitted(row, width) for row in body]
-    columns: list[Sequence[Cell]] = list(zip(*body, strict=True))
-    if grid.tail is not None:
-        columns = [[*first, *rest] for first, rest in zip(columns, grid.tail, strict=True)]
-        numbers += grid.numbers[len(grid.rows) :]
+    numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
+    columns: list[Sequence[Cell]]
+    if grid.long is None:
+        body = [grid.rows[i] for i in rows]
+        body = [row if len(row) == width else _fitted(row, width) for row in body]
+        columns = list(zip(*body, strict=True))
+    else:
+        columns = [*(grid.long.columns(rows[0]) or [])]
+        if len(columns) != width or rows != list(range(rows[0], len(grid.rows))):
+            assert grid.whole is not None
+            return find_layout(grid.whole())
+        numbers = np.arange(numbers[0], numbers[0] + len(columns[0]))
     headers = [*headers[:width], *[""] * (width - len(headers))]
     return Layout(headers, columns, units, numbers, header_line, ragged, said)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from smallwheel_ros.measurements.cells import Problems, clipped, is_blank
+from smallwheel_ros.measurements.cells import Problems, all_blank, clipped
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.headers import (
     UNKNOWN,
@@ -31,7 +31,7 @@ def match_columns(
     wanted = _mapped(layout, mapping, problems)
     found: dict[int, Heading] = {}
     for position, text in enumerate(layout.headers):
-        blank = all(is_blank(cell) for cell in layout.columns[position])
+        blank = all_blank(layout.columns[position])
         if not text or (text.startswith("Unnamed: ") and blank):
             if not blank:
                 hint = " (a pandas index? write with index=False)" if position == 0 else ""

@@ -6,9 +6,10 @@ sinkage = measured sinkage - compliance x load
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
 
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.reading import Columns, outside
@@ -198,6 +199,12 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
     return keep & ~off
 
 
+def _rank_correlation(one: NDArray[Any], other: Array) -> float:
+    from scipy.stats import spearmanr  # slow to import, and few tables have curves
+
+    return float(spearmanr(one, other)[0])
+
+
 def _unloaded(load: Array, sinkage: Array) -> Mask:
     """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
     nothing = np.zeros(load.size, dtype=bool)
@@ -206,7 +213,7 @@ def _unloaded(load: Array, sinkage: Array) -> Mask:
     end = int(np.nanargmax(sinkage))
     if end < _FEWEST or np.ptp(sinkage[: end + 1]) == 0.0:
         return nothing
-    if not spearmanr(np.arange(end + 1), sinkage[: end + 1])[0] > _IN_ORDER:
+    if not _rank_correlation(np.arange(end + 1), sinkage[: end + 1]) > _IN_ORDER:
         return nothing
     reached, deepest = np.maximum.accumulate(load), np.fmax.accumulate(sinkage)
     back = sinkage < deepest - _REBOUND * sinkage[end]
@@ -217,7 +224,7 @@ def _say_falling(columns: Columns, name: str, load: Array, sinkage: Array) -> No
     known = np.isfinite(sinkage)
     if known.sum() < _FEWEST or np.ptp(load) == 0.0 or np.ptp(sinkage[known]) == 0.0:
         return
-    if spearmanr(load[known], sinkage[known])[0] < 0.0:
+    if _rank_correlation(load[known], sinkage[known]) < 0.0:
         columns.warnings.append(
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"

@@ -31,6 +31,7 @@ from smallwheel_ros.measurements.columns import (
 )
 from smallwheel_ros.measurements.headers import UNKNOWN, Heading
 from smallwheel_ros.measurements.layout import Layout, find_layout
+from smallwheel_ros.measurements.long_text import only_numbers, rows_of
 from smallwheel_ros.measurements.matching import listed, match_columns
 from smallwheel_ros.measurements.numbers import MIXED, TWO_WAYS, Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
@@ -83,7 +84,7 @@ class Columns:
         """Keep the rows of that mask."""
         index = np.flatnonzero(rows)
         self.lines = self.lines[index]
-        self.cells = {name: [cells[i] for i in index] for name, cells in self.cells.items()}
+        self.cells = {name: rows_of(cells, index) for name, cells in self.cells.items()}
         self.numbers = {name: values[index] for name, values in self.numbers.items()}
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
 
@@ -113,11 +114,14 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     Raises MeasurementsError where there is no table.
     """
     layout = find_layout(grid)
-    problems = Problems(
-        grid.source, grid.place, np.array(layout.numbers, dtype=np.intp), layout.header_line
-    )
-    refuse_long_texts(layout.headers, layout.columns, problems)
+    problems = Problems(grid.source, grid.place, layout.numbers, layout.header_line)
     named = match_columns(layout, mapping, problems)
+    texts = [
+        (layout.headers[i], cells)
+        for i, cells in enumerate(layout.columns)
+        if not only_numbers(cells) or (i in named and named[i].name in TEXTS)
+    ]
+    refuse_long_texts(texts, problems)
     parsed = _numbers(layout, named, grid.comma)
     left_out = _not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
@@ -130,12 +134,12 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
         )
     _say_left_out(layout, left_out)
     if left_out or ragged:
-        _keep(layout, [i for i in range(len(layout.numbers)) if i not in {*left_out, *ragged}])
-        if not layout.numbers:
+        _keep(layout, np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
+        if not layout.numbers.size:
             problems.add("no rows of measurements are left")
             problems.raise_any()
         parsed = _numbers(layout, named, grid.comma)
-        problems.numbers = np.array(layout.numbers, dtype=np.intp)
+        problems.numbers = layout.numbers
     columns = Columns(grid.source, grid.sha256, grid.place, problems.numbers, problems)
     columns.understood += layout.said
     for position, heading in named.items():
@@ -190,9 +194,9 @@ def _say_left_out(layout: Layout, rows: Mapping[int, str]) -> None:
         layout.said.append(f"and {len(rows) - 5} more rows like it")
 
 
-def _keep(layout: Layout, rows: Sequence[int]) -> None:
-    layout.columns = [[column[i] for i in rows] for column in layout.columns]
-    layout.numbers = [layout.numbers[i] for i in rows]
+def _keep(layout: Layout, rows: NDArray[np.intp]) -> None:
+    layout.columns = [rows_of(column, rows) for column in layout.columns]
+    layout.numbers = layout.numbers[rows]
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
@@ -230,7 +234,8 @@ BEFORE_TOUCH = ("load", "sinkage")
 
 def _is_label(heading: Heading, parsed: Numbers) -> bool:
     filled = int((~parsed.blank).sum())
-    return heading.unit is None and filled - len(parsed.faults) < _MOSTLY * filled
+    texts = sum(not why for why in parsed.faults.values())
+    return heading.unit is None and filled - texts < _MOSTLY * filled
 
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
@@ -284,7 +289,7 @@ def _in_header_unit(
     columns: Columns, heading: Heading, parsed: Numbers, expected: str | None
 ) -> Array:
     """Values as if every cell were in the unit of the header: a cell of 20 % is 20 below [%]."""
-    if parsed.percent is None:
+    if not parsed.percent.any():
         return parsed.values
     if heading.unit == "%":
         return np.where(parsed.percent, 100.0 * parsed.values, parsed.values)
@@ -374,7 +379,7 @@ def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
         )
     if any(p.comma for p in parsed):
         columns.understood.append("decimal commas")
-    if any(p.percent is not None for p in parsed):
+    if any(p.percent.any() for p in parsed):
         columns.understood.append("cells in per cent")
     missing = sorted({text for p in parsed for text in p.missing})
     if missing:

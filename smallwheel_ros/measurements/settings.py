@@ -161,11 +161,14 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
     if measurements.runs_given:
         names, codes = codes_of(measurements.run)
         return tuple(names), codes
-    columns = []
-    for values, tolerance in _tolerances(measurements):
-        columns.append(_set_points(values, tolerance))
-    codes = _combined(columns + _texts(measurements, measurements.wheels_given))
+    codes = setting_codes(measurements)
     return tuple(f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)), codes
+
+
+def setting_codes(measurements: Measurements) -> Index:
+    """Code of the set point that each row was measured at, shape (rows,), in order of appearance."""
+    numbers = [_set_points(values, tolerance) for values, tolerance in _tolerances(measurements)]
+    return _combined(numbers + _texts(measurements, measurements.wheels_given))
 
 
 def _set_points(values: Array, tolerance: float) -> Index:
@@ -176,7 +179,7 @@ def _set_points(values: Array, tolerance: float) -> Index:
     sweep or a curve that does not hold, and only equal values are one.
     """
     known = np.flatnonzero(np.isfinite(values))
-    order = known[np.argsort(values[known], kind="stable")]
+    order = known[np.argsort(values[known])]
     gaps = np.diff(values[order])
     apart = gaps > tolerance
     if apart.any():

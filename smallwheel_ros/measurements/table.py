@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.checks import one_row_a_wheel, suspicions
+from smallwheel_ros.measurements.checks import codes_of, one_row_a_wheel, suspicions
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, is_response
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
@@ -26,7 +26,7 @@ from smallwheel_ros.measurements.plates import (
     take_plates,
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
-from smallwheel_ros.measurements.settings import runs_of_rows
+from smallwheel_ros.measurements.settings import setting_codes
 from smallwheel_ros.measurements.shear import is_shear
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
@@ -229,11 +229,11 @@ def measurements_of(
     _check_depth(columns, contact)
     columns.problems.raise_any()
     name_curves(columns, contact)
-    keep = rows_on_soil(columns, contact, _runs(columns)[0])
-    if not keep.any():
-        columns.problems.add("no row of load and sinkage over 0 is left")
-        columns.problems.raise_any()
-    if not keep.all():
+    if (contact != ROLLING).any():
+        keep = rows_on_soil(columns, contact, _runs(columns))
+        if not keep.any():
+            columns.problems.add("no row of load and sinkage over 0 is left")
+            columns.problems.raise_any()
         columns.keep(keep)
         contact = contact[keep]
     return _measurements(columns, contact)
@@ -249,11 +249,11 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
     tried = {name: _covariate(columns, name, values, rolling) for name, values in numbers.items()}
     covariates = {name: values for name, values in tried.items() if values is not None}
     conditions = Conditions(load, d, b, contact, columns.texts.get("soil"), covariates)
-    run, runs_given = _runs(columns)
+    runs_given = bool((columns.texts.get("run", np.array([""])) != "").any())
     data = Measurements(
         conditions,
         channels,
-        run,
+        _runs(columns) if runs_given else np.full(rows, ""),
         _wheels(columns, conditions),
         columns.lines,
         declared,
@@ -273,7 +273,7 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
     )
     notes = list(columns.notes)
     if not runs_given:
-        data, found = _with_repeats(data)
+        data, found = _with_repeats(data, columns.place)
         notes.append(found)
     if data.responses:
         notes.append(_ANSWERS.format(", ".join(data.responses)))
@@ -358,45 +358,47 @@ def _covariate(
     return np.where(gaps, _AT_REST[name], values) if name in _AT_REST and gaps.any() else values
 
 
-def _runs(columns: Columns) -> tuple[NDArray[np.str_], bool]:
-    run = columns.texts.get("run")
-    if run is not None and (run != "").all():
-        return run, True
-    lines = columns.lines.tolist()
-    own = np.array([f"{columns.place} {number}" for number in lines], dtype=np.str_)
-    if run is None or (run == "").all():
-        return own, False
-    note = f"{(run == '').sum()} rows name no run: each counts as a run of its own"
-    if note not in columns.notes:
-        columns.notes.append(note)
-    return np.where(run == "", own, run), True
+def _runs(columns: Columns) -> NDArray[np.str_]:
+    """Each row's run; a row that names none is a run of its own, named by its line."""
+    run = columns.texts.get("run", np.full(columns.lines.size, ""))
+    if (run != "").all():
+        return run
+    if (run != "").any():
+        note = f"{(run == '').sum()} rows name no run: each counts as a run of its own"
+        if note not in columns.notes:
+            columns.notes.append(note)
+    return np.where(run == "", _line_names(columns.place, columns.lines), run)
 
 
-def _with_repeats(data: Measurements) -> tuple[Measurements, str]:
+def _line_names(place: str, lines: NDArray[np.intp]) -> NDArray[np.str_]:
+    return np.char.add(f"{place} ", lines.astype(np.str_))
+
+
+def _with_repeats(data: Measurements, place: str) -> tuple[Measurements, str]:
     """Name each row's run by the first row of its setting: repeats are no independent runs."""
-    codes = runs_of_rows(data)[1]
-    first = np.unique(codes, return_index=True)[1]
-    repeated = np.bincount(codes) > 1
-    rows = int(np.bincount(codes)[repeated].sum())
+    codes = setting_codes(data)
+    # codes rise in the order in which they first appear
+    first = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
+    count = np.bincount(codes)
+    rows, repeated = int(count[count > 1].sum()), int((count > 1).sum())
     found = (
-        f"{rows} of {len(data)} rows repeat {int(repeated.sum())} settings"
+        f"{rows} of {len(data)} rows repeat {repeated} settings"
         if rows
         else "no setting is repeated"
     )
-    return replace(data, run=data.run[first][codes]), (
+    return replace(data, run=_line_names(place, data.line[first])[codes]), (
         f"no column 'run': rows of one setting count as repeats of one run, each other row as a run "
         f"of its own; {found}. Say which belong together in that column"
     )
 
 
 def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:
-    # Pairs of numbers are quickest sorted as complex ones.
-    sizes = conditions.diameter + 1j * np.nan_to_num(conditions.width)
-    size, index = np.unique(sizes, return_inverse=True)
+    # a pair of numbers as a complex one
+    sizes, index = codes_of(conditions.diameter + 1j * np.nan_to_num(conditions.width))
     names = [
-        f"{1e3 * s.real:.4g} mm" + (f" x {1e3 * s.imag:.4g} mm" if s.imag else "") for s in size
+        f"{1e3 * s.real:.4g} mm" + (f" x {1e3 * s.imag:.4g} mm" if s.imag else "") for s in sizes
     ]
-    made = np.array(names, dtype=np.str_)[index.reshape(-1)]
+    made = np.array(names, dtype=np.str_)[index]
     given = columns.texts.get("wheel")
     return made if given is None else np.where(given == "", made, given)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
-from itertools import accumulate, repeat
+from itertools import accumulate
 
 from smallwheel_ros.measurements.cells import (
     EXPECTED,
@@ -16,9 +16,10 @@ from smallwheel_ros.measurements.cells import (
     MeasurementsError,
 )
 from smallwheel_ros.measurements.layout import SEARCHED, known_cells
+from smallwheel_ros.measurements.long_text import LongText
 
 _SAMPLE = 100_000  # characters in which the header must stand
-_HEAD = 100  # lines in which titles, the header and units are
+_HEAD = 100  # lines in which titles, the header and units are; twice as many make a long file
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -36,41 +37,40 @@ def text_grid(data: bytes, source: str, digest: str) -> Grid:
     if separator != ",":
         said.append(f"cells are separated by {SEPARATORS[separator]}")
     # Before any list is made of them. Twice the cells: texts in quotes have separators too.
-    if text.count(separator) + text.count("\n") + text.count("\r") > 2 * MOST_CELLS:
+    most = 2 * MOST_CELLS
+    if len(text) > most and sum(map(text.count, (separator, "\n", "\r"))) > most:
         raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
-    grid = Grid(source, digest, [], [], "line", comma=separator != ",", said=said)
-    head, grid.tail = _split(text, separator)
-    reader = csv.reader(io.StringIO(head, newline=""), delimiter=separator, strict=True)
+
+    def split(text: str) -> Grid:
+        rows, numbers = _split(text, separator, source, first_line)
+        return Grid(source, digest, rows, numbers, "line", comma=separator != ",", said=said)
+
+    unix = text.replace("\r\n", "\n")
+    lines = unix.split("\n", 2 * _HEAD)
+    head = "\n".join(lines[:_HEAD])
+    if len(lines) <= 2 * _HEAD or head.count('"') % 2:
+        return split(text)
+    grid = split(head)
+    if len(grid.rows) == _HEAD:
+        grid.long, grid.whole = LongText(unix, separator), lambda: split(text)
+        return grid
+    return split(text)
+
+
+def _split(
+    text: str, separator: str, source: str, first_line: int
+) -> tuple[list[Sequence[Cell]], list[int]]:
+    """The rows of the text, and the line on which each begins."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    rows: list[Sequence[Cell]] = []
     try:
-        grid.rows.extend(reader)
+        rows.extend(reader)
     except csv.Error as error:
         line = first_line + reader.line_num - 1
         raise MeasurementsError(f"{source}, line {line}: not CSV: {error}") from None
-    if sum(map(len, grid.rows)) > MOST_CELLS:
+    if sum(map(len, rows)) > MOST_CELLS:
         raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
-    grid.numbers.extend(_lines(grid.rows, reader.line_num, first_line))
-    if grid.tail is not None:
-        below = first_line + reader.line_num
-        grid.numbers.extend(range(below, below + len(grid.tail[0])))
-    return grid
-
-
-def _split(text: str, separator: str) -> tuple[str, list[list[str]] | None]:
-    """The head of a long file, and what follows as columns if it is plain: many times quicker.
-
-    Plain: no quotes, each line with as many cells, the first of them filled, no comments.
-    """
-    lines = text.replace("\r\n", "\n").rstrip("\n").split("\n")
-    head, tail = lines[:_HEAD], lines[_HEAD:]
-    if len(tail) < _HEAD or '"' in text or "\r" in text.replace("\r\n", ""):
-        return text, None
-    width = tail[0].count(separator) + 1
-    if set(map(str.count, tail, repeat(separator))) != {width - 1}:
-        return text, None
-    if {line[:1] for line in tail} & {separator, "", " ", "\t", "#", "%", "/"}:
-        return text, None
-    cells = separator.join(tail).split(separator)
-    return "\n".join(head) + "\n", [cells[i::width] for i in range(width)]
+    return rows, list(_lines(rows, reader.line_num, first_line))
 
 
 def _lines(rows: list[Sequence[Cell]], lines: int, first: int) -> Iterable[int]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 import unicodedata
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pint
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
+
+if TYPE_CHECKING:
+    import pint
 
 Array = NDArray[np.float64]
 
@@ -49,7 +52,9 @@ _HINTS = {
 
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry:
-    # Made on first use: pint reads its definitions for a tenth of a second.
+    # Made on first use: pint is slow to import, and reads its definitions for a tenth of a second.
+    import pint
+
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
@@ -70,6 +75,8 @@ def _unit(text: str) -> pint.Unit:
         raise UnitsError(f"unknown unit '{shown}', {_EXAMPLES}")
     if text == "grad":
         raise UnitsError(_GRAD)
+    import pint
+
     try:
         return registry.parse_units(plain)
     except pint.UndefinedUnitError as error:
