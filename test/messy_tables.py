@@ -7,9 +7,10 @@ xlsx by openpyxl, ods as LibreOffice fills its content.xml (repeated cells and r
 
 from __future__ import annotations
 
+import datetime
 import io
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from xml.sax.saxutils import escape
 
 import openpyxl
@@ -113,6 +114,37 @@ def ods(**sheets: list[list[Cell]]) -> bytes:
     return target.getvalue()
 
 
+def workbook(fill: Callable[[openpyxl.Workbook], None]) -> bytes:
+    """A workbook that a person made: merged cells, hidden sheets, dates."""
+    book = openpyxl.Workbook()
+    fill(book)
+    target = io.BytesIO()
+    book.save(target)
+    return target.getvalue()
+
+
+def _with_a_logo(book: openpyxl.Workbook) -> None:
+    """Title in merged cells, a blank column, units below, a mean, a sum, a remark."""
+    sheet = book.active
+    sheet.merge_cells("C1:H1")
+    sheet["C1"] = "Institut für Mobilität – Einzelradprüfstand"
+    sheet["C2"], sheet["D2"] = "Datum:", datetime.date(2026, 3, 12)
+    rows = [[h.split(" [")[0] for h in GERMAN], UNITS, *map(list, TRUTH), MEAN, ["Summe", 281.0]]
+    rows += [[], ["Bemerkung: nach Versuch a neu aufbereitet"]]
+    for i, row in enumerate(rows):
+        for j, cell in enumerate(row):
+            sheet.cell(5 + i, 3 + j, cell)
+
+
+def _with_a_hidden_sheet(book: openpyxl.Workbook) -> None:
+    for row in _cells(ENGLISH):
+        book.active.append(row)
+    old = book.create_sheet("old")
+    old.sheet_state = "hidden"
+    for row in _cells(ENGLISH):
+        old.append(row)
+
+
 def _cells(header: list[str], percent: bool = False) -> list[list[Cell]]:
     rows: list[list[Cell]] = [list(header)]
     for *most, slip, sinkage in TRUTH:
@@ -146,6 +178,19 @@ GOOD: dict[str, bytes] = {
     "titles and comments": text(ENGLISH, before="Single wheel rig,,,,,\nOperator: M,,,,,\n,,,,,\n# dry sand\n", after="# end\n").encode(),
     "header of NumPy": text(["# run", "load [N]", "diameter [mm]", "width [mm]", "slip [%]", "sinkage [mm]"]).encode(),
     "means and deviations below": text(GERMAN, ";", ",", [*TRUTH, ("",) * 6, MEAN, ("Standardabweichung", 11.8, 0.0, 0.0, 5.8, 1.4)]).encode(),
+    "remarks with commas below": text(ENGLISH, after="\nNotes:\n1) dry sand, 2) lights off\nOperator,Jim\n").encode(),
+    "means between": text(ENGLISH, rows=[*TRUTH[:2], ("Mean a", 60.0, 275.0, 100.0, 10.0, 8.6), *TRUTH[2:], ("Mean b", 80.5, 275.0, 100.0, 20.0, 11.1), ("Gesamt", 281.0, "", "", "", "")]).encode(),
+    "a mean that the last column tells": text([*ENGLISH, "Remark"], rows=[*((*r, "") for r in TRUTH), ("", *MEAN[1:], "average")]).encode(),
+    "the header once more": text(ENGLISH, rows=[*TRUTH[:2], ("",) * 6, tuple(ENGLISH), *TRUTH[2:]]).encode(),
+    "narrow blanks of thousands": text(["Essai", "Charge (mN)", *FRENCH[2:]], ";", ",", rows=[(r[0], f"{1000 * r[1]:,.1f}".replace(",", "\u202f").replace(".", ","), *r[2:]) for r in TRUTH]).encode(),
+    "points of thousands": text(["Versuch", "Last [mN]", *GERMAN[2:]], ";", ",", rows=[(r[0], f"{1000 * r[1]:,.1f}".translate(str.maketrans(",.", ".,")), *r[2:]) for r in TRUTH]).encode(),
+    "commas of thousands": text(["Run", "Load (mN)", *ENGLISH[2:]], rows=[(r[0], f'"{1000 * r[1]:,.1f}"', *r[2:]) for r in TRUTH]).encode(),
+    "inches by their mark, pounds": text(["Run", "Load (lbs)", 'Wheel dia (")', 'Width (")', "Slip (%)", 'Sinkage (")'], rows=[
+        (r[0], f"{r[1] / 4.4482216152605:.9g}", *(f"{x / 25.4:.9g}" for x in r[2:4]), r[4], f"{r[5] / 25.4:.9g}") for r in TRUTH]).encode(),
+    "dates and times": text(["Date", "Time", *ENGLISH], rows=[("12/03/2026", "14:05", *r) for r in TRUTH]).encode(),
+    "ends of lines of old": text(ENGLISH, end="\r").replace("\n", "").encode(),
+    "xlsx, a logo above and beside": workbook(_with_a_logo),
+    "xlsx, a hidden sheet": workbook(_with_a_hidden_sheet),
     "a remark below": text(ENGLISH, after="Source: notebook 7\n").encode(),
     "empty columns and rows": text([*ENGLISH, "", ""], rows=[(*r, "", "") for r in [*TRUTH[:2], ("",) * 6, *TRUTH[2:]]], after=",,,,,,,\n").encode(),
     "units in cells of per cent": text([*ENGLISH[:4], "Slip", ENGLISH[5]], rows=[(*r[:4], f"{r[4]:g} %", r[5]) for r in TRUTH]).encode(),
@@ -177,6 +222,13 @@ BAD: dict[str, tuple[bytes, list[str]]] = {
     "grad": (text([*ENGLISH, "Neigung [grad]"], rows=[(*r, 5.0) for r in TRUTH]).encode(), ["write deg or gon"]),
     "decimal commas between commas": (text(ENGLISH, ",", ",").encode(), ["cells, expected 6 as in the header", "decimal comma"]),
     "units that differ": (text(ENGLISH, rows=[("", "kN", "mm", "mm", "%", "mm"), *TRUTH]).encode(), ["the row of units below it (kN) differ"]),
+    "a cell in the other mark": (text(GERMAN, ";", ",", [*TRUTH, ("c", "60.5", 275.0, 100.0, 10.0, 8.5)]).encode(), ["line 6, column 'Radlast [N]': '60.5' found", "decimal points and decimal commas"]),
+    "texts in cells": (text(ENGLISH, rows=[*TRUTH, ("c", "#DIV/0!", "275 mm", 100.0, 10.0, "<0.1"), ("c", 60.0, "275 mm", 100.0, "locked", "8.5 ± 0.2")]).encode(),
+        ["mend the formula", "(and 1 more like it: line 7)", "a limit is no measurement", "'locked' found", "sinkage_std [mm]"]),
+    "a second table of other columns": (text(ENGLISH, after="\nSieve (mm),Passing (%)\n0.1,20\n").encode(), ["line 8: 2 cells, expected 6"]),
+    "a table that lies": (b"Run,a,b\nLoad (N),60,70\nDiameter (mm),275,275\nWidth (mm),100,100\nSinkage (mm),8.5,9.5\n", ["in the first column", "transpose"]),
+    "merged cells of soils": (text(["Soil", *ENGLISH], rows=[("dry", *TRUTH[0]), ("", *TRUTH[1])]).encode(), ["line 3, column 'Soil'", "merged cells have to be filled"]),
+    "sinkage counted upwards": (text(ENGLISH, rows=[(*r[:5], -r[5]) for r in TRUTH]).encode(), ["sinkage is -8.5 mm", "turn the sign"]),
     "xlsx, two tables": (xlsx(A=_cells(ENGLISH), B=_cells(ENGLISH)), ["several sheets have tables", "--sheet", "'A', 'B'"]),
     "xlsx, no table": (xlsx(A=[["x", 1.0]], B=[["y", 2.0]]), ["no sheet has a header that is known"]),
     "xlsx, errors of formulas": (xlsx(A=[*_cells(ENGLISH), ["c", "#DIV/0!", 275.0, 100.0, 10.0, 8.0]]), ["'#DIV/0!' found", "mend the formula"]),

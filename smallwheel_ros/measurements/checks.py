@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements
 
 _SLIP_LIMIT = 0.95
+_SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
 _STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
 
 
@@ -76,6 +77,12 @@ def _settings(data: Measurements, place: str) -> Iterator[str]:
     if nothing.any():
         yield f"nothing was measured {_where(data, nothing, place)}"
     if "slip" in data.conditions:
+        most = float(np.nanmax(np.abs(data.conditions["slip"]), initial=0.0))
+        if data.written_units.get("slip") == "%" and 0.0 < most <= _SHARES:
+            yield (
+                f"slip is {100.0 * most:.3g} % at most: if the numbers are shares and not per cent, the "
+                "header is 'slip'"
+            )
         far = np.abs(data.conditions["slip"]) > _SLIP_LIMIT
         if far.any():
             yield (

@@ -70,12 +70,16 @@ _LENGTH_STD = (1e-9, 20.0)
 _FORCE_STD = (1e-6, 1e7)
 
 COLUMNS: dict[str, ColumnSpec] = {
-    "load": ColumnSpec("normal load on the wheel", "N", *_LOAD, usual=(0.0, 1e5)),
+    # The least is the weight of 50 g: less is kilonewtons that were not said.
+    "load": ColumnSpec("normal load on the wheel", "N", *_LOAD, usual=(0.5, 1e5)),
     "diameter": ColumnSpec("wheel diameter", "m", *_SIZE, usual=(0.005, 3.0)),
     # Widths are cut to a millimetre or so.
     "width": ColumnSpec("wheel width", "m", *_SIZE, usual=(0.002, 2.0), same=0.002),
     # No deeper than the largest wheel is high.
-    "sinkage": ColumnSpec("sinkage", "m", 0.0, 20.0, hint="sinkage is positive downwards"),
+    "sinkage": ColumnSpec(
+        "sinkage", "m", 0.0, 20.0,
+        hint="sinkage is positive downwards: turn the sign of the column",
+    ),
     "resistance": ColumnSpec("motion resistance", "N", *_FORCE),
     "drawbar_pull": ColumnSpec("drawbar pull", "N", *_FORCE),
     "sinkage_std": ColumnSpec("deviation of sinkage", "m", *_LENGTH_STD, hint=_BLANK),
@@ -143,6 +147,7 @@ _SET_WORDS = {
     "load", "weight", "ballast", "preload", "inflation", "ambient", "atmospheric", "confining",
     "cone", "penetrometer", "cohesion", "modulus", "strength", "suction", "preconsolidation",
 }  # fmt: skip
+_TORQUES = {"torque", "moment"}  # which nobody sets, whatever they are of
 _TYRE_PRESSURES = ({"tyre", "pressure"}, {"tire", "pressure"})
 
 
@@ -154,6 +159,8 @@ def is_response(name: str, unit: str = "") -> bool:
     if name in COLUMNS:
         return name in CHANNELS
     words = set(re.findall(r"[a-z]+", name.lower()))
+    if words & _TORQUES or unit == TORQUE:
+        return True
     if words & _SET_WORDS or any(pair <= words for pair in _TYRE_PRESSURES):
         return False
     return unit in _RESPONSE_UNITS or bool(words & _RESPONSE_WORDS)

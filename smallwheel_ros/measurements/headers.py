@@ -64,9 +64,9 @@ def read_heading(text: str, known: Match | None = None) -> Heading:
     rest, unit = _in_square_brackets(text)
     if unit is not None:
         return _heading(text, rest, known or find(rest), unit)
-    match = known or find(text)
-    if match is not None and known is None:
-        return _heading(text, text, match, None)
+    whole = None if known else find(text)
+    if whole is not None and not text.endswith(")"):
+        return _heading(text, text, whole, None)
     for rest, tail in _splits(text):
         match = known or find(rest)
         if match is None or match.name in TEXTS:
@@ -82,7 +82,7 @@ def read_heading(text: str, known: Match | None = None) -> Heading:
         unit = spelled(tail, None)
         if unit is not None and (match is not None or is_common(tail)):
             return _heading(text, rest, match, tail)
-    return _heading(text, text, known, None)
+    return _heading(text, text, known or whole, None)
 
 
 def _in_square_brackets(text: str) -> tuple[str, str | None]:

@@ -122,6 +122,12 @@ def find_layout(grid: Grid) -> Layout:
 def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     known = [known_cells(grid.rows[i]) for i in rows[:SEARCHED]]
+    first = [grid.rows[i][0] for i in rows[:SEARCHED]]
+    if len(rows) <= SEARCHED and known_cells(first) > max(2, *known):
+        raise MeasurementsError(
+            f"{grid.source}: names of quantities stand in the first column, expected them in one row: "
+            "turn the table (in a spreadsheet: copy, paste special, transpose)"
+        )
     if max(known) > 0:
         return known.index(max(known))
     filled = [sum(not is_blank(cell) for cell in grid.rows[i]) for i in rows[:SEARCHED]]

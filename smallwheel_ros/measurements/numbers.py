@@ -181,7 +181,7 @@ def _read_cells(
         result.values[row] = np.nan
         if is_blank(cell):
             result.blank[row] = True
-        elif cell.strip().lower() in MISSING:
+        elif cell.replace(" ", "").lower() in MISSING:
             result.blank[row] = True
             result.missing.add(cell.strip())
         elif _NOT_FINITE.fullmatch(cell.strip()):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,11 +33,11 @@ from smallwheel_ros.measurements.headers import UNKNOWN, Heading
 from smallwheel_ros.measurements.layout import Layout, find_layout
 from smallwheel_ros.measurements.long_text import only_numbers, rows_of
 from smallwheel_ros.measurements.matching import listed, match_columns
-from smallwheel_ros.measurements.numbers import MIXED, TWO_WAYS, Numbers, read_numbers
+from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
 from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
 
-_MOST_FAULTS = 1000  # texts in a column of numbers; with more of them they are no means and sums
+_MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
 _MOST_TEXTS = 30  # that are told apart in one column
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
@@ -160,29 +160,52 @@ def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[
 def _not_measured(
     layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
 ) -> dict[int, str]:
-    """Rows that were computed from others, and remarks below the table, by what they say."""
+    """Rows that were computed from others, headers that are repeated, remarks: by what they say."""
     found: dict[int, str] = {}
     for position, heading in named.items():
         cells = layout.columns[position]
+        rows: Iterable[int] = range(len(cells))
         if position in parsed:
-            if heading.name not in COLUMNS and position > 0:
+            if heading.name in COLUMNS or position == 0 or _is_label(heading, parsed[position]):
+                rows = [*parsed[position].faults][:_MOST_FAULTS]
+            else:
                 continue
-            faults = parsed[position].faults
-            rows: Sequence[int] = [*faults] if len(faults) <= _MOST_FAULTS else []
-        elif heading.name == "run" or position == 0:
-            rows = (
-                range(len(cells))
-                if may_have_summary("\n".join(dict.fromkeys(map(str, cells))))
-                else []
-            )
-        else:
+        elif not may_have_summary("\n".join(dict.fromkeys(map(str, cells)))):
             continue
-        found |= {i: c for i in rows if isinstance(c := cells[i], str) and is_summary(c)}
-    for row in layout.ragged:
-        filled = [column[row] for column in layout.columns if not is_blank(column[row])]
-        if len(filled) == 1 and isinstance(filled[0], str) and any(c.isalpha() for c in filled[0]):
-            found[row] = filled[0]
+        others = frozenset(map(str, cells)) if heading.name == "run" else frozenset[str]()
+        said = {i: c for i in rows if isinstance(c := cells[i], str) and is_summary(c, others)}
+        if len(said) < len(cells):  # else each row is the mean of a few, and the column says so
+            found |= said
+    return dict(sorted((found | _without_numbers(layout, parsed)).items()))
+
+
+def _without_numbers(layout: Layout, parsed: Mapping[int, Numbers]) -> dict[int, str]:
+    """Rows of texts: remarks between and below the measurements, the header once more."""
+    nothing = np.ones(layout.numbers.size, dtype=bool)
+    for numbers in parsed.values():
+        nothing &= numbers.blank
+    rows = {*np.flatnonzero(nothing).tolist()}
+    for row in {*layout.ragged, *_repeated_headers(layout)}:
+        # a remark may have commas: it has texts only where the table has numbers
+        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
+            rows.add(row)
+    found = {}
+    for row in rows:
+        texts = [shown(column[row]) for column in layout.columns if not is_blank(column[row])]
+        found[row] = ", ".join(texts)
     return found
+
+
+def _repeated_headers(layout: Layout) -> list[int]:
+    """Rows in which the header stands again: a second table of the same columns."""
+    first = layout.columns[0]
+    if only_numbers(first):
+        return []
+    rows = [row for row, cell in enumerate(first) if cell == layout.headers[0]]
+    return [
+        row for row in rows
+        if all(shown(c[row]) == h for c, h in zip(layout.columns, layout.headers, strict=True))
+    ]  # fmt: skip
 
 
 def _say_left_out(layout: Layout, rows: Mapping[int, str]) -> None:
@@ -304,14 +327,15 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     """Add a problem for each text that is no number, and for what is not finite."""
     cells = columns.cells[name]
     by_text: dict[tuple[str, str], list[int]] = {}
-    for row, why in parsed.faults.items():
-        # Of cells that can be read in two ways the first says it all.
+    for row, fault in parsed.faults.items():
+        # Of cells that are wrong in the same way the first says it all.
         text = shown(cells[row])
+        why = fault or _number_hint(text)
         many = why or len(by_text) >= _MOST_TEXTS
         key = next((t for t, w in by_text if w == why), text) if many else text
         by_text.setdefault((key, why), []).append(row)
     for (text, why), rows in by_text.items():
-        words = f": {why}" if why in (TWO_WAYS, MIXED) else _number_hint(text)
+        words = f": {why}" if why else ""
         columns.problem(f"'{text}' found, expected a number{words}", name, np.array(rows))
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
@@ -325,11 +349,15 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
 
 def _number_hint(text: str) -> str:
     if text.startswith("#"):
-        return ": an error of the spreadsheet: mend the formula, or leave the cell blank"
+        return "an error of the spreadsheet: mend the formula, or leave the cell blank"
     if text[:4].isdigit() and text[4:5] == "-":
-        return ": a date; a spreadsheet makes one of 1.5 where it expects 1,5"
+        return "a date; a spreadsheet makes one of 1.5 where it expects 1,5"
+    if "±" in text or "+/-" in text:
+        return "write the deviation in a column of its own, as in 'sinkage_std [mm]'"
+    if text[:1] in "<>~≈≤≥":
+        return "a limit is no measurement: write what was read, or leave the cell blank"
     if text[:1].isdigit() and text[-1:].isalpha():
-        return ": write the unit in the header, not in the cell"
+        return "write the unit in the header, not in the cell"
     return ""
 
 

@@ -311,11 +311,12 @@ def _check_blanks(columns: Columns, contact: NDArray[np.str_]) -> None:
             blank &= (contact != PLATE) if name == "width" else True
             if blank.any():
                 columns.problem(_BLANK, name, blank)
-    soil = columns.texts.get("soil")
-    if soil is not None and (soil == "").all():
-        del columns.texts["soil"]
-    elif soil is not None and (soil == "").any():
-        columns.problem(_BLANK, "soil", soil == "")
+    for name in ("soil", "wheel"):
+        texts = columns.texts.get(name)
+        if texts is not None and (texts == "").all():
+            del columns.texts[name]
+        elif texts is not None and (texts == "").any():
+            columns.problem(f"{_BLANK}; merged cells have to be filled", name, texts == "")
     for name in SETTINGS:
         if name in columns.numbers and name not in faulty:
             holes = np.isnan(columns.numbers[name]) & (contact == ROLLING)
@@ -399,8 +400,7 @@ def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:
         f"{1e3 * s.real:.4g} mm" + (f" x {1e3 * s.imag:.4g} mm" if s.imag else "") for s in sizes
     ]
     made = np.array(names, dtype=np.str_)[index]
-    given = columns.texts.get("wheel")
-    return made if given is None else np.where(given == "", made, given)
+    return columns.texts.get("wheel", made)
 
 
 def _check_depth(columns: Columns, contact: NDArray[np.str_]) -> None:

@@ -104,6 +104,7 @@ _SPELLINGS = {
     "kp": "kgf", "kilopond": "kgf", "lbs": "lb", "to": "t", "zoll": "inch", "pouce": "inch",
     "pouces": "inch", "degres": "deg", "degre": "deg", "prozent": "%", "pct": "%",
     "pourcent": "%", "percent": "%", "kmh": "km/h", "kph": "km/h", "mps": "m/s",
+    '"': "inch", "″": "inch", "”": "inch",
     "zentimeter": "cm", "sekunden": "s", "sek": "s",
 }  # fmt: skip
 _GRAD = "'grad' may be a degree or a gon (100 to the right angle): write deg or gon"

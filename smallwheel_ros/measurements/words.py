@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import re
 import unicodedata
+from collections.abc import Collection
 from typing import NamedTuple
 
 WORDS: dict[str, str] = {
@@ -200,11 +201,17 @@ def may_have_summary(texts: str) -> bool:
     return _SUMMARY_START.search(texts) is not None
 
 
-def is_summary(text: str) -> bool:
-    """Whether a cell says that its row is a mean, a sum, a deviation of the rows around it."""
+def is_summary(text: str, names: Collection[str] = ()) -> bool:
+    """Whether a cell says that its row is a mean, a sum, a deviation of the rows around it.
+
+    names: of the rows around it, for what is the mean of one of them (`Mean a`).
+    """
     whole = plain(text)
     if whole in _SUMMARIES:
         return True
     first, *rest = [plain(token) for token in _tokens(text)] or [""]
+    if first not in _MEANS | _DEVIATIONS:
+        return False
     ordinary = ("of", "von", "de", "aus", "n", "value", "values", "wert")
-    return first in _MEANS and all(r.isdigit() or r in ordinary or r in _BY_WORD for r in rest)
+    rest = [r for r in rest if not (r.isdigit() or r in ordinary or r in _BY_WORD)]
+    return not rest or "".join(rest) in map(plain, names)

@@ -59,6 +59,9 @@ def workbook_grid(data: bytes, source: str, digest: str, sheet: str | None) -> G
     if not rows:
         raise MeasurementsError(f"{source}: sheet '{clipped(name)}' is empty")
     said = [f"sheet '{clipped(name)}'"] if len(sheets) > 1 else []
+    if sheets.hidden and sheet is None:
+        hidden = ", ".join(f"'{clipped(name)}'" for name in sheets.hidden[:5])
+        said.append(f"hidden sheets are left out: {hidden}")
     return Grid(source, digest, list(rows), numbers, "row", said=said)
 
 
@@ -94,8 +97,8 @@ def _refuse_bombs(archive: zipfile.ZipFile, source: str) -> None:
 class _Sheets:
     """Names of the sheets of a workbook, and their rows: line and cells."""
 
-    def __init__(self, names: list[str], rows: Any) -> None:
-        self.names = names
+    def __init__(self, names: list[str], rows: Any, hidden: Sequence[str] = ()) -> None:
+        self.names, self.hidden = names, hidden
         self._rows = rows
 
     def __len__(self) -> int:
@@ -121,8 +124,9 @@ def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list
                 (known_cells(row) for _, row in islice(sheets.rows(name), SEARCHED)), default=0
             )
             for name in sheets.names
+            if name not in sheets.hidden
         }
-        tables = [name for name in sheets.names if known[name] > 1]
+        tables = [name for name, most in known.items() if most > 1]
         if len(tables) != 1:
             what = "several sheets have tables" if tables else "no sheet has a header that is known"
             raise MeasurementsError(
@@ -175,7 +179,8 @@ def _xlsx_sheets(data: bytes, source: str) -> _Sheets:
             if row:
                 yield number, row
 
-    return _Sheets(list(sheets), rows)
+    hidden = [name for name, sheet in sheets.items() if sheet.sheet_state != "visible"]
+    return _Sheets(list(sheets), rows, hidden)
 
 
 def _xlsx_cell(cell: Any) -> Cell:

@@ -127,7 +127,14 @@ class Parameter:
             return f": write '{value}' in quotes"
         if self.kind == "string_array" and isinstance(value, str):
             return f": write [{value}]"
-        return ": write it without quotes" if isinstance(value, str) else ""
+        if not isinstance(value, str):
+            return ""
+        try:
+            float(value)
+        except ValueError:
+            known = self.kind in ("double", "integer")
+            return ": write the number in its place" if known else ": write it without quotes"
+        return ": write it without quotes"
 
 
 def number(
