@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 def read(
     data: Data,
-    *,
     map: Mapping[str, str] | None = None,
+    *,
     sheet: str | int | None = None,
     diameter: float | None = None,
     width: float | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from smallwheel_ros.errors import SmallwheelError
 
@@ -128,12 +128,14 @@ def contenders_of(
 ) -> list[Contender]:
     """One contender for each model, each under a name of its own."""
     from smallwheel_ros.compare.contenders import STANDARD, Contender
+    from smallwheel_ros.model import Model
+    from smallwheel_ros.physics.soil import Soil
 
     if isinstance(models, Mapping):
         named = [(str(name), model) for name, model in models.items()]
     else:
-        several = isinstance(models, Iterable) and not isinstance(models, str)
-        listed: list[Any] = list(cast(Any, models)) if several else [models]
+        single = isinstance(models, (str, PathLike, Model, Soil)) or hasattr(models, "model")
+        listed = [models] if single else _listed("models", models)
         named = [("", model) for model in listed]
     found: list[Contender] = []
     for name, given in named:

@@ -203,7 +203,7 @@ def test_results_are_saved_by_suffix(results: Results, folder: Path, tmp_path: P
 def test_a_model_is_composed_and_fitted(results: Results, folder: Path) -> None:
     by_class = sw.Model("dry_sand") + sw.effects.slip_sinkage
     assert by_class == sw.Model(sw.soil("dry_sand"), effects=["slip_sinkage"])
-    again = sw.fit(folder / "rig.csv", model=results.fitted.model + "slip_sinkage")
+    again = sw.fit(folder / "rig.csv", model=results.fitted + sw.effects.slip_sinkage)
     assert {p.full_name for p in again.parameters} > {"slip_sinkage.a", "rig_soil.n"}
     assert next(p for p in again.parameters if p.name == "a").status == "determined"
     assert again.held_out["sinkage"] < 0.7 * results.fitted.held_out["sinkage"]
@@ -215,7 +215,8 @@ def test_effects_and_soils_are_listed_by_name_and_from_a_file(folder: Path) -> N
     assert "slip_sinkage" in sw.effects
     assert sorted(sw.effects) == list(sw.effects)
     assert sw.effects["hardpan"] is sw.effects.hardpan is sw.effects.Hardpan
-    assert sw.soil["dry_sand"] is sw.soil("dry_sand")
+    assert sw.soil["dry_sand"] is sw.soil("dry_sand") is sw.soil.dry_sand
+    assert not hasattr(sw.soil, "dry_sant")
     assert "wong_snow" in list(sw.soil)
     own = sw.effects.load(folder / "own.py")
     assert "sticky" in own

@@ -115,6 +115,13 @@ def test_a_load_that_falls_with_depth_is_said(tmp_path: Path) -> None:
     assert any("the load falls while the body goes deeper" in said for said in data.warnings)
 
 
+@pytest.mark.parametrize(("deep", "odd"), [(0.02, True), (0.0015, False)])
+def test_one_load_at_all_depths_is_said(tmp_path: Path, deep: float, odd: bool) -> None:
+    z = np.linspace(0.001, deep, 12)
+    data = read_measurements(table(tmp_path, HEADER + curve([50.0] * 12, z.tolist())))
+    assert any("50 N at all depths from 1 to 20 mm" in said for said in data.warnings) == odd
+
+
 def test_curves_without_names_are_found(tmp_path: Path) -> None:
     z = np.linspace(0.001, 0.02, 20).tolist()
     loads = [1e4 * x for x in z]

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 import messy_tables as messy
 import numpy as np
+import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from smallwheel_ros.commands.inputs import DATA, read_table, table_options
 from smallwheel_ros.measurements.table import Measurements, MeasurementsError, read_measurements
 
 
@@ -36,3 +40,42 @@ def test_everything_that_is_wrong_is_said_at_once(tmp_path: Path, name: str) -> 
         read(tmp_path, content)
     for word in words:
         assert word in str(caught.value)
+
+
+@click.command()
+@DATA
+@table_options
+def loads(data: Path, how: dict[str, object]) -> None:
+    """Print the loads of a table."""
+    click.echo(read_table(data, how).conditions.load.tolist())
+
+
+def test_a_sheet_and_a_column_are_chosen_on_the_command_line(tmp_path: Path) -> None:
+    header = ["F3", "Diameter (mm)", "Width (mm)", "Sinkage (mm)"]
+    rows: list[list[messy.Cell]] = [[0.06, 275.0, 100.0, 8.5]]
+    old: list[list[messy.Cell]] = [[0.07, 275.0, 100.0, 9.5]]
+    path = tmp_path / "rig.xlsx"
+    path.write_bytes(messy.xlsx(Sand=[[*header], *rows], Clay=[[*header], *old]))
+    run = CliRunner().invoke
+    refused = run(loads, [str(path)])
+    assert "name one with --sheet, there is: 'Sand', 'Clay'" in str(refused.exception)
+    refused = run(loads, [str(path), "--sheet", "Clay"])
+    assert "no column 'load'" in str(refused.exception)
+    for sheet in ("clay", "2"):
+        said = run(loads, [str(path), "--sheet", sheet, "--map", "load [kN]=F3"])
+        assert "[70.0]" in said.stdout
+        assert "'F3' -> load [kN]" in said.stderr
+
+
+def test_a_data_frame_reads_as_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(messy.GOOD["English Excel, CSV UTF-8"])
+    frame = pd.read_csv(path)
+    frame.loc[1, "Sinkage (mm)"] = np.nan
+    found = read_measurements(frame.set_index(frame.index + 7))
+    one, other = read_measurements(path), found
+    assert np.isnan(other.channels["sinkage"][1])
+    np.testing.assert_array_equal(other.conditions.load, one.conditions.load)
+    np.testing.assert_array_equal(other.run, one.run)
+    with pytest.raises(MeasurementsError, match=r"data frame, row 3, column 'Load .N.'"):
+        read_measurements(frame.astype({"Load (N)": object}).replace({"Load (N)": {80.5: "x"}}))

@@ -28,6 +28,7 @@ from smallwheel_ros.tables import plain
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from smallwheel_ros.effects.base import Effect
     from smallwheel_ros.model_file import CalibratedModel
 
 Array = NDArray[np.float64]
@@ -99,6 +100,10 @@ class FitResult(Result):
         from smallwheel_ros.fitting.files import calibrated
 
         return calibrated(self)
+
+    def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
+        """The model with one more effect, to be fitted or predicted with."""
+        return self.model + effect
 
     def headline(self) -> str:
         """How many parameters, and how far off on runs that were left out."""

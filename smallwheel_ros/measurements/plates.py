@@ -26,6 +26,7 @@ _REBOUND = 0.002  # of the depth: less is noise of the sinkage
 # small share of the depth, and rows in no order have none.
 _IN_ORDER = 0.7
 _FEWEST = 5  # rows of a curve
+_SAME_LOAD = 0.01  # of the load: a load cell reads a constant load to that
 _NO_AREA = (
     "pressure needs the area that it acts on, and that of a wheel changes with its depth: give the "
     "wheel's load; for plates say contact = plate (--contact plate)"
@@ -190,7 +191,7 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
         rows = np.flatnonzero((run == name) & pushed & keep)
         if rows.size >= _FEWEST:
             off[rows] = _unloaded(load[rows], sinkage[rows])
-            _say_falling(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
+            _say_odd_load(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
     if off.any():
         columns.understood.append(
             f"{int(off.sum())} rows of curves are left out: the load was taken off or put on again there "
@@ -220,9 +221,17 @@ def _unloaded(load: Array, sinkage: Array) -> Mask:
     return np.asarray((load < _UNLOADED * reached) & back)
 
 
-def _say_falling(columns: Columns, name: str, load: Array, sinkage: Array) -> None:
+def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> None:
     known = np.isfinite(sinkage)
-    if known.sum() < _FEWEST or np.ptp(load) == 0.0 or np.ptp(sinkage[known]) == 0.0:
+    if known.sum() < _FEWEST or np.ptp(sinkage[known]) == 0.0:
+        return
+    if np.ptp(load) <= _SAME_LOAD * load.max():
+        if sinkage[known].max() > 2.0 * sinkage[known].min():
+            columns.warnings.append(
+                f"run '{name}': the load is {load.mean():.4g} N at all depths from "
+                f"{1e3 * sinkage[known].min():.3g} to {1e3 * sinkage[known].max():.3g} mm, and no soil bears "
+                "alike there: is it the load at that depth, or that of the whole test?"
+            )
         return
     if _rank_correlation(load[known], sinkage[known]) < 0.0:
         columns.warnings.append(

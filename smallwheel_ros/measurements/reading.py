@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +14,6 @@ from smallwheel_ros.measurements.cells import (
     Problems,
     array_of_texts,
     clipped,
-    is_blank,
     refuse_long_texts,
     shown,
     without_collection,
@@ -33,13 +32,12 @@ from smallwheel_ros.measurements.headers import UNKNOWN, Heading
 from smallwheel_ros.measurements.layout import Layout, find_layout
 from smallwheel_ros.measurements.long_text import only_numbers, rows_of
 from smallwheel_ros.measurements.matching import listed, match_columns
+from smallwheel_ros.measurements.not_measured import is_label, rows_not_measured, say_left_out
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
-from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
+from smallwheel_ros.measurements.words import contact_of
 
-_MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
 _MOST_TEXTS = 30  # that are told apart in one column
-_MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
 @dataclass
@@ -123,7 +121,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     ]
     refuse_long_texts(texts, problems)
     parsed = _numbers(layout, named, grid.comma)
-    left_out = _not_measured(layout, named, parsed)
+    left_out = rows_not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
         many = count > len(layout.headers)
@@ -132,7 +130,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
             rows=[row for row, n in ragged.items() if n == count],
         )
-    _say_left_out(layout, left_out)
+    say_left_out(layout, left_out)
     if left_out or ragged:
         _keep(layout, np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
         if not layout.numbers.size:
@@ -157,66 +155,6 @@ def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[
     return dict(zip(positions, found, strict=True))
 
 
-def _not_measured(
-    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
-) -> dict[int, str]:
-    """Rows that were computed from others, headers that are repeated, remarks: by what they say."""
-    found: dict[int, str] = {}
-    for position, heading in named.items():
-        cells = layout.columns[position]
-        rows: Iterable[int] = range(len(cells))
-        if position in parsed:
-            if heading.name in COLUMNS or position == 0 or _is_label(heading, parsed[position]):
-                rows = [*parsed[position].faults][:_MOST_FAULTS]
-            else:
-                continue
-        elif not may_have_summary("\n".join(dict.fromkeys(map(str, cells)))):
-            continue
-        others = frozenset(map(str, cells)) if heading.name == "run" else frozenset[str]()
-        said = {i: c for i in rows if isinstance(c := cells[i], str) and is_summary(c, others)}
-        if len(said) < len(cells):  # else each row is the mean of a few, and the column says so
-            found |= said
-    return dict(sorted((found | _without_numbers(layout, parsed)).items()))
-
-
-def _without_numbers(layout: Layout, parsed: Mapping[int, Numbers]) -> dict[int, str]:
-    """Rows of texts: remarks between and below the measurements, the header once more."""
-    nothing = np.ones(layout.numbers.size, dtype=bool)
-    for numbers in parsed.values():
-        nothing &= numbers.blank
-    rows = {*np.flatnonzero(nothing).tolist()}
-    for row in {*layout.ragged, *_repeated_headers(layout)}:
-        # a remark may have commas: it has texts only where the table has numbers
-        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
-            rows.add(row)
-    found = {}
-    for row in rows:
-        texts = [shown(column[row]) for column in layout.columns if not is_blank(column[row])]
-        found[row] = ", ".join(texts)
-    return found
-
-
-def _repeated_headers(layout: Layout) -> list[int]:
-    """Rows in which the header stands again: a second table of the same columns."""
-    first = layout.columns[0]
-    if only_numbers(first):
-        return []
-    rows = [row for row, cell in enumerate(first) if cell == layout.headers[0]]
-    return [
-        row for row in rows
-        if all(shown(c[row]) == h for c, h in zip(layout.columns, layout.headers, strict=True))
-    ]  # fmt: skip
-
-
-def _say_left_out(layout: Layout, rows: Mapping[int, str]) -> None:
-    for row, text in list(rows.items())[:5]:
-        layout.said.append(
-            f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
-        )
-    if len(rows) > 5:
-        layout.said.append(f"and {len(rows) - 5} more rows like it")
-
-
 def _keep(layout: Layout, rows: NDArray[np.intp]) -> None:
     layout.columns = [rows_of(column, rows) for column in layout.columns]
     layout.numbers = layout.numbers[rows]
@@ -238,7 +176,7 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
     elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
         _take_numbers(columns, heading, parsed, _spec(name))
-    elif heading.rank == UNKNOWN and _is_label(heading, parsed):
+    elif heading.rank == UNKNOWN and is_label(heading, parsed):
         columns.texts[name] = array_of_texts(columns.cells[name])
         columns.notes.append(
             f"column '{clipped(name)}' is text: kept as a label, not used by any model"
@@ -253,12 +191,6 @@ def _spec(name: str) -> ColumnSpec:
 
 # Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
 BEFORE_TOUCH = ("load", "sinkage")
-
-
-def _is_label(heading: Heading, parsed: Numbers) -> bool:
-    filled = int((~parsed.blank).sum())
-    texts = sum(not why for why in parsed.faults.values())
-    return heading.unit is None and filled - texts < _MOSTLY * filled
 
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:

@@ -149,7 +149,7 @@ SOILS: dict[str, Soil] = {
 
 
 class SoilLibrary(Mapping[str, Soil]):
-    """The soils of the library: `soil("dry_sand")`, `soil["dry_sand"]`, `list(soil)`.
+    """The soils of the library: `soil("dry_sand")`, `soil["dry_sand"]`, `soil.dry_sand`, `list(soil)`.
 
     Raises SoilError that lists what exists where a name is not known.
     """
@@ -163,6 +163,14 @@ class SoilLibrary(Mapping[str, Soil]):
 
     def __getitem__(self, name: str) -> Soil:
         return self(name)
+
+    def __getattr__(self, name: str) -> Soil:
+        if name in SOILS:
+            return SOILS[name]
+        raise AttributeError(f"no soil '{name}': {nearest(name, list(SOILS))}")
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *SOILS]
 
     def __contains__(self, name: object) -> bool:
         return name in SOILS
