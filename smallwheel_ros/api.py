@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from smallwheel_ros.arguments import (
     ArgumentError,
+    check_setting,
     contenders_of,
     effects_of,
     ids_of,
@@ -416,6 +417,8 @@ def predict(
 
     given = {"load": load, "diameter": diameter, "width": width}
     given |= {} if slip is None else {"slip": slip}
+    for name in others:
+        check_setting(name)
     settings = {name: levels_of(name, value) for name, value in (given | others).items()}
     name = "the model" if not isinstance(model, (str, PathLike)) else str(model)
     return predict_table(on_one_soil(model_of(model, registry_of(effects)), soil, name), settings)

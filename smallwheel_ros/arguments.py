@@ -151,6 +151,16 @@ def contenders_of(
     return found
 
 
+def check_setting(name: str) -> None:
+    """Raise ArgumentError for a setting that is one slip of the keyboard from a known one."""
+    from smallwheel_ros.measurements.columns import COLUMNS
+    from smallwheel_ros.measurements.words import near_miss
+
+    near = None if name in COLUMNS else near_miss(name)
+    if near is not None:
+        raise ArgumentError(f"setting: found '{name}', which is nearly '{near}'")
+
+
 def levels_of(name: str, value: Setting) -> Any:
     """Values of a setting in SI units, shape (values,)."""
     import numpy as np

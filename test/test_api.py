@@ -244,6 +244,10 @@ def test_a_model_file_keeps_its_uncertainty(results: Results, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        (
+            lambda: sw.predict("dry_sand", load=1, diameter=0.2, width=0.1, sliip=0.2),
+            "setting: found 'sliip', which is nearly 'slip'",
+        ),
         (lambda: sw.read(42), "data: found int, expected a file, a DataFrame"),
         (lambda: sw.fit("/nowhere.csv"), "/nowhere.csv: no such file"),
         (lambda: sw.fit(DATA, effects="slip_sinkag"), "did you mean 'slip_sinkage'"),

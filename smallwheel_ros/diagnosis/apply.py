@@ -99,6 +99,7 @@ class Added(Result):
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel add --json` writes it."""
         document = {
+            "schema": 1,
             "effect": self.effect,
             "form": self.form,
             "recommended": self.recommended,

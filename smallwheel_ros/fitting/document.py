@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 def fit_document(result: FitResult) -> dict[str, Any]:
     """What a fit found, as plain values in SI units."""
     return {
+        "schema": 1,
         "parameters": {
             p.full_name: {
                 "value": p.value,
