@@ -71,7 +71,8 @@ def estimate(bag: Path, config: Path) -> None:
         onboard = Onboard(settings.onboard)
         handlers = {f"/{topic.name}": topic.handle for topic in Feed(onboard, settings).topics}
         for topic, _, log_time, message in reader.messages():
-            handlers[topic](message, log_time)
+            if topic in handlers:
+                handlers[topic](message, log_time)
     onboard.flush()
 
 

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.ground import GroundMapper
-from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.simulate.drive import EPOCH, DriveSettings, simulate_drive
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
 from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import DiggingInRules
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.watches import DiggingInAlarm
@@ -104,7 +104,7 @@ class TestAlarm:
 
 
 @pytest.mark.parametrize("hidden", [(), ("slip_sinkage",)])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(i, marks=pytest.mark.slow) for i in (2, 3))])
 def test_no_alarm_in_ordinary_drives(hidden: tuple[str, ...], seed: int) -> None:
     """Three soils, slopes and slippery patches, but the rover goes on."""
     drive = simulate_drive(DriveSettings(seed=seed, distance=12.0, hidden=hidden))

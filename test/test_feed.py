@@ -11,9 +11,10 @@ import pytest
 
 from smallwheel_ros.bags import message_type
 from smallwheel_ros.model import Model, predict
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.mobility import Status
-from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import Conditions

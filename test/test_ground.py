@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.estimator.soil_estimator import Outcome, UpdateResult
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces
-from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.watches import FilterHealth
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive

@@ -32,7 +32,7 @@ from smallwheel_ros.learn.shapes import SATURATION
 from smallwheel_ros.measurements.table import Measurements, read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.model_file import write_model
-from smallwheel_ros.onboard.starting_model import read_starting_models
+from smallwheel_ros.onboard.parameters import read_models
 from smallwheel_ros.physics.conditions import Conditions
 
 COLUMNS = ["run", "load [N]", "diameter [m]", "width [m]", "slip", "sinkage [m]", "resistance [N]"]
@@ -447,7 +447,7 @@ def test_from_a_table_to_a_model_that_predicts_and_that_the_node_reads(
     beyond = run("predict", *wheel, "--effects", law, "--slip", "0.9")
     assert "a guess" not in inside
     assert "slip_law is used beyond where it was learnt: slip 0.9" in beyond
-    models = read_starting_models(str(better), str(law))
+    models = read_models({"model_file": str(better), "effects_file": str(law)})
     assert [effect.id for effect in models.effects] == ["slip_law"]
 
 

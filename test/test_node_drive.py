@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from readings import Given as Onboard
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.mobility import MobilityEstimate
-from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive

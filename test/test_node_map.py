@@ -77,7 +77,9 @@ def test_crossed_ground_becomes_a_grid_that_nav2_takes(
         assert grids == []
         begin = time.monotonic()
         peer.drive(0.0, 2.0)
-        peer.spin_until(lambda: grids and cells_of(grids[-1]).max() >= 0, "a grid with costs")
+        peer.spin_until(
+            lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "a grid with the ground's cost"
+        )
         peer.wait_for_turn()
         elapsed = time.monotonic() - begin
         grid = grids[-1]

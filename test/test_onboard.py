@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from readings import Given as Onboard
 
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.mobility import Status
-from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
@@ -507,3 +508,26 @@ class TestSettings:
         ):
             with pytest.raises(OnboardError, match=words):
                 replace(settings, wheels=(changed, *settings.wheels[1:]))
+
+
+@pytest.mark.parametrize(
+    ("change", "starts_over"),
+    [
+        ({"left.longitudinal_position": 0.4}, True),
+        ({"left.diameter": 0.3}, True),
+        ({"soil.cohesion": 2000.0}, True),
+        ({"vehicle.mass": 20.0}, True),
+        ({"estimator.soil_scatter": 0.3}, True),
+        ({"noise.load": 3.0}, False),
+        ({"left.joint_sign": -1}, False),
+    ],
+)
+def test_what_the_estimate_rests_on_lets_it_start_over(
+    change: dict[str, object], starts_over: bool
+) -> None:
+    values: dict[str, object] = {"wheels": ["left"], "left.diameter": 0.25, "left.width": 0.1}
+    onboard = Onboard(settings_from(values).onboard)
+    settings = settings_from(values | change).onboard
+    assert onboard.apply(settings) is starts_over
+    assert onboard.assessor.settings == settings
+    assert onboard.strength.strength == Onboard(settings).strength.strength

@@ -14,14 +14,15 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from drawbar_drives import with_pulls
+from readings import Given as Onboard
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import yaw_and_pitch_of
-from smallwheel_ros.onboard.onboard import Onboard, Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.replay.inputs import read_remaps

@@ -25,8 +25,8 @@ from test_feed import (
 
 from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.estimator.traction import GRAVITY
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning

@@ -9,10 +9,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from readings import Given as Onboard
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.trial import Trial, TrialError, TrialSettings, read_trial, write_trial

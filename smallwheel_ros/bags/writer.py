@@ -7,7 +7,6 @@ import shutil
 import sqlite3
 import tempfile
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection, Qos
@@ -119,12 +118,7 @@ class BagWriter:
         self._connections[channel.topic, channel.type] = connection
         return connection
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 self._writer.close()

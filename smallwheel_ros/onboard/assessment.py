@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import partial
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
@@ -16,36 +17,42 @@ from smallwheel_ros.estimator.soil_estimator import (
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
+from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.onboard.sources import VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth, JointWatch
-from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 
 
-class Assessment(NamedTuple):
-    """What came of an instant.
+@dataclass(frozen=True)
+class Result:
+    """What came of the instant of one wheel: its mobility, and the soil after it.
 
-    soil: that a wheel came to last. elsewhere: wheels that are on another soil than this one.
-    problem: key and words of what could not be done, or None.
+    soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
+    rejected: measured sinkages that were not used for the soil since the start or the last reset.
+    elsewhere: wheels that are on another soil than this one, just before or after a border.
     """
 
+    instant: Instant
     mobility: MobilityEstimate
     soil: SoilEstimate
+    rejected: int
     elsewhere: tuple[str, ...]
-    problem: tuple[str, str] | None
 
 
 class Assessor:
-    """The estimator together with what it is asked: one step per instant."""
+    """The estimator together with what it is asked: one step per instant.
 
-    def __init__(self, settings: OnboardSettings) -> None:
-        self.settings = settings
+    problems: where to note what could not be used.
+    """
+
+    def __init__(self, settings: OnboardSettings, problems: ProblemLog | None = None) -> None:
+        self.settings, self.problems = settings, problems or ProblemLog()
         self.estimator = SoilEstimator(
             settings.prior, settings.estimator, settings.effects, settings.wheels
         )
@@ -76,69 +83,71 @@ class Assessor:
         """What seems wrong with sensors, joints or wheels, in words."""
         return (*self._joints.findings, *self.estimator.findings)
 
-    def assess(self, instant: Instant) -> Assessment:
+    def assess(self, instant: Instant) -> Result:
         """Use the measured sinkage, if any, then work out the wheel's mobility."""
         if self._joints.is_mirrored(instant):
             # What it shows is no slip: a wheel does not turn against its travel for metres.
             instant = instant._replace(slip=None)
-        update: UpdateResult | None = None
+        name, load = instant.wheel.name, instant.load
+        update = self._update(instant)
+        soil = own = self.estimator.estimate()
+        if soil.soil_changes:
+            own = self.estimator.estimate(name)
         predicted: Quantity | None = None
         forces: WheelForces | None = None
         failure = ""
-        if instant.load is not None and instant.sinkage is not None:
-            update = self._update(instant, instant.load, instant.sinkage)
-            self.health.add(update)
-        name = instant.wheel.name
-        soil, own = self.estimator.estimate(), self.estimator.estimate(name)
-        elsewhere = self.estimator.elsewhere(name)
-        if instant.load is not None:
+        if load is not None:
             try:
-                carried = self._carried(instant, instant.load)
+                carried = self._carried(instant, load)
                 predicted = self._predicted(instant, carried, update)
                 forces = self._forces(instant, carried, own)
             except (SmallwheelError, ArithmeticError, ValueError) as error:
                 failure = str(error) or type(error).__name__
-                predicted, forces = None, None
-        sunk = instant.load is not None and not failure and (predicted is None or forces is None)
+        if predicted is None or forces is None:
+            predicted = forces = None
         digging = self._digging[name].update(instant)
         margin = None if forces is None else forces.margin
         self.stuck.add(instant, margin, self.settings.reference_slip)
+        sunk = load is not None and not failure and forces is None
         status, text = self._status(instant, soil, update, sunk, failure)
         if digging:
             words = "digs itself in: slip and sinkage are up, speed is down"
             text = f"{words}; {text}" if text else words
+        self._note_problem(instant, update, failure)
         mobility = MobilityEstimate(
-            wheel=name,
-            stamp=instant.stamp,
-            status=status,
-            status_text=text,
-            load=instant.load,
-            slip=instant.slip,
-            sinkage_measured=instant.sinkage,
-            sinkage_predicted=None if sunk else predicted,
-            forces=None if sunk else forces,
-            digging_in=digging,
-            risk=self.stuck.risk,
+            name,
+            instant.stamp,
+            status,
+            text,
+            load,
+            instant.slip,
+            instant.sinkage,
+            predicted,
+            forces,
+            digging,
+            self.stuck.risk,
         )
-        return Assessment(
-            mobility,
-            soil,
-            elsewhere,
-            self._problem(instant, update, failure),
-        )
+        rejected, elsewhere = self.problems.rejected, self.estimator.elsewhere(name)
+        return Result(instant, mobility, soil, rejected, elsewhere)
 
-    def _problem(
-        self, instant: Instant, update: UpdateResult | None, failure: str
-    ) -> tuple[str, str] | None:
+    def _note_problem(self, instant: Instant, update: UpdateResult | None, failure: str) -> None:
+        stream = f"{instant.wheel.name}/{'load' if instant.sinkage is None else 'sinkage'}"
         if instant.load is None:
             gap = self.settings.timing.maximum_gap
-            return "load_missing", f"no usable load within {gap:g} s of its stamp"
-        if update is not None and update.outcome is not Outcome.ACCEPTED:
-            return update.reason, update.message
-        return ("numerical", failure) if failure else None
+            text = f"no usable load within {gap:g} s of its stamp"
+            self.problems.add(stream, "load_missing", text)
+        elif update is not None and update.outcome is not Outcome.ACCEPTED:
+            self.problems.add(stream, update.reason, update.message)
+        elif failure:
+            # A prediction that fails leaves the measurement used all the same.
+            self.problems.add(stream, "numerical", failure, unused=False)
 
-    def _update(self, instant: Instant, load: Quantity, sinkage: Quantity) -> UpdateResult:
-        return self.estimator.update(
+    def _update(self, instant: Instant) -> UpdateResult | None:
+        """Let the estimator use what was measured; None where load or sinkage is missing."""
+        load, sinkage = instant.load, instant.sinkage
+        if load is None or sinkage is None:
+            return None
+        update = self.estimator.update(
             SinkageMeasurement(
                 time=instant.stamp / SECOND,
                 wheel=instant.wheel.name,
@@ -156,6 +165,8 @@ class Assessor:
                 contact=instant.wheel.contact,
             )
         )
+        self.health.add(update)
+        return update
 
     def _carried(self, instant: Instant, load: Quantity) -> Quantity:
         """The load without the noise of its sensor, where the estimator has learnt that."""
@@ -190,29 +201,25 @@ class Assessor:
 
     def _forces(self, instant: Instant, load: Quantity, soil: SoilEstimate) -> WheelForces | None:
         """Forces of the wheel, None where it is sunk to its axle; first they tell of the strength."""
-        settings, slip, speed = self.settings, instant.slip, instant.speed
+        settings, slip, wheel = self.settings, instant.slip, instant.wheel
         effects = settings.effects
-        strength = self.traction.estimate().strength if effects else None
-
-        def put(at_slip: float | None) -> WheelOnSoil | None:
-            return wheel_on_soil(
-                instant.wheel,
-                soil,
-                load,
-                scatter=settings.estimator.soil_scatter,
-                slip=at_slip,
-                speed=speed,
-                effects=effects,
-                strength=strength,
-            )
-
-        on = put(None if slip is None else slip.value)
+        put = partial(
+            wheel_on_soil,
+            wheel,
+            soil,
+            load,
+            scatter=settings.estimator.soil_scatter,
+            speed=instant.speed,
+            effects=effects,
+            strength=self.traction.estimate().strength if effects else None,
+        )
+        on = put(slip=None if slip is None else slip.value)
         if on is None:
             return None
         time = instant.stamp / SECOND
-        if slip is not None and instant.wheel.contact == ROLLING:
+        if slip is not None and wheel.contact == ROLLING:
             sample = TractionSample(
-                instant.wheel.name,
+                wheel.name,
                 time,
                 instant.distance,
                 on.contact,
@@ -229,7 +236,7 @@ class Assessor:
             slip,
             time=time,
             torque=instant.torque,
-            reference=put(settings.reference_slip) if effects else on,
+            reference=put(slip=settings.reference_slip) if effects else on,
             reference_slip=settings.reference_slip,
         )
 
@@ -248,7 +255,7 @@ class Assessor:
             found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
         if instant.slip is None and instant.wheel.contact == ROLLING:
             why = "no odometry or wheel speed near this instant"
-            if self.settings.velocity is VelocitySource.NONE:
+            if self.settings.velocity == "none":
                 why = "odometry comes from the wheels, and there is no velocity_topic"
             elif instant.speed is not None and abs(instant.speed) <= _SLOW:
                 why = "the wheel stands"

@@ -13,10 +13,10 @@ from functools import partial
 from typing import Any
 
 from smallwheel_ros.estimator.traction import GRAVITY
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.instant import Motion
-from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, NodeSettings
-from smallwheel_ros.onboard.sources import LoadSource, SinkageSource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.synchroniser import Reading
 
@@ -99,9 +99,9 @@ class Feed:
         """Topics of a wheel; what of it comes by joint states is noted."""
         onboard, settings, inputs = self.onboard, self.settings, self.settings.inputs[wheel]
         wrenches: dict[str, list[tuple[str, str, int]]] = {}  # streams, axes of the force, signs
-        if settings.load_source is LoadSource.WRENCH:
+        if settings.load_source == "wrench":
             wrenches[inputs.load_topic] = [(f"{wheel}/load", "z", inputs.load_sign)]
-        elif settings.load_source is LoadSource.JOINT_STATES:
+        elif settings.load_source == "joint_states":
             newtons = inputs.load_sign * settings.load_per_effort
             self._efforts.setdefault(inputs.load_joint, []).append((f"{wheel}/load", newtons))
         if f"{wheel}/torque" in onboard.streams:
@@ -120,7 +120,7 @@ class Feed:
         stream, name = f"{wheel}/sinkage", inputs.sinkage_topic
         if stream in onboard.streams:
             kind, read = "smallwheel_ros/msg/WheelSinkage", partial(_sinkage, stream)
-            if inputs.sinkage_source is SinkageSource.RANGE:
+            if inputs.sinkage_source == "Range":
                 kind, read = "sensor_msgs/msg/Range", partial(self._range, wheel)
             topics.append(Topic(name, kind, onboard, {stream: ""}, read))
         return topics

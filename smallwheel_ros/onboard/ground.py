@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
-from smallwheel_ros.onboard.onboard import Result
 from smallwheel_ros.onboard.stuck_warning import STALE, mean_margin
 from smallwheel_ros.physics.wheel import Quantity
 

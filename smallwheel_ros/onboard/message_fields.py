@@ -26,17 +26,16 @@ VALID = {
     "risk_valid": ("risk_of_getting_stuck",),
 }
 _UNKNOWN = Quantity(0.0, 0.0)
-# Quantities of the message, and what they are called in `WheelForces`.
-_OF_FORCES = {
-    "compaction_resistance": "compaction_resistance",
-    "other_resistance": "other_resistance",
-    "rolling_resistance_coefficient": "rolling_resistance_coefficient",
-    "thrust": "thrust",
-    "drawbar_pull": "drawbar_pull",
-    "mobility_margin": "margin",
-    "steepest_slope": "steepest_slope",
-    "energy_per_metre": "energy_per_metre",
-}
+# Quantities of the message that are called so in `WheelForces`, too.
+_OF_FORCES = (
+    "compaction_resistance",
+    "other_resistance",
+    "rolling_resistance_coefficient",
+    "thrust",
+    "drawbar_pull",
+    "steepest_slope",
+    "energy_per_metre",
+)
 
 
 def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
@@ -44,34 +43,25 @@ def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
 
     The header's stamp is `estimate.stamp` (ns), its frame_id `estimate.wheel`.
     """
-    predicted = estimate.sinkage_predicted
-    forces = None if predicted is None else estimate.forces
+    forces, risk = estimate.forces, estimate.risk
     quantities: dict[str, Quantity | None] = {
         "load": estimate.load,
         "slip": estimate.slip,
         "sinkage_measured": estimate.sinkage_measured,
-        "sinkage_predicted": None if forces is None else predicted,
+        "sinkage_predicted": estimate.sinkage_predicted,
+        "mobility_margin": None if forces is None else forces.margin,
+        **{name: getattr(forces, name, None) for name in _OF_FORCES},
     }
-    for name, of_forces in _OF_FORCES.items():
-        quantities[name] = getattr(forces, of_forces, None)
+    positive = None if forces is None else forces.probability_drawbar_pull_positive
     fields: dict[str, Any] = {
         "status": int(estimate.status),
         "status_text": estimate.status_text,
-        "load_valid": estimate.load is not None,
-        "slip_valid": estimate.slip is not None,
-        "sinkage_measured_valid": estimate.sinkage_measured is not None,
-        "prediction_valid": forces is not None,
-        "traction_valid": quantities["drawbar_pull"] is not None,
-        "probability_drawbar_pull_positive": 0.0,
-        "margin_valid": quantities["mobility_margin"] is not None,
-        "energy_valid": quantities["energy_per_metre"] is not None,
+        "probability_drawbar_pull_positive": 0.0 if positive is None else positive,
         "digging_in": estimate.digging_in,
-        "risk_valid": estimate.risk is not None,
-        "risk_of_getting_stuck": estimate.risk or 0.0,
+        "risk_of_getting_stuck": risk or 0.0,
     }
-    if forces is not None and forces.probability_drawbar_pull_positive is not None:
-        probability = forces.probability_drawbar_pull_positive
-        fields["probability_drawbar_pull_positive"] = probability
+    for flag, (first, *_) in VALID.items():
+        fields[flag] = (risk if flag == "risk_valid" else quantities[first]) is not None
     for name, quantity in quantities.items():
         known = quantity or _UNKNOWN
         fields[name] = known.value

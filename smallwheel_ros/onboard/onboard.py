@@ -1,8 +1,8 @@
 """The whole chain from messages to estimates, without ROS: node and replay both are this class.
 
     onboard = Onboard(settings)
-    onboard.on_load("front_left", stamp, 61.0)        # and so on, in the order of arrival
-    for result in onboard.on_sinkage("front_left", stamp, 0.011, 1e-6):
+    onboard.add(stamp, [("front_left/load", (61.0,))])        # and so on, in the order of arrival
+    for result in onboard.add(stamp, [("front_left/sinkage", (0.011, 1e-6))]):
         print(result.mobility.forces, result.soil.n)
 
 Results may come with any message: a measured sinkage waits for what belongs to it (see
@@ -11,45 +11,23 @@ Results may come with any message: a measured sinkage waits for what belongs to 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate, before_driving
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.onboard.assessment import Assessor
-from smallwheel_ros.onboard.instant import Instant, Motion
-from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
-from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.assessment import Assessor, Result
+from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.synchroniser import Reading, Synchroniser
 
-_OF_THE_ESTIMATOR = ("prior", "estimator", "effects")
-
-
-@dataclass(frozen=True)
-class Result:
-    """What came of the instant of one wheel: its mobility, and the soil after it.
-
-    soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
-    rejected: measured sinkages that were not used for the soil since the start or the last reset.
-    elsewhere: wheels that are on another soil than this one, just before or after a border.
-    """
-
-    instant: Instant
-    mobility: MobilityEstimate
-    soil: SoilEstimate
-    rejected: int
-    elsewhere: tuple[str, ...]
+_OF_THE_ESTIMATE = ("prior", "estimator", "effects", "wheels", "strength", "mass")
 
 
 class Onboard:
     """Estimates soil and mobility from messages as they arrive.
 
-    `add` and the `on_` methods take the stamp (ns) of the measurement and, as `now`, what the clock
-    says (ns; None or 0: there is no clock, and stamps are only compared with each other). They
-    return what the message has made ready, in the order of stamps. They raise OnboardError for an
-    unknown wheel, never for what is in a message: that is counted and said (`problems`).
+    What is in a message never raises: what cannot be used is counted and said (`problems`).
 
     on_result: is given each result as soon as it is there, before the next one is worked out.
 
@@ -73,82 +51,29 @@ class Onboard:
         self._synchroniser = Synchroniser(settings, self._on_time_jump)
         self.problems, self.received = self._synchroniser.problems, self._synchroniser.received
         self.counts, self.take_problems = self.problems.counts, self.problems.take
-        self.assessor = Assessor(settings)
+        self.assessor = Assessor(settings, self.problems)
         self.time_jumps = 0
 
     def add(self, stamp: int, readings: Iterable[Reading], now: int | None = None) -> list[Result]:
-        """Take what was measured at one instant, by stream: `("front_left/load", (61.0,))`."""
+        """Take what was measured at one instant; return what that has made ready, by stamps.
+
+        Parameters
+        ----------
+        stamp
+            When it was measured, ns.
+        readings
+            Name and values of each stream (see `OnboardSettings.streams`), of a wheel's: load and
+            drawbar pull (N), wheel speed (rad/s), torque (N m), or sinkage (m) and its variance
+            (m^2), which is not known where it is not over 0. `odom` is a `Motion`; `velocity` is
+            speed (m/s), yaw rate (rad/s), and variance of the speed or 0; `imu` the specific force
+            of the slope and of all (m/s^2), NaN where not known.
+        now
+            What the clock says, ns; None or 0: there is none, and stamps are only compared with
+            each other.
+
+        Raises OnboardError for a stream of no wheel of the vehicle.
+        """
         return self._results(self._synchroniser.add(stamp, readings, now))
-
-    def on_load(
-        self, wheel: str, stamp: int, load: float, *, now: int | None = None
-    ) -> list[Result]:
-        """Take the normal load (N, positive when the wheel presses on the soil) of one wheel."""
-        return self.add(stamp, [(f"{wheel}/load", (load,))], now)
-
-    def on_drawbar_pull(
-        self, wheel: str, stamp: int, pull: float, *, now: int | None = None
-    ) -> list[Result]:
-        """Take what a wheel pulls the vehicle with (N, positive forward)."""
-        return self.add(stamp, [(f"{wheel}/drawbar_pull", (pull,))], now)
-
-    def on_wheel_speed(
-        self, wheel: str, stamp: int, angular_velocity: float, *, now: int | None = None
-    ) -> list[Result]:
-        """Take the angular velocity of a wheel (rad/s, positive when it drives forward)."""
-        return self.add(stamp, [(f"{wheel}/wheel_speed", (angular_velocity,))], now)
-
-    def on_sinkage(
-        self,
-        wheel: str,
-        stamp: int,
-        sinkage: float,
-        variance: float = 0.0,
-        *,
-        now: int | None = None,
-    ) -> list[Result]:
-        """Take the measured sinkage of a wheel (m, positive down) and its variance (m^2).
-
-        A variance of 0 or less, or one that is not finite, means that it is not known.
-        """
-        return self.add(stamp, [(f"{wheel}/sinkage", (sinkage, variance))], now)
-
-    def on_odometry(
-        self,
-        stamp: int,
-        x: float,
-        y: float,
-        speed: float,
-        yaw_rate: float = 0.0,
-        yaw: float | None = None,
-        *,
-        pitch: float = 0.0,
-        variances: tuple[float, float] = (0.0, 0.0),
-        now: int | None = None,
-    ) -> list[Result]:
-        """Take position (m), forward speed (m/s), yaw rate (rad/s) and yaw (rad) of the vehicle.
-
-        Without yaw nobody knows where its wheels are: results then have no place. pitch: rad,
-        positive nose down. variances: of speed and yaw rate, 0 where not known.
-        """
-        motion = Motion.of(x, y, speed, yaw_rate, yaw, pitch, variances)
-        return self.add(stamp, [(ODOMETRY, motion)], now)
-
-    def on_velocity(
-        self,
-        stamp: int,
-        speed: float,
-        yaw_rate: float = 0.0,
-        variance: float = 0.0,
-        *,
-        now: int | None = None,
-    ) -> list[Result]:
-        """Take forward speed (m/s) and yaw rate (rad/s) as a sensor of its own measures them.
-
-        A sensor whose yaw rate is always 0 measures none. variance: of the speed, 0: not known.
-        """
-        known = variance if 0.0 < variance < math.inf else 0.0
-        return self.add(stamp, [(VELOCITY, (speed, yaw_rate, known))], now)
 
     def flush(self) -> list[Result]:
         """Work on everything that waits, with what is there: nothing more will come."""
@@ -162,15 +87,15 @@ class Onboard:
     def apply(self, settings: OnboardSettings) -> bool:
         """Go on with other settings of the same wheels; return whether the soil starts over.
 
-        It does where the prior, the estimator's settings or the effects are others: what was learnt
-        under the old ones does not hold under the new. Measurements that wait are dropped.
+        It does where anything else than the handling of messages is another: what was learnt under
+        the old settings does not hold under the new. Measurements that wait are dropped.
         """
         before, self.settings = self.settings, settings
         self._synchroniser.apply(settings)
-        if all(getattr(before, name) == getattr(settings, name) for name in _OF_THE_ESTIMATOR):
+        if all(getattr(before, name) == getattr(settings, name) for name in _OF_THE_ESTIMATE):
             self.assessor.apply(settings)
             return False
-        self.assessor = Assessor(settings)
+        self.assessor = Assessor(settings, self.problems)
         self.problems.rejected = 0
         return True
 
@@ -246,17 +171,7 @@ class Onboard:
     def _results(self, instants: list[Instant]) -> list[Result]:
         results = []
         for instant in instants:
-            results.append(self._result(instant))
+            results.append(self.assessor.assess(instant))
             if self._on_result is not None:
                 self._on_result(results[-1])
         return results
-
-    def _result(self, instant: Instant) -> Result:
-        mobility, soil, elsewhere, problem = self.assessor.assess(instant)
-        wheel = instant.wheel.name
-        if problem is not None:
-            stream = f"{wheel}/load" if instant.sinkage is None else f"{wheel}/sinkage"
-            # A prediction that fails leaves the measurement used all the same.
-            unused = problem[0] != "numerical" or mobility.status is Status.REJECTED
-            self.problems.add(stream, *problem, unused=unused)
-        return Result(instant, mobility, soil, self.problems.rejected, elsewhere)

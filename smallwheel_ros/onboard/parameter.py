@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
 from typing import Literal
 
@@ -151,6 +150,6 @@ def text(
     return Parameter(name, "string", default, form=form, changes=changes)
 
 
-def choice(name: str, default: Enum) -> Parameter:
-    """One of the values of an enumeration."""
-    return Parameter(name, "string", default.value, choices=tuple(c.value for c in type(default)))
+def choice(name: str, *choices: str) -> Parameter:
+    """One of some texts, the first one if it is not given."""
+    return Parameter(name, "string", choices[0], choices=choices)

@@ -122,10 +122,11 @@ def reference() -> str:
         "and not used; one that is missing or wrong keeps the node from being configured.",
         "A parameter can be changed while the node runs (`ros2 param set`): the change is checked",
         "together with all other values, refused with a reason or applied at once. What the estimate",
-        "starts from and goes by lets the soil start over: `soil.name`, `k`, `n`, `m` and their",
-        "deviations, `estimator.*`, `noise.sinkage`, `load.source`; `cost.*` lets the cost map start",
-        "over. Those marked *Unconfigured* cannot be changed while the node is configured; those",
-        "marked *At start*, and `qos_overrides.*`, only come from a file or the command line.",
+        "starts from and goes by lets the soil start over: `soil.*` but for `soil.file`,",
+        "`estimator.*`, `noise.sinkage`, `load.source`, `vehicle.mass`, and size, place and contact",
+        "of a wheel; `cost.*` lets the cost map start over. Those marked *Unconfigured* cannot be",
+        "changed while the node is configured; those marked *At start*, and `qos_overrides.*`, only",
+        "come from a file or the command line.",
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):

@@ -12,7 +12,6 @@ from dataclasses import replace
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.onboard.parameter import WHEEL, Parameter, choice, number, text
-from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, TorqueSource
 from smallwheel_ros.onboard.wheel_on_soil import REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
@@ -70,7 +69,7 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         "Whether odom is made from the wheels. It then cannot show slip: without velocity_topic"
         " there is no slip, no thrust, no drawbar pull, and that is said."
     ),
-    choice("load.source", LoadSource.WRENCH): (
+    choice("load.source", "wrench", "joint_states", "static"): (
         "Where loads come from. wrench: each wheel's load_topic. joint_states: the effort of each"
         " wheel's load_joint. static: nobody measures them; load.mass is split over the wheels."
     ),
@@ -235,7 +234,7 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     number("<wheel>.width", None, "m", 0.001, 5.0, required=True): (
         "Width of the wheel. Without it: the length of its link's cylinder in the URDF."
     ),
-    Parameter("<wheel>.contact", "string", ROLLING, choices=(ROLLING, PRESSED)): (
+    choice("<wheel>.contact", ROLLING, PRESSED): (
         f"{ROLLING}, or {PRESSED} for a wheel that is pushed straight down (a test rig): soil"
         " carries it on both sides of its lowest point, and no odometry is needed."
     ),
@@ -264,7 +263,7 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     text("<wheel>.sinkage_topic", "<wheel>/sinkage", form="topic"): (
         "Topic of the wheel's sinkage. Empty: nobody measures it, it is only predicted."
     ),
-    choice("<wheel>.sinkage_source", SinkageSource.SINKAGE): (
+    choice("<wheel>.sinkage_source", "WheelSinkage", "Range"): (
         "Type of that topic: smallwheel_ros/WheelSinkage, or sensor_msgs/Range of a sensor that"
         " looks down at undisturbed soil beside the wheel: sinkage = range_height - range."
     ),
@@ -277,7 +276,7 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         "-1: its joint turns backwards when the wheel drives forward (a mirrored axis)."
         " Without it: by the joint's axis in the URDF, if there is one."
     ),
-    choice("<wheel>.torque_source", TorqueSource.NONE): (
+    choice("<wheel>.torque_source", "none", "effort"): (
         "effort: the effort of the wheel's joint is the torque of its motor (N m), which tells its"
         " thrust. none: nobody measures it."
     ),

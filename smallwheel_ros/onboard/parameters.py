@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import load
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.estimator.traction import GRAVITY
+from smallwheel_ros.model_file import read_model
 from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
 from smallwheel_ros.onboard.settings import (
     DiggingInRules,
@@ -23,10 +27,8 @@ from smallwheel_ros.onboard.settings import (
     Timing,
     WheelInputs,
 )
-from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, TorqueSource, VelocitySource
-from smallwheel_ros.onboard.starting_model import StartingModels, read_starting_models
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.physics.soil import Soil, SoilError, nearest, soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 _Settings = TypeVar("_Settings")
@@ -95,12 +97,62 @@ def problems(values: Mapping[str, object]) -> list[str]:
     return [problem for problem in found if problem is not None]
 
 
+@dataclass(frozen=True)
+class StartingModels:
+    """What can be started from: the soils of one model file with its effects, or the library.
+
+    model_file: empty for the library. soils: those of the file.
+    """
+
+    model_file: str = ""
+    soils: tuple[Soil, ...] = ()
+    effects: tuple[Effect, ...] = ()
+
+    def choose(self, name: str | None) -> Soil:
+        """Return the soil of that name; None: the only one of the file, or the library's dry sand.
+
+        Raises ParametersError where there is no such soil.
+        """
+        if not self.model_file:
+            try:
+                return soil(name or "dry_sand")
+            except SoilError as error:
+                raise ParametersError(f"parameter soil.name: {error}") from None
+        found = {kind.name: kind for kind in self.soils}
+        if name is None and len(found) == 1:
+            return self.soils[0]
+        if name not in found:
+            asked = f"has no soil '{name}'" if name else "has several soils"
+            raise ParametersError(
+                f"{self.model_file} {asked}, parameter soil.name says which."
+                f" {nearest(name or '', list(found))}"
+            )
+        return found[name]
+
+
 def read_models(values: Mapping[str, Any]) -> StartingModels:
-    """Read the model and effects files that parameters name. Raises ParametersError."""
+    """Read the files that parameters name, if any. An effects file is run.
+
+    Raises ParametersError where a file cannot be read, or the estimate cannot follow the model.
+    """
+    model_file, effects_file = values.get("model_file"), values.get("effects_file")
+    if not model_file:
+        if effects_file:
+            raise ParametersError(
+                "parameter effects_file is given without model_file: an effect needs its numbers"
+            )
+        return StartingModels()
     try:
-        return read_starting_models(values.get("model_file"), values.get("effects_file"))
+        effects = load(Path(effects_file).expanduser()) if effects_file else None
+        model = read_model(Path(model_file).expanduser(), effects).model
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
+    if model.geometry != "contact_integral":
+        raise ParametersError(
+            f"{model_file}: geometry is {model.geometry}, expected contact_integral: the estimate on"
+            " board solves the contact exactly; fit the model again without the closed form"
+        )
+    return StartingModels(model_file, tuple(model.soils), tuple(model.effects))
 
 
 def settings_from(
@@ -123,8 +175,6 @@ def settings_from(
     v.update({name: value for name, value in values.items() if value is not None})
     for name in wheels:
         v[f"{name}.load_sign"] = v[f"{name}.load_sign"] or v["load_sign"]
-        v[f"{name}.sinkage_source"] = SinkageSource(v[f"{name}.sinkage_source"])
-    v["load.source"] = LoadSource(v["load.source"])
     try:
         onboard = _onboard(v, wheels, models or read_models(v))
         # What the estimator says of its settings and effects, it says now.
@@ -134,7 +184,7 @@ def settings_from(
         raise ParametersError(str(error)) from error
     inputs = {name: _of(WheelInputs, v, f"{name}.") for name in wheels}
     for name, source in inputs.items():
-        if source.sinkage_source is SinkageSource.RANGE and source.range_height is None:
+        if source.sinkage_source == "Range" and source.range_height is None:
             raise ParametersError(
                 f"parameter {name}.range_height is missing: sinkage_source Range needs what the"
                 " sensor shows on hard ground, in m"
@@ -152,17 +202,17 @@ def _of(kind: type[_Settings], v: Mapping[str, Any], group: str, **given: Any) -
 def _onboard(
     v: Mapping[str, Any], wheels: Sequence[str], models: StartingModels
 ) -> OnboardSettings:
-    soil = models.choose(v["soil.name"])
+    start = models.choose(v["soil.name"])
     law = {n: v[f"soil.{n}"] for n in ("k", "n", "m") if v[f"soil.{n}"] is not None}
     prior = SoilPrior.from_soil(
-        replace(soil, **law),
+        replace(start, **law),
         v["soil.log_reference_pressure_std"],
         v["soil.n_std"],
         v["soil.m_std"],
     )
     strength = {}
     for n in ("cohesion", "friction_angle", "shear_displacement"):
-        value = getattr(soil, n) if v[f"soil.{n}"] is None else v[f"soil.{n}"]
+        value = getattr(start, n) if v[f"soil.{n}"] is None else v[f"soil.{n}"]
         strength[n] = Quantity(value, v[f"soil.{n}_std"])
     static = _static_loads(v, wheels)
     sensors = ("sinkage_zero_std", "pass_std", "load_scale_std", "delay_std")
@@ -172,7 +222,7 @@ def _onboard(
         # like another soil at each spot, it does not average out over measurements at one place.
         scatter = math.hypot(v["estimator.soil_scatter"], v["load.static_std"])
         estimator["soil_scatter"] = scatter
-    velocity = VelocitySource.NONE if v["odometry_from_wheels"] else VelocitySource.ODOMETRY
+    velocity = "none" if v["odometry_from_wheels"] else "odometry"
     rolling = [w for w in wheels if v[f"{w}.contact"] == ROLLING]
     return _of(
         OnboardSettings,
@@ -188,19 +238,17 @@ def _onboard(
         effects=models.effects,
         without_sinkage=frozenset(w for w in wheels if not v[f"{w}.sinkage_topic"]),
         with_drawbar_pull=frozenset(w for w in rolling if v[f"{w}.drawbar_pull_topic"]),
-        with_torque=frozenset(
-            w for w in rolling if v[f"{w}.torque_source"] == TorqueSource.EFFORT.value
-        ),
+        with_torque=frozenset(w for w in rolling if v[f"{w}.torque_source"] == "effort"),
         with_imu=bool(v["imu_topic"]),
         mass=v["vehicle.mass"] or 0.0,
         static_loads=static,
-        velocity=VelocitySource.TOPIC if v["velocity_topic"] else velocity,
+        velocity="topic" if v["velocity_topic"] else velocity,
     )
 
 
 def _static_loads(v: Mapping[str, Any], wheels: Sequence[str]) -> dict[str, Quantity]:
     """Loads that nobody measures, N: the weight split over the wheels."""
-    if v["load.source"] is not LoadSource.STATIC:
+    if v["load.source"] != "static":
         return {}
     if v["load.mass"] is None:
         raise ParametersError(

@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Literal
 
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.base import Effect
@@ -18,7 +18,6 @@ from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.parameter import WHEEL
 from smallwheel_ros.onboard.parameter_table import PARAMETERS
-from smallwheel_ros.onboard.sources import LoadSource, SinkageSource, VelocitySource
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -26,6 +25,7 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 ODOMETRY = "odom"
 IMU = "imu"
 VELOCITY = "velocity"
+VelocitySource = Literal["odometry", "topic", "none"]
 
 
 class OnboardError(SmallwheelError):
@@ -92,7 +92,8 @@ class OnboardSettings:
     static_loads
         Loads (N) of wheels whose load nobody measures, by name.
     velocity
-        Where the speed over ground comes from.
+        Where the speed over ground comes from that slip is worked out with: odometry that the
+        wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
     mass
         kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength.
 
@@ -112,7 +113,7 @@ class OnboardSettings:
     with_torque: frozenset[str] = frozenset()
     with_imu: bool = False
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
-    velocity: VelocitySource = VelocitySource.ODOMETRY
+    velocity: VelocitySource = "odometry"
     standstill_speed: float = _default("standstill_speed")
     reference_slip: float = _default("reference_slip")
     velocity_lateral_position: float = _default("velocity_lateral_position")
@@ -141,7 +142,7 @@ class OnboardSettings:
     def streams(self) -> tuple[str, ...]:
         """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
         wheels, rolling = self.wheels, [w for w in self.wheels if w.contact == ROLLING]
-        by_topic = rolling and self.velocity is VelocitySource.TOPIC
+        by_topic = rolling and self.velocity == "topic"
         return (
             *(f"{w.name}/load" for w in wheels if w.name not in self.static_loads),
             *(f"{w.name}/sinkage" for w in wheels if w.name not in self.without_sinkage),
@@ -177,7 +178,7 @@ class WheelInputs:
     drawbar_pull_topic: str
     load_joint: str
     sinkage_topic: str
-    sinkage_source: SinkageSource
+    sinkage_source: Literal["WheelSinkage", "Range"]
     range_height: float | None
     joint: str
     joint_sign: int
@@ -194,7 +195,7 @@ class NodeSettings:
     inputs: Mapping[str, WheelInputs]
     cost: CostSettings
     autostart: bool
-    load_source: LoadSource
+    load_source: Literal["wrench", "joint_states", "static"]
     load_per_effort: float
     velocity_topic: str
     velocity_yaw: float

@@ -93,12 +93,13 @@ class Synchroniser:
             self._take(name, stamp, values, now)
         ready = []
         while self._waiting and not self._is_held():
-            ready.append(self._first())
+            ready.append(self._buffer.instant(*heapq.heappop(self._waiting)))
         return ready
 
     def flush(self) -> list[Instant]:
         """Give everything that waits, with what is there: nothing more will come."""
-        return [self._first() for _ in range(len(self._waiting))]
+        waiting, self._waiting = sorted(self._waiting), []
+        return [self._buffer.instant(*one) for one in waiting]
 
     def _begin(self, buffer: SensorBuffer) -> None:
         self._settings, self._buffer = buffer.settings, buffer
@@ -222,7 +223,3 @@ class Synchroniser:
                 if self._latest <= until:
                     return True
         return False
-
-    def _first(self) -> Instant:
-        stamp, order, measured = heapq.heappop(self._waiting)
-        return self._buffer.instant(order, stamp, measured)

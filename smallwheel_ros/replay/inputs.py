@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from smallwheel_ros.bags import BagTopic
 from smallwheel_ros.bags.storage import Key
@@ -22,6 +22,7 @@ class Input:
     """A topic that the node listens to, for one stream of the estimate (`Onboard.streams`).
 
     name: as the node knows it. topic: after remaps. detail: which part of the message, in words.
+    lacking: why the bag does not give it, in words; empty where it does.
     """
 
     stream: str
@@ -29,6 +30,12 @@ class Input:
     topic: str
     type: str
     detail: str = ""
+    lacking: str = ""
+
+    def __str__(self) -> str:
+        """Say what is missing, of which type, and why."""
+        detail = f", {self.detail}" if self.detail else ""
+        return f"{self.topic} ({self.type}{detail}): {self.lacking}"
 
     @property
     def kind(self) -> str:
@@ -101,23 +108,10 @@ def inputs_of(
     return tuple(inputs)
 
 
-@dataclass(frozen=True)
-class Missing:
-    """An input that the bag does not have, and why."""
-
-    input: Input
-    why: str
-
-    def __str__(self) -> str:
-        """Say what is missing, of which type."""
-        detail = f", {self.input.detail}" if self.input.detail else ""
-        return f"{self.input.topic} ({self.input.type}{detail}): {self.why}"
-
-
 def missing_inputs(
     inputs: Sequence[Input], topics: Sequence[BagTopic], unusable: Mapping[Key, str] | None = None
-) -> list[Missing]:
-    """Say of each input whether the bag lacks it, or has it in another type.
+) -> list[Input]:
+    """Return the inputs that the bag lacks, or has in another type.
 
     unusable: topics and types of which the bag's definition cannot be used, and why.
     """
@@ -130,18 +124,18 @@ def missing_inputs(
         elif item.type not in types:
             why = f"the bag has it as {', '.join(types)}"
         if why:
-            found.append(Missing(item, why))
+            found.append(replace(item, lacking=why))
     return found
 
 
-def check_enough(onboard: Onboard, missing: Sequence[Missing], hint: str) -> None:
+def check_enough(onboard: Onboard, missing: Sequence[Input], hint: str) -> None:
     """Raise ReplayError unless at least one wheel has what an estimate needs.
 
     hint: what to do about it, in words.
     """
-    lost = {entry.input.stream for entry in missing}
+    lost = {entry.stream for entry in missing}
     for wheel in onboard.settings.wheels:
-        if not {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & set(onboard.streams) & lost:
+        if not {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & lost:
             return
     lines = "".join(f"\n  {entry}" for entry in missing)
     raise ReplayError(

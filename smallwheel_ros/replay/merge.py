@@ -12,7 +12,7 @@ from smallwheel_ros.replay.estimates import columns
 from smallwheel_ros.replay.folder import ESTIMATES, FILES, MEASUREMENTS, files_in
 from smallwheel_ros.replay.many import Outcome
 from smallwheel_ros.replay.result import SCHEMA
-from smallwheel_ros.replay.table import Table, csv_text
+from smallwheel_ros.replay.table import csv_text, table
 from smallwheel_ros.tables import text_table
 
 
@@ -33,10 +33,10 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     ReplayError, OutputError
         If a table cannot be written.
     """
-    with Table(folder / ESTIMATES, {"bag": "string", **columns()}) as table:
+    with table(folder / ESTIMATES, {"bag": "string", **columns()}) as add:
         for outcome in outcomes:
             for row in _rows(outcome.spec.folder / FILES["estimates_csv"]):
-                table.add([outcome.spec.name, *row.values()])
+                add([outcome.spec.name, *row.values()])
     measured: list[dict[str, str]] = []
     for outcome in outcomes:
         name = outcome.spec.name

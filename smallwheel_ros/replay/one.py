@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.bag_files import BagError, RawMessage, reason
 from smallwheel_ros.bags import BagReader, DefinitionError
 from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.output import write_bytes
@@ -26,19 +28,20 @@ from smallwheel_ros.replay.folder import (
     files_in,
     write_summary,
 )
-from smallwheel_ros.replay.inputs import Missing, check_enough, in_bag, inputs_of, missing_inputs
+from smallwheel_ros.replay.inputs import check_enough, in_bag, inputs_of, missing_inputs
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.settings import check_parameters, read_settings
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
-from smallwheel_ros.replay.table import Table, csv_text
+from smallwheel_ros.replay.table import csv_text, table
 from smallwheel_ros.replay.topics import proposal_text
 from smallwheel_ros.stop import Stop
 
 Handler = Callable[[Any, int | None], list[Result]]
 Progress = Callable[[int, int], None]
+AddRow = Callable[[list[Any]], None]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
@@ -89,8 +92,8 @@ def replay(
                 text = "an earlier replay into this folder was not finished; it is done anew"
                 result.notes.append(text)
             bag = NewBag(folder / BAG, reader, session.copied)
-            with Table(folder / ESTIMATES, columns()) as table, bag:
-                session.run(table, bag, stop, progress)
+            with table(folder / ESTIMATES, columns()) as add_row, bag:
+                session.run(add_row, bag, stop, progress)
             rows = list(result.segments.table())
             if rows:
                 text = csv_text([rows[0], *(row.values() for row in rows)])
@@ -159,14 +162,14 @@ class _Session:
                 unusable[key] = str(error)
         return unusable
 
-    def run(self, table: Table, bag: NewBag, stop: Stop, progress: Progress) -> None:
+    def run(self, add_row: AddRow, bag: NewBag, stop: Stop, progress: Progress) -> None:
         """Read the bag to its end, its damage, or a signal."""
         result, total, time = self.result, self.result.message_count, self.result.start
         try:
             for raw in self._reader.raw_messages(self._read):
                 time = raw.log_time
                 bag.copy(raw)
-                self._write(self._take(raw), time, table, bag)
+                self._write(self._take(raw), time, add_row, bag)
                 result.messages_read += 1
                 if result.messages_read % _STEP == 0:
                     result.summary.take_problems(time)
@@ -178,7 +181,7 @@ class _Session:
             if error.path != self._reader.path:
                 raise  # of the new bag
             result.state, result.ended = "ended_early", str(error)
-        self._write(self._onboard.flush(), time, table, bag)
+        self._write(self._onboard.flush(), time, add_row, bag)
         bag.finish()
         result.prefix, result.left_out = bag.prefix, bag.left_out
         if bag.damaged:
@@ -208,10 +211,12 @@ class _Session:
         self._clock = message.clock.sec * SECOND + message.clock.nanosec
         return []
 
-    def _write(self, results: Iterable[Result], log_time: int, table: Table, bag: NewBag) -> None:
+    def _write(
+        self, results: Iterable[Result], log_time: int, add_row: AddRow, bag: NewBag
+    ) -> None:
         for found in results:
             self._last = estimate = Estimate(found, self._last)
-            table.add(estimate.row(self.result.start))
+            add_row(estimate.row(self.result.start))
             bag.write_estimate(estimate, log_time, self._feed.odometry_frame)
             self.result.summary.add(found)
             self.result.segments.add(found, self.result.summary.changing)
@@ -232,9 +237,9 @@ class _Session:
         result.segments.finish()
         if result.state != "complete":
             result.end = max(time, result.start)
-        lost = {entry.input.stream for entry in result.missing}
+        lost = {entry.stream for entry in result.missing}
         result.missing += [
-            Missing(item, "never in a message")
+            replace(item, lacking="never in a message")
             for item in result.inputs
             if item.stream not in lost and not onboard.received[item.stream]
         ]

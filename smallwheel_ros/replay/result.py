@@ -13,7 +13,7 @@ from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.replay.folder import FILES, files_in
-from smallwheel_ros.replay.inputs import Input, Missing
+from smallwheel_ros.replay.inputs import Input
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
@@ -52,7 +52,7 @@ class Replayed(Result):
     settings: NodeSettings
     notes: list[str]
     inputs: tuple[Input, ...]
-    missing: list[Missing]
+    missing: list[Input]
     start: int
     end: int
     message_count: int

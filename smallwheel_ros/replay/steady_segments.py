@@ -18,12 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.onboard.onboard import Result
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.replay.passes import PassCounter
 
-_MOST_ROWS = 2000
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
@@ -52,7 +51,6 @@ class _Row(NamedTuple):
     sinkage_std: float
     pull_std: float
     passes: float
-    readings: int = 1
 
 
 class SteadySegments:
@@ -66,7 +64,6 @@ class SteadySegments:
         self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self._passes = PassCounter(wheels)
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
-        self._scale = 1
         self._open: dict[int, tuple[_Key, list[_Row]]] = {}  # stretches that still go on, by wheel
         self._rows: dict[_Key, _Row] = {}
         self._soil = 1
@@ -99,7 +96,7 @@ class SteadySegments:
         if load is None or sinkage is None or still:
             self.unusable += 1
             return
-        length = (_DEPTH if pressed else self._turn) * self._scale
+        length = _DEPTH if pressed else self._turn
         key = _Key(self._soil, int(way / length), order)
         if order not in self._open or self._open[order][0] != key:
             self._close(order)
@@ -137,16 +134,6 @@ class SteadySegments:
             self.unsteady += 1
             return
         self._rows[key] = row
-        while len(self._rows) > _MOST_ROWS:
-            self._merge()
-
-    def _merge(self) -> None:
-        """Double the stretches' length, so that a long drive still is a table of some rows."""
-        merged: dict[_Key, list[_Row]] = {}
-        for key, row in self._rows.items():
-            merged.setdefault(key._replace(stretch=key.stretch // 2), []).append(row)
-        self._rows = {key: _mean(rows) for key, rows in merged.items()}
-        self._scale *= 2
 
     def finish(self) -> None:
         """Close the last stretches: nothing more will come."""
@@ -208,7 +195,6 @@ def _median(readings: Sequence[_Row], wheel: Wheel) -> _Row | None:
         sinkage_std=_deviation([reading.sinkage for reading in readings], middle.sinkage_std),
         pull_std=_deviation([reading.pull for reading in readings], middle.pull_std),
         passes=most if most == fewest > 0 else math.nan,
-        readings=len(readings),
     )
 
 
@@ -219,17 +205,3 @@ def _deviation(values: Sequence[float], declared: float) -> float:
     """
     scatter = 1.4826 * float(np.median(np.abs(np.array(values) - np.median(values))))
     return max(scatter, declared) / math.sqrt(len(values))
-
-
-def _mean(rows: Sequence[_Row]) -> _Row:
-    """One row of several, weighted by their readings."""
-    weight = np.array([row.readings for row in rows], dtype=float)
-    mean = _Row(*np.average(np.array(rows), axis=0, weights=weight).tolist())
-    deviations = np.array([(row.sinkage_std, row.pull_std) for row in rows])
-    of_sinkage, of_pull = (
-        np.linalg.norm(weight[:, None] * deviations, axis=0) / weight.sum()
-    ).tolist()
-    passes = rows[0].passes if len({row.passes for row in rows}) == 1 else math.nan
-    return mean._replace(
-        sinkage_std=of_sinkage, pull_std=of_pull, passes=passes, readings=int(weight.sum())
-    )

@@ -7,8 +7,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.mobility import Status
-from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.streams import SECOND
 
 _MOST_EVENTS = 200

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,26 +31,15 @@ _ROLES = {
 }
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """A topic, or for wheel speeds a joint, that may be an input which the bag lacks."""
+def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[dict[str, str]]:
+    """Say which of the bag's topics, or joints, may be the inputs that it lacks under their names.
 
-    input: Input
-    found: str
-
-    @property
-    def option(self) -> str:
-        """What to add to the command, or to the parameter file."""
-        if self.input.kind == "wheel_speed" and not self.found.startswith("/"):
-            return f"{self.input.wheel}.joint: {self.found}   (in the parameter file)"
-        return f"--remap {self.input.name}:={self.found}"
-
-
-def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[Proposal]:
-    """Say which of the bag's topics may be the inputs that it lacks under their names."""
-    lost = [entry.input for entry in missing_inputs(inputs, reader.topics)]
+    Of each the `input`, what was `found`, and what to `add` to the command or the parameter file.
+    """
+    names = [item.name for item in missing_inputs(inputs, reader.topics)]
+    lost = [item for item in inputs if item.name in names]
     taken = {item.topic for item in inputs if item not in lost}
-    found: dict[str, Proposal] = {}  # by the node's name: all wheels share the joint states
+    found: dict[str, dict[str, str]] = {}  # by the node's name: all wheels share the joint states
     for item in lost:
         free = [
             t.name
@@ -62,31 +50,33 @@ def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[Proposal]:
             name = best_match(item.wheel, item.kind, free)
         else:
             name = free[0] if len(free) == 1 else best_match(item.name, "", free)
-        if name is not None:
-            found.setdefault(item.name, Proposal(item, name))
+        if name is not None and item.name not in found:
+            option = f"--remap {item.name}:={name}"
+            found[item.name] = {"input": item.stream, "found": name, "add": option}
     turning = [item for item in inputs if item.kind == "wheel_speed"]
-    topics = {item.topic for item in turning if item not in lost}
-    topics |= {p.found for p in found.values() if p.input.type == JOINTS}
+    topics = {i.topic for i in turning if i not in lost}
+    topics |= {found[i.name]["found"] for i in turning if i.name in found}
     joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
     more = []
     for item in turning:
         if joints and item.detail.removeprefix("joint ") not in joints:
             name = best_match(item.wheel, "joint", joints)
             if name is not None:
-                more.append(Proposal(item, name))
+                option = f"{item.wheel}.joint: {name}   (in the parameter file)"
+                more.append({"input": item.stream, "found": name, "add": option})
     return [*found.values(), *more]
 
 
 def proposal_text(reader: BagReader, inputs: Sequence[Input], bag: Path) -> str:
     """Say what to do about inputs that a bag lacks."""
-    lines = [proposal.option for proposal in proposals(reader, inputs)]
+    lines = [proposal["add"] for proposal in proposals(reader, inputs)]
     if lines:
         return "These may be them:\n  " + "\n  ".join(lines)
     return f"`smallwheel replay {bag} --topics` lists what is in the bag; use --remap NAME:=TOPIC"
 
 
 def topics_document(
-    reader: BagReader, inputs: Sequence[Input], offered: Sequence[Proposal]
+    reader: BagReader, inputs: Sequence[Input], offered: Sequence[dict[str, str]]
 ) -> dict[str, Any]:
     """Return topics, their use and the proposals as plain values."""
     used: dict[tuple[str, str], list[str]] = {}
@@ -100,9 +90,7 @@ def topics_document(
         "messages": reader.message_count,
         "topics": [_topic(topic, duration, used) for topic in reader.topics],
         "missing": [str(entry) for entry in missing_inputs(inputs, reader.topics)],
-        "proposals": [
-            {"input": p.input.stream, "found": p.found, "add": p.option} for p in offered
-        ],
+        "proposals": list(offered),
     }
 
 

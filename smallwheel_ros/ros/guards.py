@@ -5,30 +5,18 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-
-class Guarded(Protocol):
-    """The node."""
-
-    def fail(self, problem: str) -> None:
-        """Note why it is not configured, and log it."""
-
-    def get_logger(self) -> Any:
-        """Rclpy's."""
+Call = TypeVar("Call", bound=Callable[..., Any])
 
 
-Transition = TypeVar("Transition", bound=Callable[..., TransitionCallbackReturn])
-Service = TypeVar("Service", bound=Callable[..., Any])
-
-
-def says_why(transition: Transition) -> Transition:
+def says_why(transition: Call) -> Call:
     """Log what a transition raises, which rclpy swallows: on_error is next."""
 
     @wraps(transition)
-    def guarded(self: Guarded, state: LifecycleState) -> TransitionCallbackReturn:
+    def guarded(self: Any, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             return transition(self, state)
         except Exception as error:
@@ -38,11 +26,11 @@ def says_why(transition: Transition) -> Transition:
     return guarded  # type: ignore[return-value]  # the same signature, by construction
 
 
-def answers(service: Service) -> Service:
+def answers(service: Call) -> Call:
     """Answer with success=False what a service raises: nobody is to wait for an answer in vain."""
 
     @wraps(service)
-    def guarded(self: Guarded, request: Any, response: Any) -> Any:
+    def guarded(self: Any, request: Any, response: Any) -> Any:
         try:
             return service(self, request, response)
         except Exception as error:

@@ -18,7 +18,6 @@ from rclpy.subscription import Subscription
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.problems import Problem
-from smallwheel_ros.onboard.sources import VelocitySource
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import message_class
@@ -249,7 +248,7 @@ class Inputs:
         said = []
         if settings.static_loads:
             said.append("loads are not measured, they are configured")
-        if settings.velocity is VelocitySource.NONE:
+        if settings.velocity == "none":
             said.append("odometry comes from the wheels: slip is unknown")
         if words:
             return status(name, WARN, "; ".join(words + said), values)
@@ -257,5 +256,5 @@ class Inputs:
         if counts:
             unused = sum(count for _, count in counts)
             text += f"; {unused} messages could not be used, see the counts"
-        level = WARN if settings.velocity is VelocitySource.NONE else OK
+        level = WARN if settings.velocity == "none" else OK
         return status(name, level, "; ".join([text, *said]), values)

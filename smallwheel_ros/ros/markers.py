@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from smallwheel_ros.onboard.onboard import Result
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.ros.conversions import time_message
 
 # A colour for each margin, from stuck to easy: dark red, orange, yellow-green. They differ in
@@ -21,16 +20,15 @@ _UNKNOWN = (0.6, 0.6, 0.6)
 _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
 
-def markers(newest: Mapping[str, Result], wheels: Mapping[str, Wheel], frame: str) -> MarkerArray:
+def markers(newest: Iterable[Result], frame: str) -> MarkerArray:
     """A column under each wheel, ten times as high as it is deep, with its sinkage in words.
 
-    newest: results by wheel; those without a place are left out. frame: of the odometry.
+    newest: a result of each wheel, always in one order, by which markers are numbered; one without a
+    place has none. frame: of the odometry.
     """
     array = MarkerArray()
-    for i, (name, wheel) in enumerate(wheels.items()):
-        result = newest.get(name)
-        if result is not None and result.instant.place is not None:
-            array.markers.extend(_of_wheel(i, result, wheel, frame))
+    for i, result in enumerate(newest):
+        array.markers.extend(_of_wheel(i, result, frame))
     return array
 
 
@@ -39,11 +37,10 @@ def deletion() -> MarkerArray:
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
-def _of_wheel(number: int, result: Result, wheel: Wheel, frame: str) -> Iterator[Marker]:
-    mobility, place = result.mobility, result.instant.place
-    assert place is not None
+def _of_wheel(number: int, result: Result, frame: str) -> Iterator[Marker]:
+    mobility, place, wheel = result.mobility, result.instant.place, result.instant.wheel
     depth = mobility.sinkage_measured or mobility.sinkage_predicted
-    if depth is None:
+    if place is None or depth is None:
         return
     margin = mobility.forces.margin if mobility.forces is not None else None
     for namespace, kind in (

@@ -11,6 +11,7 @@ import gc
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -43,7 +44,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._session: Session | None = None
         self.problem = ""  # why it could not be configured, or is no more
-        self._table = NodeParameters(self, self._check, self._apply)
+        self._table = NodeParameters(self, partial(check_topics, self), self._apply)
         for text in self._table.unknown:
             self.get_logger().warning(text)
         self._description = RobotDescription(self, self._table)
@@ -157,9 +158,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             return response
 
     # --- Parameters and services
-
-    def _check(self, settings: NodeSettings) -> None:
-        check_topics(self, settings)
 
     def _apply(self, settings: NodeSettings, changes: str) -> None:
         """Go by parameters that were changed while they are in use; they have been checked."""

@@ -9,12 +9,12 @@ from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from visualization_msgs.msg import MarkerArray
 
+from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
-from smallwheel_ros.onboard.onboard import Onboard, Result
-from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.assessment import Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import mobility_message, soil_message
 from smallwheel_ros.ros.cost_publisher import CostPublisher
@@ -35,15 +35,14 @@ Report = Callable[[str, str, str], None]
 class Outputs:
     """The publishers of a configured node; `destroy` them in the end.
 
-    newest: each wheel's newest result. cost: the cost map.
+    settings: of the cost map. newest: each wheel's newest result. cost: the cost map.
     """
 
-    def __init__(self, node: LifecycleNode, settings: NodeSettings, report: Report) -> None:
+    def __init__(self, node: LifecycleNode, settings: CostSettings, report: Report) -> None:
         self._node = node
         self._report = report
         self._publishers: list[LifecyclePublisher] = []
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
-        self._wheels = _wheels(settings)
         self.newest: dict[str, Result] = {}
         self._soil_sent: int | None = None
         self._soil_waits: Result | None = None
@@ -51,7 +50,7 @@ class Outputs:
             self._mobility, self._soil, self._markers, self._cost = (
                 self._publisher(topic) for topic in OUTPUTS
             )
-            self.cost = CostPublisher(settings.cost, self._cost, report)
+            self.cost = CostPublisher(settings, self._cost, report)
         except Exception:
             self.destroy()
             raise
@@ -88,11 +87,6 @@ class Outputs:
                     text = f"a subscriber asks for QoS that is not offered, and gets nothing: {why}"
                     self._report(topic, "incompatible_qos", text)
         self._deaf = deaf
-
-    def apply(self, settings: NodeSettings) -> bool:
-        """Go on with other settings; return whether the cost map starts over because of them."""
-        self._wheels = _wheels(settings)
-        return self.cost.apply(settings.cost)
 
     def start_over(self) -> None:
         """Forget what was published: the soil is another one, or time has gone back."""
@@ -138,13 +132,9 @@ class Outputs:
     def publish_markers(self, frame: str) -> None:
         """Publish the markers if anybody looks at them."""
         if self.newest and self._markers.get_subscription_count():
-            self._markers.publish(markers(self.newest, self._wheels, frame))
+            self._markers.publish(markers(self.newest.values(), frame))
 
     def delete_markers(self) -> None:
         """Take the markers away that were published."""
         if self._markers.is_activated:
             self._markers.publish(deletion())
-
-
-def _wheels(settings: NodeSettings) -> dict[str, Wheel]:
-    return {wheel.name: wheel for wheel in settings.onboard.wheels}

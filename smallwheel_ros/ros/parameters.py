@@ -19,6 +19,7 @@ from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
+    StartingModels,
     read_models,
     settings_from,
     unknown_parameters,
@@ -26,7 +27,6 @@ from smallwheel_ros.onboard.parameters import (
 )
 from smallwheel_ros.onboard.robot_description import silent_parameters
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.onboard.starting_model import StartingModels
 from smallwheel_ros.ros.qos import OVERRIDES
 
 # Where the velocity sensor is and looks: tf may say so where nothing is given.
@@ -58,7 +58,7 @@ class NodeParameters:
     def __init__(
         self,
         node: Node,
-        check: Callable[[NodeSettings], None],
+        check: Callable[[NodeSettings], object],
         apply: Callable[[NodeSettings, str], None],
     ) -> None:
         self._node = node

@@ -14,8 +14,9 @@ from rclpy.clock import Clock
 from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import Feed, Topic
-from smallwheel_ros.onboard.onboard import Onboard, Result
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import NodeSettings
@@ -127,7 +128,7 @@ class Session:
         self._alarm = ""  # the newest, in words
         self._last_arrival = time.monotonic()
         self._go_by(Feed(self._onboard, settings))
-        self._outputs = Outputs(node, settings, self._report)
+        self._outputs = Outputs(node, settings.cost, self._report)
 
     @property
     def active(self) -> bool:
@@ -177,7 +178,7 @@ class Session:
         if before.soil_file != settings.soil_file:
             self._soil_file = SoilFile(settings.soil_file)
         self._go_by(Feed(self._onboard, settings, self._feed.odometry_frame))
-        if self._outputs.apply(settings):
+        if self._outputs.cost.apply(settings.cost):
             words.append("the cost map starts over")
         if self.active and before.cost.period != settings.cost.period:
             self._stop_timers()
