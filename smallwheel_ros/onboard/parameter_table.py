@@ -192,6 +192,9 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     number("load_scale_std", _ESTIMATOR.load_scale_std, "1", 0.0, 1.0): (
         "Standard deviation of the scale of the load cells, all together."
     ),
+    number("load_zero_std", _ESTIMATOR.load_zero_std, "1", 0.0, 1.0): (
+        "Standard deviation of the zero of the load cells, as a share of a wheel's usual load."
+    ),
     number("delay_std", _ESTIMATOR.delay_std, "s", 0.0, 1.0): (
         "Standard deviation of the time by which sinkage is shown behind the load."
     ),

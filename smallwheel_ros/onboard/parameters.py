@@ -215,7 +215,7 @@ def _onboard(
         value = getattr(start, n) if v[f"soil.{n}"] is None else v[f"soil.{n}"]
         strength[n] = Quantity(value, v[f"soil.{n}_std"])
     static = _static_loads(v, wheels)
-    sensors = ("sinkage_zero_std", "pass_std", "load_scale_std", "delay_std")
+    sensors = ("sinkage_zero_std", "pass_std", "load_scale_std", "load_zero_std", "delay_std")
     estimator = {name: v[name] for name in sensors} | {"sinkage_std": v["noise.sinkage"]}
     if static:
         # What is wrong with a load that nobody measures stays wrong as long as slope and curve do:
