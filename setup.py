@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Installation by pip, without ROS: the library and the command `smallwheel`.
 
 Everything that can be said in pyproject.toml is there. With ROS, CMakeLists.txt installs.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of measurements from the truth simulator, made as a world of `worlds.py` asks for them.
 
 A world has two parts from one truth: part 0 is the table to diagnose, part 1 holds fresh runs. Soil,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated drives as the estimator gets them: benchmarks and tests share it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rates of the diagnosis from single trials, as tables in Markdown."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Swept runs: curves of plates and pressed wheels, and time series; the rows of a run are no repeats.
 
 Each is sampled at four densities from the same underlying runs: fewer rows are a selection of more.

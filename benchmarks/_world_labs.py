@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigs that are not the simulator's own: what a lab does, what drifts, what responds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What cost is worth: how often vehicles are stuck where the map says so, and on paths planned over it.
 
     python benchmarks/cost_planning.py --drives 300 --fields 300

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cost map: a grid of terrain classes turned into a grid of costs.
 
 Limit: one numpy table lookup over the same cells. Target: at most 3 times that.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a diagnosis costs: processor time on one core, by table.
 
     python benchmarks/diagnosis_cost.py

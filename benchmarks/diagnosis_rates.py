@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often the diagnosis is right: rates over worlds whose answer is known, as a table for docs/.
 
     python benchmarks/diagnosis_rates.py --worlds 'soil/*,fault/*' --seeds 0:10 --jobs 2 \

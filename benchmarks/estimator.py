@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimator's speed: how many times faster than real time six wheels at 100 Hz are worked off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often `smallwheel learn` is right over the worlds of `learn_worlds.py`.
 
     PYTHONPATH=. python benchmarks/learn_rates.py --worlds tanh_slip,multipass --seeds 0:5

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worlds that hide a law from `smallwheel learn`, with a truth of their own.
 
 The truth shares no code with the model: the load that a wheel's front arc carries is a sum over

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Margin over the soil's stiffness, for three friction angles: docs/images/margin.png."""
 
 from __future__ import annotations

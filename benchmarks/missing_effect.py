@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A drive with hidden slip-sinkage through the estimator: the alarm, and the effect added.
 
     python benchmarks/missing_effect.py [--seed N] [--picture FILE]

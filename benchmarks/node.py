@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node over DDS: latency from sinkage in to mobility out, and how much it keeps up with.
 
     python benchmarks/node.py [--rounds N] [--wheels W] [--rate HZ]

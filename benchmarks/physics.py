@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast the physics is, against what it cannot beat and against the usual way.
 
     python benchmarks/physics.py [--json FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replay with tables against real time; memory over the bag's length.
 
     python benchmarks/replay.py [--repeats 3] [--long 1000000]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives through `robot_worlds`: what is true, and what the sensors show of it.
 
 The truth is a contact integral of its own (`simulate.truth`, quadrature), with ground, ruts, digging

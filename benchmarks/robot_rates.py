@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often is the estimator right on robots as they are? Rates over the worlds of `robot_worlds`.
 
     python benchmarks/robot_rates.py --seeds 0:12 --jobs 2 --scores out/scores.jsonl

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How right the estimator is on a drive of `robot_drives`: at every place of it, not only at its end."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worlds for the robot half: ground and sensors with the faults that robots have.
 
 A world is one structure; a seed draws its soil, its ground and its noise.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pull, margin, cost and warnings against the truth over the worlds of `traction_worlds`."""
 
 from __future__ import annotations

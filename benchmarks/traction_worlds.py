@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worlds for strength, grip and risk: slippery patches, slopes, firm and soft ground.
 
 The truth integrates shear stress along the arc with Wong and Reece's displacement (1967), so that a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worlds to try the diagnosis on: tables whose answer is known, of structurally different kinds.
 
     table, expected = WORLDS["soil/slip_sinkage"](seed)

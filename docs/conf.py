@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How Sphinx makes the site from the pages beside this file: `make docs`."""
 
 from __future__ import annotations

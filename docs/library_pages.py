@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes the pages of the library, one for each package, from the modules that there are.
 
 Each module is a section that autodoc fills from its docstrings.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Formulas as MathML, which browsers draw themselves: no script, no network, legible to screen readers."""
 
 from __future__ import annotations

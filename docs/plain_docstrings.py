@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Docstrings here are plain text for people, with NumPy's sections: this makes reStructuredText of them.
 
 Otherwise an absolute value `|slip|` is a substitution, and lines of formulas run into one another.

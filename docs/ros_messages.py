@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The directive `message NAME`: a message of this package, from its definition in msg/."""
 
 from __future__ import annotations

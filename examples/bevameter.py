@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write what a bevameter would measure of one soil: `python examples/bevameter.py FOLDER`.
 
 plates.csv (three round plates, three runs each), wheel.csv (a wheel pressed into the same soil) and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a planner is told after a drive: the cost grid of the node, made without ROS.
 
     .venv/bin/python examples/cost_map.py [BAG --config ROVER.yaml] [-o out/cost_map.png]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded indentation trial through the node, next to direct fits of the same trial.
 
     .venv/bin/python examples/press_trial.py FOLDER [-o out/press_trial]

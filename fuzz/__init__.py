@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inputs that nobody intended, by the hundred thousand: `make fuzz`."""

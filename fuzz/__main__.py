@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fuzz every way in: `python -m fuzz [--inputs N] [--minutes M] [TARGET ...]`.
 
 Inputs are mutations of valid ones, made and shrunk by hypothesis; those that failed are kept in

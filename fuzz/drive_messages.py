@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A short drive of one wheel with every kind of input, as messages, for the fuzzing of topics."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is fuzzed: each target takes bytes that nobody intended, and may refuse them in words only.
 
 A target has seeds (valid inputs, from which mutations begin), words that mean something to it, and

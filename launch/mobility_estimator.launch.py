@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node with a parameter file.
 
     ros2 launch smallwheel_ros mobility_estimator.launch.py params_file:=rover.yaml

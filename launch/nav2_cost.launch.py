@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node, and Nav2's server that leads both costmaps to its grid.
 
     ros2 launch smallwheel_ros nav2_cost.launch.py params_file:=rover.yaml

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded drive through the node: the node by the bag's clock, and the bag played.
 
     ros2 launch smallwheel_ros replay.launch.py bag:=drive params_file:=rover.yaml

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Terramechanics of small wheels for ROS 2: model, diagnosis, estimator and node.
 
     import smallwheel_ros as sw

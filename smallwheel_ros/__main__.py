@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m smallwheel_ros` is the command `smallwheel`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The functions of `import smallwheel_ros as sw`; the commands of the same names print what they return.
 
 Wherever data is asked for, a path, a DataFrame of pandas or what `read` returned will do; wherever a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What users may give to a public function, and what the library makes of it."""
 
 from __future__ import annotations

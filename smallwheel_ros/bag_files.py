@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a bag is on disk, its messages as values, and the error that names it. Free of rosbags."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `smallwheel`: one group, its commands imported only when they are used."""
 
 from __future__ import annotations

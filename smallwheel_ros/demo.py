@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo: a simulated drive played over DDS into the node; its answers, table and picture.
 
 `smallwheel demo`, `make demo` or `python -m smallwheel_ros.demo`.

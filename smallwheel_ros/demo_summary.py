@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo in words: what the node found, against what was true."""
 
 from __future__ import annotations

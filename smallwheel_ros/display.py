@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers as people read them: millimetres, degrees, three digits. Files and JSON stay in SI."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an effect does to a typical wheel, over what drives it: the numbers behind its picture."""
 
 from __future__ import annotations

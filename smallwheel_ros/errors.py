@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The base of every error that this package raises on purpose."""
 
 from __future__ import annotations

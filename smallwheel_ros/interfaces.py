@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Definitions of this package's ROS messages, readable without ROS.
 
 There is one copy of the ``.msg`` files in the source, in ``msg/``, from which rosidl generates the

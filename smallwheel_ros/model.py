@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A model of wheel and soil: soils, a geometry rule, and effects, composed with `+`.
 
 model = Model("dry_sand") + SlipSinkage(a=1.2)

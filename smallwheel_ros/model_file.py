@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Model files: the one reader and the one writer of them.
 
 A model file is YAML for people: soils, geometry rule, effects with their parameters, the joint

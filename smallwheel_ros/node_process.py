@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start the node in a process of its own, for demo, examples and tests; needs ROS only there."""
 
 from __future__ import annotations

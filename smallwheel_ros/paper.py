@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The numbers that the paper prints, computed again, and what of them reproduces.
 
 Meirion-Griffith and Spenko 2011, "A modified pressure-sinkage model for small, rigid wheels on

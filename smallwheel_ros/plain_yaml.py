@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one way in which YAML is read and written: text means to this package what a person reads.
 
 YAML 1.1 takes 010 for 8, 1:30 for 90 and 1_000 for 1000; tags make objects, aliases let 500 bytes

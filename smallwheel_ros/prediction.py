@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One wheel, or a grid of settings, on one soil: the function behind `smallwheel predict`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers as people type them on a command line: `60`, `20:140:10`, `0.1,0.2`, `17 cm`."""
 
 from __future__ import annotations

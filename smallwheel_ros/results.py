@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all results have in common: words for people, plain values and tables for programs, files.
 
 A result is what a function of `smallwheel_ros` returns and what the command of that name prints:

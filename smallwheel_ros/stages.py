@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects called stage by stage, with what goes for all of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ctrl-C and SIGTERM as a wish to stop, which whoever works looks at between two messages."""
 
 from __future__ import annotations

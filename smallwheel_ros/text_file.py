@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a small text file whole, and nothing but a file: a device or a pipe would never end."""
 
 from __future__ import annotations

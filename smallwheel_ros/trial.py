@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Turn a recorded indentation trial into a bag that the node understands.
 
 A trial is what a rig records while it presses a wheel straight into the soil: a bag with the force

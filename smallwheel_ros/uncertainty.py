@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Predictions with standard deviations, from the covariance of a model's parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of every kind for tests: compressed, split, of ROS 1, with types that nobody knows."""
 
 from __future__ import annotations

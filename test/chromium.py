@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A real browser for tests of pages: headless Chromium, told what to do through its debugging pipe."""
 
 from __future__ import annotations

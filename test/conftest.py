@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fixtures that tests share: recorded data that is not in the repository, and a ROS of one's own.
 
 Mark a test that talks over DDS with ``@pytest.mark.dds``: it then has a ROS domain that no other

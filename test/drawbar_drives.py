@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of a rover whose load cells measure drawbar pull as well."""
 
 from __future__ import annotations

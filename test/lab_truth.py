@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A lab that knows its soil: plates, a pressed wheel and shear tests, by formulas of their own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: E501
 """Tables as labs have them: one experiment, written by people and programs of three countries.
 

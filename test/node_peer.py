@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The other side of the node in tests: publishes and listens in the test's own process."""
 
 from __future__ import annotations

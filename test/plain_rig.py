@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wheel in a power-law soil by quadrature and root finding: a truth that shares no code with a model.
 
 W = b k D^m * integral of z(x)^n over the front of the contact,   R = b k D^m z^(n + 1) / (n + 1)

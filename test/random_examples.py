@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How many random examples a test tries: few in the fast tests, many in the slow ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pipeline with a method for each kind of reading, for tests that give numbers and no messages."""
 
 from __future__ import annotations

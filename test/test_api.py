@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`import smallwheel_ros as sw`: what the functions return, and that the commands print the same."""
 
 from __future__ import annotations

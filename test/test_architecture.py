@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/architecture.md shows the way of one message as it is: traced, not told.
 
 `PYTHONPATH=. python test/test_architecture.py` writes it anew.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags that are made to cost memory or time, or to lie about their types: one message for each."""
 
 from __future__ import annotations

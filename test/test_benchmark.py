@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The measured benchmark: which laws are held against what, and that ours may lose."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """At a border of two soils, each wheel's mobility and the cost under it are those of its own soil."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands predict, effects and paper, and the group that holds all commands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows that a wheel is exposed to."""
 
 from __future__ import annotations

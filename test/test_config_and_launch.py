@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shipped configuration and launch files: what can be checked of them without Nav2, RViz, launch."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The contact integral against independent references: mpmath, and scipy's quad with brentq."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the node's grid is sent: on change, again after a while, and after a correction by tf."""
 
 from __future__ import annotations

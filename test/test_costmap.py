@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cost of ground: the cost function, the crossed ground, terrain classes, and all of it together."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What counts as evidence: runs and not rows, every channel for itself, and one verdict for all commands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The script that counts how often the diagnosis is right, and (slow) rates that it must keep."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The verdict of a diagnosis: one table for each, faults of instruments, and what the document holds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The alarm that a wheel digs itself in."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of constants in docs/diagnosis.md is that of the code. Run as a script, it is made anew."""
 
 from __future__ import annotations

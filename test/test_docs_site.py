@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pages of docs/ hang together, and what they draw and list is what the code has."""
 
 from __future__ import annotations

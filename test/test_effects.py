@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each effect's law by numbers worked out by hand, and what holds for all of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an effect says of itself: drivers, side, where it never acts, the next step to take."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What docs/ says of effects is true: the tables, and the example of one's own."""
 
 from __future__ import annotations

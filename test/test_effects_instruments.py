@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of instruments: what each makes of a prediction, and what it leaves as it is."""
 
 from __future__ import annotations

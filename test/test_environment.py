@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`make env`: what is missing is said in one sentence, before anything is downloaded or made."""
 
 from __future__ import annotations

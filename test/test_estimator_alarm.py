@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The alarm that an effect is missing, on drives whose truth has it in another form."""
 
 from __future__ import annotations

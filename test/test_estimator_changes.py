@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes of soil, gross outliers and gaps, on simulated drives."""
 
 from __future__ import annotations

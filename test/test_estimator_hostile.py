@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever comes in: no exception, no NaN, a covariance that is one."""
 
 from __future__ import annotations

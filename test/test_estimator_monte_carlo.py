@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Is the estimator as sure as it may be? Over many soils drawn from the prior, with known sensors.
 
 Errors may be smaller than stated, since faults are allowed for that the data does not show; they may

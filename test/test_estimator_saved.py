@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Saving the estimate and going on from it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is determined of the soil, and by what; wheels that are pressed down; the model's forces."""
 
 from __future__ import annotations

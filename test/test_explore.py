@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel explore`: the session, its server over real HTTP, and the page in a real browser."""
 
 from __future__ import annotations

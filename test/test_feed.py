@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From messages to the estimate: each way of input, with real messages (those of bags)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deviations of fitted numbers: right size, right units, and not moved by what should not move them."""
 
 from __future__ import annotations

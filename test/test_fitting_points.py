@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a fit takes from a table: points, not rows."""
 
 from __future__ import annotations

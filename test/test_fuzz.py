@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each way in takes inputs that nobody intended, or refuses them in words (all of it: `make fuzz`)."""
 
 from __future__ import annotations

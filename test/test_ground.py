@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From results to the cost of the ground, and how the filter's health is judged."""
 
 from __future__ import annotations

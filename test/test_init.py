@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel init`: what it finds in a bag or a robot description, and what it leaves to people."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Killed at each step of writing: what was there is whole, old or new, and the next try succeeds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plates: the model's k, n, m, Bekker's and Reece's constants, and plates that disagree with wheels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables that a lab types: pressure, rectangles, compliance, curves, shear; and what is wrong there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shear tests: cohesion, friction angle, shear modulus, and what the curves cannot tell."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The soil's law and the sensors' faults in one state: h with its Jacobian, and the filters on it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A law that the library lacks: drafted where the data can tell, and refused where it cannot."""
 
 from __future__ import annotations

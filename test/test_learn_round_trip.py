@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a table that no known effect explains to a node whose alarm falls silent: `learn` in its place."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one table of columns: units, ranges, and which columns the wheel answers with."""
 
 from __future__ import annotations

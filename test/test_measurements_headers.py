@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stands above a column, as people write it, and what it is."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that ask for more than a table needs: refused by name, and before the memory is taken."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables as outsiders have them: they read as what was measured, or say everything that is wrong."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What holds for any table and any bytes."""
 
 from __future__ import annotations

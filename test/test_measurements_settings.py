@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which rows share a setting, and which are repeats of one run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models composed of effects, and what any model must do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Model files: exact round trips, and refusals that say what is wrong where."""
 
 from __future__ import annotations

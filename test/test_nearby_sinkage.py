@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The slopes that the missing-effect test goes by, against the model itself."""
 
 from __future__ import annotations

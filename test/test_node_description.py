@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that takes what its parameters do not give from /robot_description, over DDS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's documentation: every reason is explained, every command of the first steps runs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node over real DDS: a bag through it, against the library called directly."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's other ways of input, changes of parameters and restarts, over real DDS."""
 
 from __future__ import annotations

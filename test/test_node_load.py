@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node under load: six wheels at 200 Hz for ten minutes, nothing lost, flat memory.
 
 Messages go at the pace of their stamps; where the node cannot keep up, the sender holds back while

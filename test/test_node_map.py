@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's cost map, markers and services over real DDS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nothing that comes over ROS or from a file ends the node, runs code, or leaves it half changed."""
 
 from __future__ import annotations

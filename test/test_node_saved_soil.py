@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The soil is saved, and the node goes on from it after it was killed; the alarm that calls for it."""
 
 from __future__ import annotations

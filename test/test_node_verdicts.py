@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the measurements determine of the soil, in words: in the log and in diagnostics, over DDS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The notebook of examples/ runs, cell by cell; `PYTHONPATH=. python test/test_notebook.py` writes it anew.
 
 Its cells are run as IPython would: what the last line of a cell gives is shown, and so are the figures. That

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where results are written: whole or not at all, and never in the place of a device or a link."""
 
 from __future__ import annotations

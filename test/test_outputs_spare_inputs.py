@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No command writes over what it reads, or computes for long and then cannot write."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The package as it is installed: versions, messages, executables, each kind of installation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pages in a real browser: they answer to mouse and keyboard, ask for nothing, and can be read."""
 
 from __future__ import annotations

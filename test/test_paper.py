@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's printed numbers: what reproduces, and that the verdicts are earned."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one reader of YAML: what is no plain text of names and decimal numbers is refused by line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ranges, tables of predictions, and the soil that is chosen from a model."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which effects there are: the folder's, a user's file's, an installed package's."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A drive whose end is a wheel that digs itself in: what the replay says of it, everywhere."""
 
 from __future__ import annotations

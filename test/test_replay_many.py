@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many bags, interruptions, a full disk, a cluster."""
 
 from __future__ import annotations

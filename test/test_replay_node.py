@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replay against the node over real DDS, on the same bag with the same parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pass numbers: from the places of wheels on known paths."""
 
 from __future__ import annotations

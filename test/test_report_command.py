@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel report`: the page and the JSON are there whole, or one message is."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot description fills, and what is said of what it cannot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One drive through each world of faults that robots have, and in the slow suite many of each.
 
 The truth is a contact integral of its own, with ground, ruts and sensors of `benchmarks.robot_worlds`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readings of a wheel on one stretch of its path become one measurement."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closed form, plates and layered soils."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Soils: the library, their domains, and the numbers that data determines."""
 
 from __future__ import annotations

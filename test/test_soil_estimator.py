@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the estimator does with one measurement: order, refusals, counts, predictions."""
 
 from __future__ import annotations

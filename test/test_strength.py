@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strength and grip from balance, torque and drawbar pull, in worlds whose thrust is another law."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compaction resistance, and thrust in both forms."""
 
 from __future__ import annotations

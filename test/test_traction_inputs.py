@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tells of strength, from messages: mass, imu, slope of the odometry, effort of the joints."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tutorials print what they say. `PYTHONPATH=. python test/test_tutorials.py [PAGE]` writes it anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Standard deviations of predictions, against sampling."""
 
 from __future__ import annotations

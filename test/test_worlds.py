@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The worlds that the rates of the diagnosis are counted over: what they hold is what they say."""
 
 from __future__ import annotations

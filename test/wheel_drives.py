@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wheel rolled over dry sand by a contact integral that is not the estimator's: its readings."""
 
 from __future__ import annotations

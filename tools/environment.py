@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Make the environment that `make test` and `make demo` run in, once; quick when it is there.
 
 This file checks the Python that runs it, so its syntax must stay readable by any Python.

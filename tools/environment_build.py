@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steps that make the environment: virtual environment, wheels, patched CMake files, messages.
 
 ``.venv`` becomes a complete ROS prefix with this package in it. ``.venv/smallwheel.json`` says

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the environment needs of the machine, checked before anything is downloaded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Curves of the theory, computed by the library."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Make the drawings of docs, as SVG: `PYTHONPATH=. python docs/drawings/draw.py`.
 
 The same bytes each time; text stays text; the background is transparent and the ink half-dark, so that

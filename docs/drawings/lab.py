@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tests of a lab: plates, bevameter, shear, a pressed wheel, lugs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawings of a wheel and a plate: names of lengths, angles and forces, and where each effect acts."""
 
 from __future__ import annotations

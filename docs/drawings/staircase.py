@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The moving picture of README.md: errors on the real rig as one effect after the other is added.
 
     python docs/drawings/staircase.py FOLDER     # with indentation.csv and rolling_smooth_wheel.csv

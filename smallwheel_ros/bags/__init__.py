@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read and write bags: rosbag2 (mcap, sqlite3) and ROS 1.
 
 No ROS installation is needed. A bag brings its own message definitions; where it does not, those of

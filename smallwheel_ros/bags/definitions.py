@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message types as a bag defines them: understood within limits, and compared with those known here.
 
 rosbags makes Python code of definitions. One that contains itself, or that has a billion fields, would

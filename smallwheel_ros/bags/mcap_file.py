@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An mcap file, whole or damaged, by the package mcap.
 
 Chunk by chunk, in the order of the index where there is one, else as they follow each other.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read bags: rosbag2 (mcap, sqlite3) and ROS 1, whole or, where asked, damaged."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag of ROS 1, by rosbags. One that is cut off has no index, and nothing of it can be read."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An sqlite3 file of rosbag2, whole or damaged, by SQLite itself: rosbags opens only whole ones."""
 
 from __future__ import annotations

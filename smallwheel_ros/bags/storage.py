@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What one storage file of a bag gives, whatever its format."""
 
 from __future__ import annotations

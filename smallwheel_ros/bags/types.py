@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The message types that this package knows, and qualities of service, as rosbags has them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decompression that knows when to stop: a few kilobytes can be made to unpack to gigabytes."""
 
 from __future__ import annotations

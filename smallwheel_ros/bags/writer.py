@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write rosbag2 bags: whole or not at all."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All data sets of a folder under all laws: `benchmark(folder)`, and what it finds.
 
 A data set is a folder with a licence file (LICENSE, LICENCE or COPYING) and tables beside it: without a
@@ -22,6 +23,7 @@ from smallwheel_ros.tables import text_table
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
 _TABLES = (".csv", ".tsv", ".xlsx", ".ods", ".parquet")
+# The first is everybody's: it is no loss, and no win.
 _OURS = (ONE_SIZE, INTEGRAL, FOUND, "Meirion-Griffith & Spenko")
 
 
@@ -63,7 +65,7 @@ class Benchmark(Result):
 
     def headline(self) -> str:
         """How many tables, and how often a form of the law of Meirion-Griffith & Spenko is best."""
-        first = sum(errors.best.law in _OURS for errors in self.tasks)
+        first = sum(errors.best.law in _OURS[1:] for errors in self.tasks)
         return (
             f"{self.folder}: {len(self.tasks)} sets of rows; a form of Meirion-Griffith & Spenko's law "
             f"has the least error on {first} of them"

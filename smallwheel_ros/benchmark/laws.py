@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of the laws on parts that they were not fitted to.
 
 Each law of size is fitted to the runs of the other parts, wheels by the closed form. Besides them: the

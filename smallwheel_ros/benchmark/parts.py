@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is left out in turn: one size of a plate, one level of slip, or one run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel fit`, `compare`, `diagnose` and `add`: options, and the functions of those names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel benchmark`: the laws of sinkage on data that anybody may have."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands `demo`, `play` and `convert-trial`."""
 
 from __future__ import annotations

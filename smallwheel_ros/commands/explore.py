@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel explore`: a local page to set and unset effects in."""
 
 from __future__ import annotations

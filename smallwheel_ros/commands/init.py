@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel init`: a parameter file to start from."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the bench's commands have in common: options, the table, progress, and how a result is shown."""
 
 from __future__ import annotations

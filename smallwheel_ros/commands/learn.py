@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel learn`: options, and the function of that name."""
 
 from __future__ import annotations

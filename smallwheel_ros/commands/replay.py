@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel replay`: a thin shell over the folder replay/."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`smallwheel report`: the whole story of a table in one page."""
 
 from __future__ import annotations

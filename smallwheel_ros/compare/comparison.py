@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models against measurements: error held out and in sample, by channel, soil, wheel and condition.
 
 comparison = compare(read_measurements("rig.csv"))

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The models that a comparison sets side by side."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A comparison as a JSON document, in SI units; null where there is no number.
 
     {"schema": 1,

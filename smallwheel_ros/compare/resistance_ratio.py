@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Resistance over load against sqrt(sinkage / diameter): a check that is free of k and m."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each model of a comparison says of the measurements: fitted and held out, or as it stands."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cost of ground for a planner, from what wheels have found in it; without ROS."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck.
 
 The margin is net traction over load at the reference slip: the tangent of the slope that is held.

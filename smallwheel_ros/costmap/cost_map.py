@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cost map: the ground that was crossed, and terrain classes where a classifier gives them.
 
 map = CostMap(CostSettings())

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ground that the wheels have crossed: a window of cells that goes along with the robot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A grid of square cells on the ground, as nav_msgs/OccupancyGrid has it."""
 
 from __future__ import annotations

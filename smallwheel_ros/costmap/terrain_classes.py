@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the wheels have found on each terrain class, spread over all cells of that class.
 
 A place of a class that has not been crossed is taken for one more draw from the places that have

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Add one effect to a model, and say what that does to the held-out error."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A law that could be missing, and a fitted model with some of them; how one is made from another."""
 
 from __future__ import annotations

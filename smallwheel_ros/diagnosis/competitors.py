@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who competes: every effect of the library, errors of instruments, and curves without a name.
 
 Each has a prior for its strength, so that all are on an equal footing:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is missing and has no name: a smooth of one setting at one stage of the model.
 
     ln factor = sum over j of c_j P_j(x),  c_j ~ N(0, s_j^2)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The diagnosis as plain values, by contract: what is written as JSON."""
 
 from __future__ import annotations

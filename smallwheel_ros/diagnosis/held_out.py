@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Held-out errors of a diagnosis: what is named is chosen again in each fold."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What to measure next: the runs at which two rival models, each fitted to all that there is, differ most.
 
 For a setting x the rivals predict f_A(x) and f_B(x). With r runs there, the difference is seen against

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The diagnosis from measurements to document; each step is in a module of its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a model leaves: where it fails, and what the best explanation leaves over each part of the data.
 
 Both look at errors relative to the size of a value, with the run as the unit of evidence.

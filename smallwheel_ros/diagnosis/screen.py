@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linearised evidence of every competitor at one fit, for one or many data sets at once.
 
 At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (what its prior's

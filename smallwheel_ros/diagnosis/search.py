@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The posterior over which effects are missing: models of up to four competitors, by their evidence.
 
     P(S) proportional to Z(S) * product over S of (prior odds)

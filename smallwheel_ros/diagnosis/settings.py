@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which settings of a table an effect can follow: those that were varied, and not as answers to others."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The diagnosis in words, made from its document."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The verdict: what the posterior over models lets one say.
 
 - A family that is in the models of at least `NAMED` of the probability is named.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physical effects that a model may lack, one file each; see `base` for how they act.
 
     effects["slip_sinkage"], effects.slip_sinkage, effects.SlipSinkage    the default form, a class

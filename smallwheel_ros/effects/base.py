@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a physical effect is, and the one class that each effect's file derives from.
 
 An effect is a small frozen dataclass: its fields are its numbers, its methods are the places at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """bulldozing: soil pushed ahead of the wheel resists; sinkage does not show it.
 
 Cohesion and friction angle are those of the model's soil. Published forms differ 10 to 70 times at

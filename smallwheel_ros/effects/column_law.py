@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """k as a function of one recorded column: what `moisture` and `covariate:NAME` share."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """contact_geometry: the exact contact integral in place of the paper's closed form (eq. 10).
 
 A rule, not a number: adding it to a model sets the model's geometry.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What laws that `smallwheel learn` drafts have in common; none of them is in here.
 
 A drafted law is a file of its own, an effect as any other user's. It knows the data that it was

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """elastic_rebound: soil comes up again behind the wheel; the rut is shallower than the wheel was.
 
 What the soil that rises gives back to the wheel is not modelled: no source was found for it. Seen

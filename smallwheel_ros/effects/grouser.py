@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """grouser: lugs of height h dig where they slip, reach deeper, and pull more."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """hardpan: a hard layer below makes pressure rise faster than the power law."""
 
 from __future__ import annotations

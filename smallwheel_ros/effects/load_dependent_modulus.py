@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """load_dependent_modulus: the soil's modulus under a heavier wheel is another.
 
 With sinkage alone this is exactly aliased with n and with a law of width; resistance, or a plate

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """load_gain: the load cell shows a constant share too much or too little."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """load_offset: the load cell's zero is off.
 
 What it shows is at least a twentieth load (see `_LEAST_SHARE`): a zero error as large as the reading

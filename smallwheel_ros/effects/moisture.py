@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """moisture: the soil's modulus depends on its water content.
 
 A covariate of the run rather than the row: it takes at least 8 runs with different values.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """multipass: wheels that follow in a rut meet soil that others have changed.
 
 In the first forms sinkage is the depth of the rut below the untouched surface after pass N; in

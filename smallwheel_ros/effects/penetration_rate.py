@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """penetration_rate: soil that is loaded faster is stiffer.
 
 Over 0.01 to 0.5 m/s this is 0 to 8 % of the sinkage in sand: often less than data can show.

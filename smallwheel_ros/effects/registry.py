@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which effects there are: those of this folder, of installed packages, and of files given by hand.
 
 Nothing here is a list: a file added to the folder is found. Loading a file runs it, so that only

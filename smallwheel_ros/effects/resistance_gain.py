@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """resistance_gain: the instrument that measures resistance shows a constant share too much."""
 
 from __future__ import annotations

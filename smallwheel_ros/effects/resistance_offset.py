@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """resistance_offset: the zero of the instrument that measures resistance is off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """rig_friction: bearings, guides and cables of the rig resist, and the resistance shows it.
 
 It is in what the instrument shows only: what soil and wheel pull (drawbar pull) does not have it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sinkage_gain: the instrument that measures sinkage shows a constant share too much or too little."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sinkage_offset: the zero of the instrument that measures sinkage is off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """skid_sinkage: a braked wheel that skids ploughs itself in.
 
 Kept apart from slip_sinkage: that the same law holds for both signs has no evidence.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """slip_angle_sinkage: a wheel that travels at an angle to its plane ploughs in sideways."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """slip_resistance: the measured resistance follows slip, while the sinkage does not.
 
 No law of soil does that: what digs shows in the sinkage. A rig does where part of the wheel's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """slip_sinkage: a driven wheel that slips digs itself in.
 
 Whether soil that the wheel dug away also costs compaction work is not settled: in the forms named

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """slope: on a slope less load presses on the soil, and the rest pulls downhill.
 
 Known physics: a model applies it wherever the conditions have a slope.

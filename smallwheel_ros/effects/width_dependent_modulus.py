@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """width_dependent_modulus: the soil's modulus under a narrower wheel is another.
 
 Two-sided: published values of kc are negative, too. For a round plate the width is its radius, as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The soil as it is believed, in the terms of the field; what is determined of it, and what cannot be."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The soil's law from segments: a bank of iterated Kalman filters (filterpy) over `law_model`'s x.
 
     predict   x <- x0 + a (x - x0),  P <- a P a + Q  for u, n', m, with the distance ds travelled:

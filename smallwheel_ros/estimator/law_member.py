@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One iterated extended Kalman filter of the soil's law: what `law_filter`'s bank is made of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What sensors show of the soil's law: the state, and the measurement model h with its Jacobian H.
 
 State x, all but m as the sensors show it:

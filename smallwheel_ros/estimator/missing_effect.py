@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The alarm that physics is missing: what the estimator's errors follow, tested as it drives.
 
 A filter can hide a missing effect: it bends k and n, or takes each slippery place for another soil.

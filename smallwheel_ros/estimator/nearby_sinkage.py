@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sinkage of many wheels in models near to one that has been solved, by its slopes.
 
 A score test asks how sinkage changes when n, m or an effect's strength change a little. One

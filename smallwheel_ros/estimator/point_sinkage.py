@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sinkage of one wheel at one instant in plain floats, for what asks thousands of times a second.
 
 The same contact integral as in `contact`, which works on arrays; for one row NumPy's cost per call

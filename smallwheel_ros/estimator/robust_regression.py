@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear regression with errors by Student's t distribution: a few great errors are allowed for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimate in a file, so that a restart on the same soil goes on where it was.
 
 JSON, written whole or not at all. It holds the newest soil, and what is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much segments differ by beyond the state and the sensors, learnt from the innovations."""
 
 from __future__ import annotations

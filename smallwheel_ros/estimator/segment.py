@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readings of one wheel on one stretch of its own path become one measurement.
 
 Within a stretch as long as the soil's deviations are correlated, readings are of one piece of soil:

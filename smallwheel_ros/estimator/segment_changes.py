@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes of ln sinkage from segment to segment of each wheel: what the watch for effects looks at."""
 
 from __future__ import annotations

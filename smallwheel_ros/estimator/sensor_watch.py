@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a technician should look at: sensors that are stuck, off, late, or at odds with the others."""
 
 from __future__ import annotations

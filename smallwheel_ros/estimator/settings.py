@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the soil estimator is told before the first measurement: the prior and its settings."""
 
 from __future__ import annotations

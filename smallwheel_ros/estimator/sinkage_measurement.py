@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes into the soil estimator one by one, what comes out, and what is refused."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimator's measurement model: sinkage or resistance of one wheel, with slopes by the soil.
 
 The soil enters as s, ln of the pressure at the reference sinkage under *this* wheel, and n: sinkage

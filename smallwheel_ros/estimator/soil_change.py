@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Is this another soil? Judged on the mean of several segments, abrupt or gradual.
 
 Where the soil ends, all that comes after it is off by one and the same factor of k. Segments wait for

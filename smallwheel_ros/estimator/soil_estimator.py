@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Online estimate of the soil from measured sinkage: ROS-free, one for node and replay.
 
 estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=vehicle.wheels)

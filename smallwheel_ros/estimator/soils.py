@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The soil that the wheels came to last, the one behind its border, and those met before."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimated strength in the terms of the field, and what has determined it."""
 
 from __future__ import annotations

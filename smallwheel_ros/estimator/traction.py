@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strength and grip while driving: samples of wheels become steps of the path, steps measurements.
 
     traction = TractionEstimator(strength, wheels, mass=24.0)

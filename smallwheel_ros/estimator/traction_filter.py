@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The soil's strength and the grip at a place, from what a vehicle's wheels pull.
 
 State x, with the standard deviations of its prior:

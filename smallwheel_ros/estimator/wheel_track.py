@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wheel of the vehicle as the estimator follows it, and what is expected of its readings."""
 
 from __future__ import annotations

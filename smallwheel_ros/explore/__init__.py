@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A local page on which effects are set and unset, and everything is fitted and drawn anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a page shows of a session: its table, its effects, and each model that was fitted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pages of a diagnosis with the effects to set and unset in them."""
 
 from __future__ import annotations

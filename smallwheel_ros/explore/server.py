@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page's server: this machine only, answers what the page asks, and writes nothing."""
 
 from __future__ import annotations

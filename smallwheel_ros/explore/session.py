@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page shows, without the page: a table, its diagnosis, and fits with any of the effects."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit a model of wheel and soil to measurements: points, variance components, posterior."""
 
 from __future__ import annotations

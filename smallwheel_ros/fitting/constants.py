@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every constant of the statistical model, with its value and the reason for it.
 
 `TABLE` is what docs/diagnosis.md prints. Nothing here belongs to one effect or one verdict.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a fit to a model file and back: what is known of a soil becomes what is believed beforehand."""
 
 from __future__ import annotations

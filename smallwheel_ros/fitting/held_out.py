@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Held-out error: every row is predicted by a fit that never saw its run.
 
 The runs are dealt into folds once, for all commands alike. What is chosen (an effect, its form) is

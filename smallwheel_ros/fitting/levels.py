@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a fit starts: a coarse grid for the soil, and the size of each value, the noise's level."""
 
 from __future__ import annotations

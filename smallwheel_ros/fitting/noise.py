@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Repeatability: what rows of one point differ by, and rows that do not belong to their point.
 
     sigma^2 = absolute^2 + (relative * level)^2    by channel, from sums of squares within points

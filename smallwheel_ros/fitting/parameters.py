@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of a fit: which there are, what is known of them before, and the model they make.
 
     theta = (ln p_ref, n, m [, phi, ln K, c] of each soil; the numbers of each effect)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements as a fit sees them: points, each the mean of a steady stretch of one run.
 
 Rows of a run are no independent evidence (`runs`).

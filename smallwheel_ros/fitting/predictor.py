@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Predictions and their slopes for many parameter vectors at once, in one call of the model.
 
 The model works row by row, so the conditions are repeated once for each vector: a call costs little

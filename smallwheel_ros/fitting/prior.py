@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of a number before the data, and the numbers in which a fit takes a soil.
 
 ln p_ref is ln of the pressure at 10 mm of sinkage under a wheel of 0.2 m: k itself is the pressure at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every command starts from: a table reduced to points, the model that is fitted, and its fit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a fit found: a model, how well each number is known, and what the data could not determine."""
 
 from __future__ import annotations

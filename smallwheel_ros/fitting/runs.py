@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The runs of a table, and the rows of each that make one point.
 
 A run in which nothing was changed is one point. A run in which a setting was swept (a plate's curve, a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The variance components: how measured values differ from the right model's predictions.
 
     y = f(theta) + e,   e ~ N(0, V),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rover's parameters out of a bag: which topic is what, and what its robot description says."""
 
 from __future__ import annotations

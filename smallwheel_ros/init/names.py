@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names of wheels, and how much the name of a topic or joint looks like that of a wheel's input."""
 
 from __future__ import annotations

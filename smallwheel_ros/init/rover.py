@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of a rover's parameters, and the file with them."""
 
 from __future__ import annotations

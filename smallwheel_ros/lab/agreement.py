@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether plates, pressed and rolling wheels say the same of one soil: its pressure at one depth.
 
 k of one D and k of another cannot be compared, nor k alone where n differs: what can is ln p(z, D) =

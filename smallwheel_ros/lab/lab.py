@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All tests of a lab together: from plates, wheels and shear tests to one model.
 
 The model is fitted to every row of load and sinkage (`fitting`); plates of several sizes are put under

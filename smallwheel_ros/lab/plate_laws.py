@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plates of several sizes under three laws of size: constants, covariance, and error of a size left out.
 
 The points, their noise and the fit are those of the model (`fit`), so a curve of a thousand rows is no

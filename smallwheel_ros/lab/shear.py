@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shear tests: cohesion, friction angle and shear modulus with their covariance, of runs, not of rows.
 
 Each run (a curve at one normal stress) is reduced to a few numbers y_i (strength, ln K and, for the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shear curves, and the laws fitted to one of them: a few numbers of each run, and how well it knows them."""
 
 from __future__ import annotations

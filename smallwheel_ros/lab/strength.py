@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The strength of a soil from its shear tests, and how it comes into a model.
 
 A model's law of thrust is that of Janosi and Hanamoto, so its numbers are those of that law, also where

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests of a lab say, in words for a terminal, and as plain values."""
 
 from __future__ import annotations

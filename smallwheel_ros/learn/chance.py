@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often errors without a law would gain as much: permutations, the whole search for each.
 
 Under the null hypothesis the runs' errors, whitened, could have come in any order and with either

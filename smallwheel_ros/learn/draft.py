@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A law in words, as a formula, and as the Python file that is its effect."""
 
 from __future__ import annotations

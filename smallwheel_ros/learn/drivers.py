@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a missing law can follow: settings of the table, and numbers made of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Held-out errors of the search itself: settings that it never saw, with all choices made anew.
 
 Runs of one setting are one piece of evidence for a law of that setting, so whole settings are left

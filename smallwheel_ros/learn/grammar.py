@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grammar of laws: terms of one driver or of two, and what each costs to describe.
 
 A term has a strength, which enters linearly, and at most one constant of shape, which is tried on a

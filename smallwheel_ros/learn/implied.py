@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each setting asks of a place: the factor on k, sinkage, ... that makes its measurement right.
 
 Sinkage and resistance ask apart. Where a law acts at that place, both ask for the same.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A law that is sought: where in the model it acts, how, and with which terms.
 
 factor = exp(a1 t1 + a2 t2)   or   1 + a1 t1 + a2 t2      of k, of the sinkage, of the diameter

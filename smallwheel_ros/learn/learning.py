@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws one after the other, and all that is said of them: `learn`."""
 
 from __future__ import annotations

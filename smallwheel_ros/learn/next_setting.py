@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What to measure next: where the tied laws, each fitted to all that there is, disagree most."""
 
 from __future__ import annotations

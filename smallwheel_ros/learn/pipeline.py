@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From measurements to a law, or to why there is none. Read it from the top; each line has a module.
 
 points -> base -> drivers -> grammar -> tangent of the whole grammar -> refits in the model

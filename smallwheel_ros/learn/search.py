@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The search for one law: tangent, refits in the model, description length.
 
 The score of a law is n/2 ln det S of its errors plus the nats that it takes to describe it: ln of

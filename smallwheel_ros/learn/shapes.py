@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shapes that a law can have over one driver: the words of the grammar.
 
 Each is one line of Python in `u` (the driver) and `c` (a constant). The search computes this line

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole grammar at once: what each term would gain at the tangent of a fitted model.
 
 About a fit, a term h with strength a at a place moves the predictions by a G h, where G is their

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table as it was found, a grid of cells, where each row stands, and what is too much."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is allowed in a table of measurements but looks like a mistake: warnings in one sentence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of the columns that a table of measurements may have: unit, range, meaning.
 
 Every other list of units in this package comes from here. Ranges are those of physics, wide enough

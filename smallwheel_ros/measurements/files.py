@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a path or a data frame to a grid of cells; the kind of a file is known by its content."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a column is, from what stands above it: `sinkage [mm]`, `Einsinkung (mm)`, `z_mm`, `Fz, N`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Several tables of one lab as one: a file for each plate, one for the wheel."""
 
 from __future__ import annotations

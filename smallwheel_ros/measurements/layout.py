@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where in a grid of cells the table is: its header, its units, its rows of measurements."""
 
 from __future__ import annotations

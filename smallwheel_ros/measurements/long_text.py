@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rows of a long text file as columns: pandas reads them, many times quicker than cell by cell.
 
 Only what is plain: each line with as many cells, no comments, no blank rows. In each column the cells that

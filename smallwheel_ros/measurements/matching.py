@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which column of a table is which quantity: by its header, its unit row, or `--map`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of a table that are no measurements: means and sums of others, remarks, the header once more."""
 
 from __future__ import annotations

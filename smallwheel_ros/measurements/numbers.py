@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From cells to numbers, whatever the decimal mark; what could be read in two ways is refused.
 
 A cell alone may say what its mark is: 8,5 and 0,008 and 1.234,5 cannot be anything else. But 1.234 is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From Parquet files and data frames, whose columns have types, to a grid of cells."""
 
 from __future__ import annotations

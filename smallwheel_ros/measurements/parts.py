@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rows of a table split by what differs between them: a soil, a wheel, a range of slip."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of plates and pressed wheels in a table: pressure, rectangles, the machine's compliance, curves.
 
 load = pressure x area of the plate

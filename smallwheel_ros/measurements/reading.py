@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The columns of a grid: which quantity each is, and its cells as checked numbers in SI units."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well a measurement repeats: the error that no model can go below.
 
 Rows of one run that agree in everything that was set (`settings`) are repeats of one setting. What

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which rows of a table were measured at the same setting, and which are repeats of one run.
 
 A rig does not hit a setting exactly and a load cell does not read it exactly, so two rows are of one

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shear tests as they were measured: an annulus or plate turned or dragged under one normal stress."""
 
 from __future__ import annotations

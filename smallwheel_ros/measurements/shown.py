@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table of measurements in words, as plain values and as a picture."""
 
 from __future__ import annotations

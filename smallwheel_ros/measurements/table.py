@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements of wheels in soil: the table that everything is compared with.
 
 One row is one steady measurement of one wheel. `read_measurements` is the one reader of such

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file of any test of a lab: what its columns are says which."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the bytes of a text file to a grid of cells: encoding, separator, rows."""
 
 from __future__ import annotations

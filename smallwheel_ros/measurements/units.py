@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units as people write them, and values in SI units; pint knows the units."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The words that people write above their columns, and what this package calls the quantity.
 
 This is the one place for them: English, German, French, and the symbols of the field. A line more

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a workbook, xlsx or ods, to a grid of cells: the sheet that has the table.
 
 openpyxl reads xlsx row by row. ods is read here: its libraries build the whole document in memory, and

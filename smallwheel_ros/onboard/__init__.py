@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything between topics and estimates, without ROS: what node and replay share."""

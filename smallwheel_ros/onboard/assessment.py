@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One wheel at one instant: update the soil by its sinkage, and say what the wheel can do."""
 
 from __future__ import annotations

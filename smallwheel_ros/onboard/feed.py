@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From messages to `Onboard`: which topics there are, and what of each message counts.
 
 A topic reads the values of its streams from a message. Node and replay give messages, those of

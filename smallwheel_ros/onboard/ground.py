@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From results of the estimate to the cost of the ground under the wheels."""
 
 from __future__ import annotations

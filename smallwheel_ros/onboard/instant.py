@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What belongs together at one instant: of one wheel, and of the vehicle."""
 
 from __future__ import annotations

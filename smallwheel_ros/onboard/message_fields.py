@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates as the fields of their messages, without ROS: what node and replay write alike."""
 
 from __future__ import annotations

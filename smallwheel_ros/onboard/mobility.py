@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a wheel can do in the soil as it is estimated: sinkage, resistance, thrust, drawbar pull.
 
 Each with its standard deviation, propagated to first order from what is uncertain: the soil's law

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole chain from messages to estimates, without ROS: node and replay both are this class.
 
     onboard = Onboard(settings)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of one parameter of the node, and what is wrong with a value for it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters in files: read the node's YAML without ROS, and write template and documentation.
 
 `python -m smallwheel_ros.onboard.parameter_files` writes config/template.yaml and docs/parameters.md anew.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one table of the node's parameters: name, default, unit, range, and what it means.
 
 It makes the settings' defaults, the node's ROS descriptors, config/template.yaml, docs/parameters.md

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the values of parameters to settings of the estimate; the same for node and replay."""
 
 from __future__ import annotations

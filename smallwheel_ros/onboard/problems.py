@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What could not be used: counted by stream and reason, and put in words."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fill parameters of wheels that are silent from the robot description; same for node and replay.
 
 A parameter that is given wins. What a description cannot fill is said, with what was found in it

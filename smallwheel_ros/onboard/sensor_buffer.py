@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the sensors said lately of a vehicle, and what of it belongs to one instant of a wheel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the estimate on board rests on besides the measurements: vehicle, soil, sensors, time.
 
 A setting that is a parameter is described, with its unit and range, in `parameter_table`; it has

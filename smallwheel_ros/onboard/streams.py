@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Header stamps (ns), recent values by stamp, and the paths that speeds add up to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The risk of getting stuck, and the warning before it.
 
 Over steps of 0.1 m of the vehicle's path, means over the step:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Put together what belongs to one instant of one wheel, from streams that come as they like.
 
 A measured sinkage waits until load, speeds and other wheels' sinkages of the same instant are there

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a robot description (URDF): its joints, where they are, and cylinders of its links.
 
 The text comes from somebody else: nothing in it is expanded or run, and its size is limited. Poses

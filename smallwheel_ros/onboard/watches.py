@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is watched of each wheel, joint and filter beside the estimate, and said in words."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sinkage and motion resistance of one wheel on the soil as it is estimated, and how sure they are.
 
 Without effects their slopes by the law are worked out by hand, in plain floats, since this runs for

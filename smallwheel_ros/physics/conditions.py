@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a wheel is exposed to: one row per measurement or prediction."""
 
 from __future__ import annotations

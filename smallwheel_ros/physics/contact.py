@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The contact integral of a rigid wheel: how load and sinkage belong together, exactly.
 
 A wheel of radius r = D/2 and width b, sunk by z0, carries on the soil in front of its lowest point

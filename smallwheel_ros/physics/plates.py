@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The laws of how size changes the pressure at one depth: of plates, and of wheels by the closed form.
 
 The laws share one form, with p_ref the pressure at a reference sinkage z_ref under a plate of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thrust of one wheel at one instant in plain floats, with its slopes: see `traction.thrust`."""
 
 from __future__ import annotations

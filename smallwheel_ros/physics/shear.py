@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shear of soil: stress over displacement at one normal stress, and strength over normal stress."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sinkage from load: the paper's closed form, flat plates, and soils whose pressure is layered."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Soils: the parameters of the pressure-sinkage law P = k z^n D^m and of the soil's strength."""
 
 from __future__ import annotations

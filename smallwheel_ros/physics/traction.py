@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forces along the direction of travel: compaction resistance, thrust, drawbar pull."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wheel, the strength of the soil under it, and its slip; values with their uncertainty."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of a comparison; each function returns a matplotlib figure and writes nothing."""
 
 from __future__ import annotations

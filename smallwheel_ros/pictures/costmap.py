@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A picture of a cost map: what a planner is told of the ground."""
 
 from __future__ import annotations

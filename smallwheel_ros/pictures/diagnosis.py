@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of a diagnosis, most of them drawn from its JSON document alone."""
 
 from __future__ import annotations

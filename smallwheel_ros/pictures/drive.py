@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A picture of a drive: sinkage of each wheel, k, n and m, drawbar pull, all with their bands."""
 
 from __future__ import annotations

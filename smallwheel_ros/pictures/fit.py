@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures on axes that are given: of a fit, an added effect, a comparison and a diagnosis in one panel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimator's innovations along a drive, without and with an effect in its model."""
 
 from __future__ import annotations

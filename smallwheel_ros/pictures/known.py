@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A picture of one drive seen twice: with all that can be measured, and with hardly anything."""
 
 from __future__ import annotations

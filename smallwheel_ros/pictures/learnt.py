@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The picture of a learnt law: what each setting asks for, and the law through it."""
 
 from __future__ import annotations

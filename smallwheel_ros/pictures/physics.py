@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of predictions, of single effects, and like the paper's figures 9, 13 and 14."""
 
 from __future__ import annotations

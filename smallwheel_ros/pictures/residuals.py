@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Held-out errors over settings: a model as it was, and with what was added to it."""
 
 from __future__ import annotations

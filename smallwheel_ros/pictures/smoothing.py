@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A smooth curve through scattered points; its band knows that rows of a run belong together."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replay of a recorded drive through the node's estimator, without ROS."""

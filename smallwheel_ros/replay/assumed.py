@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay goes by where nobody gives it a parameter file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An estimate as a row of the table and as messages: the same fields under the same names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The folder of a replay: what is in it, what an earlier replay left, what is done."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which topic of a bag is which input of the node, by the node's parameters and remaps."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results of many bags as one: tables and a summary."""
 
 from __future__ import annotations

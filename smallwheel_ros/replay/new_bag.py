@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bag with the estimates next to the originals."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replay one bag: read it, estimate, write everything."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often wheels have rolled over a place before: the pass number of a measurement.
 
 A wheel that runs in the track of one ahead of it meets soil that this one has pressed, and so does any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What came of a replay, and the same as plain values: replay.json, and what `--json` prints."""
 
 from __future__ import annotations

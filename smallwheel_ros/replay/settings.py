@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of a replay: the node's parameter file, and the robot description in the bag."""
 
 from __future__ import annotations

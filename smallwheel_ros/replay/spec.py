@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What to replay and how; plain values, so that it can be sent to another process or machine."""
 
 from __future__ import annotations

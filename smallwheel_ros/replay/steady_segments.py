@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a drive to steady measurements: one row for each wheel and stretch of way.
 
 Readings that a sensor takes one after the other are no independent evidence: they share the spot.

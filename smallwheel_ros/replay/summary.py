@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay found out, small however long the drive: counts and events."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables as CSV, written while the replay goes on, and at the end as Parquet too."""
 
 from __future__ import annotations

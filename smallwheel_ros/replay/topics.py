@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is in a bag, and which of its topics may be which input of the node."""
 
 from __future__ import annotations

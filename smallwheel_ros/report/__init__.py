@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Self-contained HTML reports: one file that opens without a network and prints well."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a comparison: the data, the models, where they fail, what to keep in mind."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The blocks of a diagnosis, made from its JSON document alone."""
 
 from __future__ import annotations

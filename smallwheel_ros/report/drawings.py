@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawings of what effects do, as SVG in the colours of the page; those of effects not here are none."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replayed drive as the data that a page draws: the way, each wheel, the soil, what happened."""
 
 from __future__ import annotations

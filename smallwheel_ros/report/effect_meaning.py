@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an effect means: a drawing, its formula, what to measure to be sure, a command to copy."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The part of a page in which effects are set and unset."""
 
 from __future__ import annotations

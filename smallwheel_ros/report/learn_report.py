@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A learnt law as one page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Building blocks of a page, and the page: one file with its data, its script and its look.
 
 Whatever text a block is given is escaped; what the script shows of the data it sets as text.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a replayed drive: the way, the wheels, the soil, and what was not used."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plot of resistance over load against sqrt(sinkage / diameter)."""
 
 from __future__ import annotations

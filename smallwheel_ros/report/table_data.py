@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table and what models leave of it, as the data that a page draws."""
 
 from __future__ import annotations

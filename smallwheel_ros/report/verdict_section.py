@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a diagnosis found, in a few sentences; and how its numbers and names are said everywhere."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole story of one table: what is missing, models side by side, where they fail, what next."""
 
 from __future__ import annotations

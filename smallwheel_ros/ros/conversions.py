@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Between ROS messages and the library's values; nothing is worked out here."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's cost map: terrain classes in, grid out, at a bounded rate."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot description that the node listens to where parameters of wheels are not given."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The entries of /diagnostics; docs/diagnostics.md says what each means and what to do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Play a bag into the node over DDS and record what it answers, without losing a message.
 
 The node listens best effort, so nothing in DDS slows a fast player down. Here the player looks at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the velocity sensor is, by tf, where parameters do not say so and tf2_ros is installed."""
 
 from __future__ import annotations

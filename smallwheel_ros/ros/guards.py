@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a node's transitions and services do with an exception: they say it, and go on."""
 
 from __future__ import annotations

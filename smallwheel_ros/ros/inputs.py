@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the node listens to: its subscriptions, and what to say of each."""
 
 from __future__ import annotations

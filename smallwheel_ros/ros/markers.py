@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Markers for RViz and Foxglove: how deep each wheel is, and what it can still hold."""
 
 from __future__ import annotations

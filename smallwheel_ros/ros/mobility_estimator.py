@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node `mobility_estimator`: its life, parameters and services; `session` does its work.
 
 It is a lifecycle node that configures and activates itself unless the parameter autostart is false.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything that the node publishes of its estimates, each at its rate."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS parameters from the one table: declared with descriptors, checked, never silently ignored."""
 
 from __future__ import annotations

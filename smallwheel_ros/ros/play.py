@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publish a bag over DDS, for people without rosbag2, and for the demo."""
 
 from __future__ import annotations

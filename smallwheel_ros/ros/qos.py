@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quality of service of every topic, and what parameters `qos_overrides.*` make of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a configured node has, from its configuration to its cleanup."""
 
 from __future__ import annotations

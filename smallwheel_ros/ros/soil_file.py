@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The file that the node's soil is saved to, and that it goes on from after a restart."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The truth simulator: data whose answer is known, made without the library's model.
 
 `simulate_drive` makes a rover's drive and `write_drive_bag` its bag; `simulate_rig` makes a table

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `smallwheel simulate`: thin shells over `simulate_drive` and `simulate_rig`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The contact of a rigid wheel with soil: its arc, what a stress on it carries, and the sinkage.
 
 Simpson's rule over the arc and bracketing, where the library has a series, Gauss nodes and Newton

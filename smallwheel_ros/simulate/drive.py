@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated drives of a small rover: what its sensors record, and the answer apart from it."""
 
 from __future__ import annotations

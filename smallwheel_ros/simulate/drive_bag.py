@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write a simulated drive as the rosbag2 bag that the rover would have recorded.
 
 Topics: ``/<wheel>/load`` (geometry_msgs/WrenchStamped, 50 Hz: force.z positive when the soil pushes

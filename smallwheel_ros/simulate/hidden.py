@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The hidden effects by name: what `--hidden` takes, and how their numbers are drawn for a seed.
 
 A name may carry the size that the effect has, in SI units of its formula: `load_offset=-4`. Then

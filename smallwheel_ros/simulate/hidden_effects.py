@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: D102 - HiddenEffect describes the methods once, for all effects
 """Effects that the truth can have in it and the user does not know of.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: D102 - HiddenEffect describes the methods once, for all effects
 """Faults of instruments that the truth can have in it: the soil and the wheel do not notice them.
 

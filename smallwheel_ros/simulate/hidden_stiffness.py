@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: D102 - HiddenEffect describes the methods once, for all effects
 """Hidden effects on how firm the soil is: by rate, load, width, layers, or something recorded."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What wheels really do in a truth soil with hidden effects in it."""
 
 from __future__ import annotations

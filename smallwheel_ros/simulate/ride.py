@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happens to the wheels of a rover on its way: loads, slip, sinkage, forces."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A single-wheel rig: tables of steady measurements whose truth is known.
 
 Units in the tables' headers are mixed on purpose, as people's tables are.

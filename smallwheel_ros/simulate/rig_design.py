@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which wheels, soil and settings a simulated rig has."""
 
 from __future__ import annotations

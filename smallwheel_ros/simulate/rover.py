@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rovers that the drives are made with, and how their weight rests on the wheels."""
 
 from __future__ import annotations

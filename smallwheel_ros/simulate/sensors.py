@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the sensors of a rover make of the truth: rates, phases, delays, noise, gaps, outliers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ground of a drive: stretches of soil, slopes, slippery patches, and what ends it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a rover goes over its ground: as its driver wants, and at the end as the soil lets it."""
 
 from __future__ import annotations

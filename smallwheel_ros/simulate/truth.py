@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The truth: a rigid wheel in a truth soil, with numerics and a composition of its own.
 
 No code is shared with the library's model, so that a fit of the model to simulated data is a test

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // A drive: the way as a map, wheels and soil over time; where one is pointed at, all others show it.
 'use strict';
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // Effects set and unset: every view that was fitted beforehand is here; others a server is asked for.
 'use strict';
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // What the parts of a page share: elements, numbers, what is said of a point.
 // Text reaches the page by textContent alone: names in data are never read as HTML.
 'use strict';

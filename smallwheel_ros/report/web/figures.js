@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // Plots follow page and paper; figures whose data is all that they need; commands to copy.
 'use strict';
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // Plots of the page: axes, zoom and cursor are uPlot's, what stands in them is drawn here.
 'use strict';
 

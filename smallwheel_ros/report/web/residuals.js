@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // What models leave of each channel: measured over predicted, and residuals over one setting.
 'use strict';
 
