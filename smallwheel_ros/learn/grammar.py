@@ -25,9 +25,10 @@ Array = NDArray[np.float64]
 
 FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
 _CURVED = 4  # levels of a driver from which a shape with a constant is tried
-_WAVY = 8  # levels from which a wave is
 _SCALES = (0.1, 0.2, 0.35, 0.6, 1.0)  # of a driver's span
-_PERIODS = np.geomspace(0.4, 1.7, 13)  # of a driver's span; neighbours are an eighth apart
+# Of a driver's span; neighbours are an eighth apart. Of a longer one no whole wave was seen: that is a bend.
+_PERIODS = np.geomspace(0.2, 1.0, 15)
+_A_WAVE = 4  # levels of a driver to a period: fewer do not show one
 _PHASES = np.arange(6) / 12  # of a period: over half of one, since a strength has either sign
 _STEP = 0.03  # of a driver's span: width of a step
 
@@ -49,6 +50,11 @@ class Term:
     def free(self) -> bool:
         """Whether its constant is fitted."""
         return any(shape.constant == "free" for _, shape in self.factors)
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is a law by itself, and in no sum with another."""
+        return any(shape.alone for _, shape in self.factors)
 
     @cached_property
     def drivers(self) -> frozenset[str]:
@@ -149,8 +155,8 @@ def _single(driver: Driver) -> Iterator[Term]:
         yield from made(shape, scales, (0.03 * span, 3.0 * span))
     yield from made(shapes.GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
     yield from made(shapes.step(_STEP * span), inner, (low, high))
-    if driver.levels >= _WAVY:
-        for period in (_PERIODS * span).tolist():
+    for period in (_PERIODS * span).tolist():
+        if period * driver.levels >= _A_WAVE * span:
             starts = low + _PHASES * period
             bounds = (low - 0.5 * period, low + period)
             yield from made(shapes.wave(period), starts.tolist(), bounds)

@@ -230,12 +230,13 @@ class Search:
         slope, _ = self._under(candidate, law.link)
         error = self.yardstick.white(self.observed - fit.predicted)
         tangent = Tangent(self.yardstick, error, fit.slopes)
-        own = [t for t in self.grid.terms if t.drivers == law.terms[0].drivers]
+        drivers = law.terms[0].drivers
+        own = [t for t in self.grid.terms if t.drivers == drivers and not t.alone]
         cost = candidate.cost + float(np.log(len({t.kind for t in own})))
         half = 0.5 * float(np.log(self.yardstick.count))
         for p in self._ranked(tangent, slope, law.place, law.link, fit):
             (term,) = p.law.terms
-            if term.drivers == law.terms[0].drivers and term.kind != law.terms[0].kind:
+            if term.drivers == drivers and term.kind != law.terms[0].kind and not term.alone:
                 two = replace(law, terms=(*law.terms, term))
                 numbers = {**candidate.numbers, **_start(p.law, 2, p.numbers["a1"])}
                 total = cost + half * term.numbers
@@ -300,7 +301,8 @@ class Search:
         Another driver would be another law: that is learnt when the first is in the model.
         """
         one_term = self._ordered()
-        for candidate in [c for c in one_term if len(c.law.terms[0].factors) == 1][:count]:
+        ours = [c for c in one_term if len((t := c.law.terms[0]).factors) == 1 and not t.alone]
+        for candidate in ours[:count]:
             self._fit(self._second(candidate), _SECONDS)
         self._known = {
             key: c for key, c in self._known.items()

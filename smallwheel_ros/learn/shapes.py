@@ -25,7 +25,7 @@ class Shape:
 
     power: by which power of u's unit its value grows (0: it has none). constant: whether it has a
     c, and whether that is fitted or given (the driver's middle). written: further numbers that stand
-    in its code, and have to be described as c has.
+    in its code, and have to be described as c has. alone: it is added to no other shape.
     """
 
     name: str
@@ -34,6 +34,7 @@ class Shape:
     power: float = 0.0
     constant: Constant = "none"
     written: int = 0
+    alone: bool = False
 
     @property
     def moved(self) -> bool:
@@ -77,7 +78,10 @@ def step(width: float) -> Shape:
 
 
 def wave(period: float) -> Shape:
-    """A sine of u with a period in u's unit; c is where it rises through 0."""
+    """A sine of u with a period in u's unit; c is where it rises through 0.
+
+    Alone: beside another shape it would follow whatever that leaves.
+    """
     code = f"np.sin({2.0 * np.pi / period!r} * (u - c))"
     text = f"sin(2 pi ({{u}} - {{c}})/{period:.3g})"
-    return Shape("wave", code, text, constant="free", written=1)
+    return Shape("wave", code, text, constant="free", written=1, alone=True)
