@@ -110,7 +110,11 @@ def with_pull(growth: float, pull: Any) -> tuple[Measurements, Measurements]:
 
 @pytest.mark.parametrize(
     ("growth", "pull"),
-    [(0.0, hump), (0.0, against), pytest.param(2.0, hump, marks=pytest.mark.slow)],
+    [
+        pytest.param(0.0, hump, marks=pytest.mark.slow),
+        (0.0, against),
+        pytest.param(2.0, hump, marks=pytest.mark.slow),
+    ],
 )
 def test_a_wrong_law_of_pull_does_not_decide_about_sinkage(growth: float, pull: Any) -> None:
     alone, both = with_pull(growth, pull)

@@ -288,6 +288,7 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     from rclpy.parameter import Parameter
 
     from smallwheel_ros.onboard.parameter_files import read_parameters
+    from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.inputs import Inputs
     from smallwheel_ros.ros.mobility_estimator import MobilityEstimator
     from smallwheel_ros.ros.outputs import Outputs
@@ -304,7 +305,7 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     success = TransitionCallbackReturn.SUCCESS
     own = {publisher.topic_name for publisher in node.publishers}
     try:
-        for part, name in ((Outputs, "apply"), (Outputs, "publish_soil_of"), (Inputs, "use")):
+        for part, name in ((CostPublisher, "apply"), (Outputs, "publish_soil_of"), (Inputs, "use")):
             with monkeypatch.context() as patch:
                 patch.setattr(part, name, fail)
                 configured = node.trigger_configure() == success

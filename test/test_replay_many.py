@@ -92,7 +92,7 @@ def assert_merged(folder: Path, names: list[str]) -> None:
 # --- Many bags
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, jobs):
     bad = tmp_path / "bad.mcap"
     bad.write_bytes(b"no bag at all")
@@ -259,6 +259,7 @@ def test_a_full_disk_is_one_message(bags, rover, tmp_path):
 NO_DASK = importlib.util.find_spec("distributed") is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(NO_DASK, reason="needs dask.distributed: pip install distributed")
 def test_a_cluster_of_two_processes(bags, rover, tmp_path):
     from distributed import LocalCluster

@@ -80,7 +80,10 @@ def test_a_fault_is_expected_as_an_instruments():
     assert both.names == {"slip_sinkage", "sinkage_offset"}
 
 
-@pytest.mark.parametrize("family", ["curve/plate", "curve/pressed", "series/slip_sinkage"])
+@pytest.mark.parametrize(
+    "family",
+    ["curve/plate", "curve/pressed", pytest.param("series/slip_sinkage", marks=pytest.mark.slow)],
+)
 def test_fewer_rows_are_a_selection_of_the_densest(family):
     members = [world for world in WORLDS.values() if world.family == family]
     assert [int(world.name.rpartition("-")[2]) for world in members] == list(DENSITIES)
