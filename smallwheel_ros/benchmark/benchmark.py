@@ -16,7 +16,6 @@ from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, e
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.display import number, sentence
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.measurements.table import read_measurements
 from smallwheel_ros.results import Result
 from smallwheel_ros.tables import text_table
@@ -169,7 +168,7 @@ def benchmark(folder: Path, progress: Callable[[str], object] = lambda step: Non
                 )
                 for task in tasks_of(read_measurements(file))
             ]
-        except (SmallwheelError, FittingError) as error:
+        except SmallwheelError as error:
             left[str(name)] = str(error)
             continue
         tasks += found

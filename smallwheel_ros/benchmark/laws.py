@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.benchmark.parts import Task
 from smallwheel_ros.diagnosis.pipeline import diagnose
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.problem import Base, Problem
@@ -59,10 +60,12 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
     found = []
     # Of bodies of one size all four are the same law of depth.
     one = not {"diameter", "width"} & set(points.varied)
+    problem = Problem(points, np.zeros(0, dtype=np.intp), Base(geometry="closed_form"))
+    fitter, fit = fit_points(points, problem.vector)
     for law in SIZE_LAWS[-1:] if one else SIZE_LAWS:
         progress(law.name)
         name = ONE_SIZE if one else law.name
-        found.append(_summary(task, name, points, group, _of_law(law, points, group)))
+        found.append(_summary(task, name, points, group, _of_law(law, fitter, fit, group)))
     alone, named = np.full(len(points), np.nan), np.full(len(points), np.nan)
     effects: dict[str, tuple[str, ...]] = {}
     for part, name in enumerate(task.names):
@@ -81,10 +84,12 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
     return found
 
 
-def _of_law(law: PlateLaw, points: Points, group: NDArray[np.intp]) -> Array:
-    """Sinkage (m) of each value by a fit to the other parts, shape (values,)."""
-    problem = Problem(points, np.zeros(0, dtype=np.intp), Base(geometry="closed_form"))
-    fitter, fit = fit_points(points, problem.vector)
+def _of_law(law: PlateLaw, fitter: Fitter, fit: Fit, group: NDArray[np.intp]) -> Array:
+    """Sinkage (m) of each value by a fit to the other parts, shape (values,).
+
+    fitter, fit: of the closed form on all points; its noise and scatter are those of all laws.
+    """
+    points = fitter.points
     under = fitter.under(partial(UnderLaw, law, reference_size(law, points)))
     vector = law_vector(law, "soil")
     best = under.fit(vector, vector.start, fit.scatter)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.points import FittingError, points_of
+from smallwheel_ros.fitting.runs import runs_of
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.settings import DIAMETER_TOLERANCE, cluster
 from smallwheel_ros.measurements.table import Measurements
@@ -60,9 +61,6 @@ def _task(measurements: Measurements, contact: str, soil: str) -> Task | None:
         return None
     if "sinkage" not in points.channels or points.run_count < _FEWEST:
         return None
-    runs = np.zeros(len(measurements), dtype=np.intp)
-    for rows, run in zip(points.rows, points.run, strict=True):
-        runs[rows] = run
     conditions = measurements.conditions
     if contact != "rolling":
         sizes = cluster(np.log(conditions.diameter), DIAMETER_TOLERANCE)
@@ -72,7 +70,7 @@ def _task(measurements: Measurements, contact: str, soil: str) -> Task | None:
         levels = cluster(conditions["slip"], COLUMNS["slip"].same)
         if levels.max() + 1 >= _FEWEST:
             return _named(measurements, contact, soil, "slip", levels, conditions["slip"], "")
-    names = tuple(points.runs)
+    names, runs = runs_of(measurements)
     return Task(contact, soil, measurements, "run", names, runs)
 
 
