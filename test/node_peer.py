@@ -233,6 +233,12 @@ class Peer:
     # --- Asking
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Ask the node, once it is known to know this side: an answer to a stranger is lost.
+
+        A service is ready as soon as this side knows of it. The middleware of the other waits 0.1 s
+        for whoever asked, which on a busy machine may not be enough to discover a participant.
+        """
+        self.spin_until(lambda: self.diagnosed > 0, "the node knows this side")
         client = self._clients.get(service)
         if client is None:
             client = self.node.create_client(kind, f"/{NODE}/{service}")
