@@ -37,7 +37,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._rates_table import document
 from benchmarks.worlds import WORLDS, matching
 from smallwheel_ros.diagnosis import diagnose
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.simulate import write_table
 

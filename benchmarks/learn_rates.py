@@ -21,7 +21,8 @@ from benchmarks.learn_worlds import ALL, LAWS, OUTSIDE, table
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.learn.draft import formula
 from smallwheel_ros.learn.pipeline import Sought, seek
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import predict
 
 

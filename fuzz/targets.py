@@ -27,7 +27,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     SoilPrior,
 )
-from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model_file import read_model
 from smallwheel_ros.onboard.parameter_files import read_parameters, template
 from smallwheel_ros.onboard.parameters import settings_from

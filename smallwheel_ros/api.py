@@ -83,7 +83,8 @@ def read(
     >>> data.channels.keys()
     dict_keys(['sinkage', 'resistance'])
     """
-    from smallwheel_ros.measurements.table import Measurements, read_measurements
+    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.wheels import read_measurements
 
     if isinstance(data, Measurements):
         return data

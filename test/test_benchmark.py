@@ -16,7 +16,7 @@ from lab_truth import plate_rows, write
 from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, SIZE_LAWS
 from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.cli import main
-from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 
 OURS = ("Meirion-Griffith & Spenko", INTEGRAL, FOUND)
 

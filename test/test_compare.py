@@ -19,7 +19,8 @@ from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil

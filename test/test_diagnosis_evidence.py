@@ -16,7 +16,8 @@ from smallwheel_ros.diagnosis import Base, add_effect, base_of, diagnose
 from smallwheel_ros.effects.base import Array, Effect, EffectError, parameter
 from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.fitting import fit_model
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table

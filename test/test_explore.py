@@ -33,7 +33,7 @@ from smallwheel_ros.explore import ExploreError, ExploreServer, Session
 from smallwheel_ros.explore.data import SessionData
 from smallwheel_ros.explore.session import View
 from smallwheel_ros.fitting.held_out import Comparison
-from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model_file import read_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 

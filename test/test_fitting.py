@@ -14,7 +14,8 @@ from smallwheel_ros.fitting.files import soil_priors
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.fitting.predictor import Predictor
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.prediction import predict_table

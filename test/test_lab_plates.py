@@ -15,7 +15,8 @@ from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.lab import LabFit, fit_lab
 from smallwheel_ros.lab.plate_laws import PlateLaws, plate_laws
 from smallwheel_ros.lab.text import laws_text, which_law
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.physics.plates import LAWS, equivalent_diameter, plate_area
 
 

@@ -14,8 +14,9 @@ from lab_truth import plate_rows, shear, write
 from smallwheel_ros import api, cli
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.tests import read_tests
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model_file import read_model
 
 

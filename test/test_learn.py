@@ -30,7 +30,8 @@ from smallwheel_ros.learn.law import PLACES, Law, effect_of, places_for
 from smallwheel_ros.learn.pipeline import SURE
 from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.learn.shapes import SATURATION
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.model_file import write_model
 from smallwheel_ros.onboard.parameters import read_models

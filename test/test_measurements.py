@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError, read_measurements
+from smallwheel_ros.measurements.table import Measurements, MeasurementsError
+from smallwheel_ros.measurements.wheels import read_measurements
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"

@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from smallwheel_ros.commands.inputs import DATA, read_table, table_options
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError, read_measurements
+from smallwheel_ros.measurements.table import Measurements, MeasurementsError
+from smallwheel_ros.measurements.wheels import read_measurements
 
 
 def read(folder: Path, content: bytes) -> Measurements:

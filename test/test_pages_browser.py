@@ -21,7 +21,7 @@ from smallwheel_ros.display import shown_value
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.explore import ExploreServer, Session
 from smallwheel_ros.explore.report import diagnosis_page
-from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.report.page import write_page
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 

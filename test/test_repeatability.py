@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.measurements.repeatability import repeatability
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))

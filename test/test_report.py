@@ -22,7 +22,8 @@ from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.display import effect_words
 from smallwheel_ros.effects.registry import default_registry
-from smallwheel_ros.measurements.table import Measurements, read_measurements
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.output import OutputError
 from smallwheel_ros.physics.conditions import Conditions

@@ -13,7 +13,7 @@ from benchmarks._world_curves import DENSITIES, ornstein_uhlenbeck, random_fouri
 from benchmarks._world_labs import drawn
 from benchmarks.worlds import INSTRUMENTS, WORLDS, matching
 from smallwheel_ros.effects.registry import families
-from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import write_table
 
 # One or two of each kind of table, those of every module among them.

@@ -16,7 +16,7 @@ from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, e
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.display import number, sentence
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.measurements.table import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.results import Result
 from smallwheel_ros.tables import text_table
 

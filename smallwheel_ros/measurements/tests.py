@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.reading import read_columns
 from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
-from smallwheel_ros.measurements.table import Measurements, measurements_of
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import measurements_of
 
 if TYPE_CHECKING:
     import pandas as pd
