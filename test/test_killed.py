@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,7 @@ def each_kill(work: Callable[[], object], every: int = 1) -> Iterator[int]:
     pytest.fail(f"not done after {MOST} steps")
 
 
+@cache
 def estimator(metres: int) -> SoilEstimator:
     return follow(SoilEstimator(PRIOR), rolled(varied(metres * 10), 1, one=ONE))
 
@@ -82,6 +84,36 @@ def test_a_saved_soil_is_the_old_or_the_new_one(tmp_path: Path) -> None:
     assert seen == {before, after}  # it was killed before and behind the step that counts
     new.save(path)
     assert {p.name for p in tmp_path.iterdir()} == {"soil.json", "other.json"}
+
+
+def test_who_is_killed_saving_spoils_nothing_of_who_saves_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two nodes with one file: the other is killed at each step while this one is about to finish."""
+    path = tmp_path / "soil.json"
+    ours, other = estimator(8), estimator(16)
+    ours.save(path)
+    whole = path.read_bytes()
+    other.save(path)
+    others = path.read_bytes()
+    to_disk = os.fsync
+    for step in range(MOST):
+        codes: list[int] = []
+
+        def meanwhile(descriptor: int, step: int = step, codes: list[int] = codes) -> None:
+            monkeypatch.setattr(os, "fsync", to_disk)
+            to_disk(descriptor)
+            codes.append(killed_at(step, lambda: other.save(path)))
+
+        monkeypatch.setattr(os, "fsync", meanwhile)
+        ours.save(path)
+        assert path.read_bytes() == whole != others
+        if codes == [0]:
+            break
+    assert codes == [0]
+    assert step > 3  # it was killed with its draft begun, and whole
+    ours.save(path)
+    assert {file.name for file in tmp_path.iterdir()} == {"soil.json"}
 
 
 def test_a_result_is_the_old_or_the_new_one(tmp_path: Path) -> None:

@@ -8,14 +8,16 @@ too: under another prior or another model the numbers would mean something else.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
 import re
+import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,15 +100,17 @@ def write_state(
         "strength": state.strength,
     }
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    draft = path.with_name(f".{path.name}.draft")
+    # A name of its own: two nodes may save to one file at a time.
+    draft = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_drafts(path)
         with draft.open("x", encoding="utf-8") as stream:
+            _is_ours(stream)
             stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
-        draft.replace(path)
+            draft.replace(path)
     except OSError as error:
         raise EstimatorError(
             f"{path}: the soil cannot be saved there: {error.strerror or error}"
@@ -117,17 +121,28 @@ def write_state(
 
 def remove_drafts(path: Path) -> None:
     """Remove what a process that was killed while it saved has left beside a file."""
-    # Drafts of 0.1.0 had eight letters of their own.
     name = re.compile(rf"\.{re.escape(path.name)}\.(draft|[a-z0-9_]{{8}})")
     try:
         for file in path.parent.iterdir():
             if name.fullmatch(file.name) and file.is_file():
                 with file.open("rb") as stream:
                     begin = stream.read(len(_BEGIN))
-                if _BEGIN.startswith(begin):  # all of it, or what was written of it
-                    file.unlink()
+                    # All of it, or what was written of it; and nobody writes it any more.
+                    if _BEGIN.startswith(begin) and _is_ours(stream):
+                        file.unlink()
     except OSError:
         return  # a folder that cannot be read or written has a message of its own, at the saving
+
+
+def _is_ours(stream: IO[Any]) -> bool:
+    """Lock a draft as long as it is open; False where another process writes it."""
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True  # a file system without locks: as if there were one process only
+    return True
 
 
 def check_may_replace(path: Path) -> None:

@@ -30,6 +30,7 @@ from smallwheel_ros.ros.description import RobotDescription
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
 from smallwheel_ros.ros.frames import VelocityFrame
 from smallwheel_ros.ros.guards import answers, says_why
+from smallwheel_ros.ros.namesakes import namesakes
 from smallwheel_ros.ros.parameters import NodeParameters
 from smallwheel_ros.ros.session import Session, check_topics
 
@@ -45,6 +46,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._session: Session | None = None
         self.problem = ""  # why it could not be configured, or is no more
+        self._doubled = ""  # what was said of other nodes of its name
         self._table = NodeParameters(self, partial(check_topics, self), self._apply)
         for text in self._table.unknown:
             self.get_logger().warning(text)
@@ -212,6 +214,12 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             unknown += self._session.unused
         if unknown:
             found.append(status(f"{name}: parameters", WARN, "; ".join(unknown)))
+        doubled = namesakes(self)
+        if doubled:
+            found.append(status(f"{name}: name", WARN, doubled))
+            if not self._doubled:
+                self.get_logger().warning(doubled)
+        self._doubled = doubled
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
