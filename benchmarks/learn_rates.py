@@ -38,14 +38,13 @@ def share_gone(sought: Sought, fresh: Measurements, quiet: Measurements) -> floa
 
     quiet: the same settings without noise and scatter; what these make is the floor.
     """
-    assert sought.law is not None
-    assert sought.base is not None
+    assert sought.best is not None
     shares = []
     for name, measured in fresh.channels.items():
         floor = float(np.sqrt(np.mean((measured - quiet.channels[name]) ** 2)))
         before, after = (
             float(np.sqrt(np.mean((getattr(predict(m, fresh.conditions), name) - measured) ** 2)))
-            for m in (sought.base.model, sought.law.fit.model)
+            for m in (sought.best.base.model, sought.best.law.fit.model)
         )
         if before > 1.1 * floor:  # else the law does not act on this channel
             shares.append((before - after) / (before - floor))
@@ -61,11 +60,11 @@ def one(
         "world": world, "seed": seed, "runs": runs, "noise": noise, "channels": len(channels),
         "verdict": sought.verdict, "p": sought.p, "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
-    if sought.law is not None:
-        hidden, law = ALL[world], sought.law.law
+    if sought.best is not None:
+        hidden, law = ALL[world], sought.best.law.law
         found |= {
             "stage": law.place.name, "drivers": list(law.drivers),
-            "formula": formula(law, sought.law.numbers), "tied": len(sought.tied),
+            "formula": formula(law, sought.best.law.numbers), "tied": len(sought.best.tied),
             "stage_right": law.place.stage[0] in hidden.stages,
             "driver_right": law.columns in hidden.drivers,
             "gone": share_gone(

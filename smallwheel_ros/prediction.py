@@ -16,7 +16,7 @@ from smallwheel_ros.display import words
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
-from smallwheel_ros.model import Model
+from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, nearest
@@ -239,11 +239,46 @@ def _refuse_absurd(name: str, values: Array) -> None:
         raise PredictionError(f"{name} is {values[bad[0]]:g}, expected {spec.expected()}")
 
 
+def _refuse_no_number(
+    model: Model, conditions: Conditions, columns: Mapping[str, Array], result: UncertainPrediction
+) -> None:
+    """Refuse a prediction that is no number: name its row, the setting, and the effect that makes it.
+
+    A wheel that is sunk has a number too, though it is not shown: an infinite sinkage is no sunk wheel.
+    """
+    bad = np.flatnonzero(_without_number(result.prediction, result.standard_deviation))
+    if not bad.size:
+        return
+    first = conditions.take(bad[:1])
+    culprit = "the model"
+    for i, effect in enumerate(model.effects, 1):
+        upto = Model(model.soils, model.geometry, model.effects[:i], model.thrust_form)
+        if _without_number(predict(upto, first)).any():
+            culprit = f"effect '{effect.id}'"
+            break
+    setting = ", ".join(f"{name} {values[bad[0]]:g}" for name, values in columns.items())
+    also = f", nor in {bad.size - 1} of the other rows" if bad.size > 1 else ""
+    raise PredictionError(
+        f"row {bad[0] + 1} of {len(conditions)} ({setting}): {culprit} gives no finite number{also}: "
+        "mend its formula or its numbers, or leave these settings out"
+    )
+
+
+def _without_number(
+    prediction: Prediction, deviations: Mapping[str, Array] | None = None
+) -> NDArray[np.bool_]:
+    """Rows of which some quantity is not finite, shape (rows,)."""
+    shown = [v for q in QUANTITIES if (v := getattr(prediction, q)) is not None]
+    finite = np.isfinite([*shown, *(deviations or {}).values()])
+    return np.asarray(~finite.all(axis=0))
+
+
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:
     """Predict every combination of the settings.
 
     settings: load, diameter, width (N, m) and any covariate by name, each of shape (values,).
-    Raises PredictionError, ConditionsError or ModelError where a value is missing or wrong.
+    Raises PredictionError, ConditionsError or ModelError where a value is missing or wrong, and
+    where an effect of the user's own gives no number.
     """
     count = int(np.prod([v.size for v in settings.values()]))
     if count > _MOST:
@@ -256,6 +291,8 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
     notes: tuple[str, ...] = ()
     if "slip" in settings:
         calibrated, notes = with_usual_strength(calibrated)
-    result = predict_with_uncertainty(calibrated, conditions)
+    with np.errstate(all="ignore"):  # what is no number is refused below, by name
+        result = predict_with_uncertainty(calibrated, conditions)
+        _refuse_no_number(calibrated.model, conditions, columns, result)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
     return PredictionTable(columns, varied, result, notes + calibrated.model.cautions(conditions))

@@ -155,9 +155,9 @@ def test_the_file_predicts_what_the_search_did(
     learnt: Learnt, law: Path, data: Measurements
 ) -> None:
     effect = load_effects(law)["slip_law"][0]()
-    candidate = learnt.sought[0].law
-    assert candidate is not None
-    fitted = candidate.fit.model
+    best = learnt.sought[0].best
+    assert best is not None
+    fitted = best.law.fit.model
     loaded = Model(fitted.soils, fitted.geometry, (effect,), fitted.thrust_form)
     ours, theirs = (predict(model, data.conditions) for model in (fitted, loaded))
     np.testing.assert_array_equal(theirs.sinkage, ours.sinkage)
@@ -380,8 +380,12 @@ def test_a_law_file_that_is_nonsense_says_so_in_one_message(
         ("return sinkage *", "return None and sinkage *", "slip_law': sinkage gave NoneType"),
         ("return sinkage *", "return sinkage[:0] *", "slip_law"),
         ('conditions["slip"]', 'conditions["slipp"]', "no column 'slipp'"),
+        ("return sinkage *", "return sinkage / 0.0 *",
+         "row 1 of 1 (load 60, diameter 0.2, width 0.1, slip 0.3): effect 'slip_law' gives no finite"),
+        ('conditions["slip"]', 'np.sqrt(0.2 - conditions["slip"])',
+         "row 1 of 1 (load 60, diameter 0.2, width 0.1, slip 0.3): effect 'slip_law' gives no finite"),
     ],
-)
+)  # fmt: skip
 def test_a_law_file_that_cannot_be_computed_names_itself(
     old: str, new: str, said: str, law: Path, tmp_path: Path
 ) -> None:

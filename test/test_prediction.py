@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER
@@ -17,6 +21,8 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
 from smallwheel_ros.prediction import PredictionError, on_one_soil, predict_table
 from smallwheel_ros.ranges import RangeError, parse_range
+
+Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize(
@@ -123,6 +129,62 @@ def test_refusals() -> None:
     many = np.linspace(1, 2, 700)
     with pytest.raises(PredictionError, match="490000 combinations, at most 200000"):
         predict_table(calibrated, {"load": many, "diameter": many, "width": one})
+
+
+@dataclass(frozen=True)
+class _Broken(Effect):
+    """A user's formula that is none from some slip on."""
+
+    id = "broken"
+    needs = ("slip",)
+    drivers = ("slip",)
+
+    def _change(self, conditions: Conditions) -> Array:
+        return np.where(conditions["slip"] > 0.35, self.beyond, 1.0)
+
+    beyond = np.nan
+
+
+class _AtStiffness(_Broken):
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        return self._change(conditions)
+
+
+class _NegativeStiffness(_AtStiffness):
+    beyond = -1.0
+
+
+class _InfiniteDepth(_Broken):
+    beyond = np.inf
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage * self._change(conditions)
+
+
+class _AtResistance(_Broken):
+    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
+        return self._change(conditions)
+
+
+@pytest.mark.parametrize(
+    "broken", [_AtStiffness, _NegativeStiffness, _InfiniteDepth, _AtResistance]
+)
+def test_an_effect_that_gives_no_number_is_named_with_row_and_setting(
+    broken: type[_Broken],
+) -> None:
+    model = Model("dry_sand", effects=[effect("slip_sinkage", a=1.0), broken()])
+    settings = {
+        "load": np.array([20.0, 60.0]), "diameter": np.array([0.2]), "width": np.array([0.1]),
+        "slip": np.array([0.1, 0.3, 0.4, 0.5]),
+    }  # fmt: skip
+    said = (
+        r"row 3 of 8 \(load 20, diameter 0\.2, width 0\.1, slip 0\.4\): effect 'broken' gives no "
+        "finite number, nor in 3 of the other rows"
+    )
+    with pytest.raises(PredictionError, match=said):
+        predict_table(CalibratedModel(model), settings)
+    good = predict_table(CalibratedModel(model), settings | {"slip": np.array([0.1, 0.3])})
+    assert [row["status"] for row in good.rows()] == ["ok"] * 4
 
 
 def test_every_wheel_that_is_not_refused_has_finite_numbers_or_is_sunk() -> None:

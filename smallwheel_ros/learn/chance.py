@@ -27,8 +27,8 @@ def chance(search: Search, permutations: int, rng: np.random.Generator) -> float
     best = np.full(permutations + 1, -np.inf)
     for place in search.grid.places:
         terms = search.grid.allowed(place)
-        columns = search.columns(search.base_slopes[place.name], terms)
-        worth = tangent.gains(columns)[0] - (search.grid.cost[terms] + place.nats)[:, None]
+        gains, _ = tangent.gains(search.base_slopes[place.name], search.values(terms))
+        worth = gains - (search.grid.cost[terms] + place.nats)[:, None]
         best = np.maximum(best, worth.max(axis=0))
     return float(1 + np.sum(best[1:] >= best[0])) / (permutations + 1)
 

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.document import plain
-from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, formula, numbers_of
 from smallwheel_ros.learn.drivers import Driver
-from smallwheel_ros.learn.implied import Implied, curve, disagreements, implied
+from smallwheel_ros.learn.implied import curve, disagreements, implied
 from smallwheel_ros.learn.law import SOUGHT
-from smallwheel_ros.learn.pipeline import PERMUTATIONS, Sought
+from smallwheel_ros.learn.pipeline import PERMUTATIONS, Judged, Sought
 from smallwheel_ros.learn.refused import settings_in
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
@@ -73,25 +72,24 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
         "notes": [*sought.notes, *measurements.notes],
         "warnings": list(measurements.warnings),
     }
-    law, fitter = sought.law, sought.fitter
-    if law is None or fitter is None:
+    best = sought.best
+    if best is None:
         return dict(plain(found))
-    asks = implied(fitter, law.fit, law.law.place)
-    numbers = numbers_of(fitter, law)
+    shape = shape_of(best)
     found |= {
-        "held_out": held_out(sought),
-        "law": _law(law, numbers, sought, name) if sought.verdict == "law" else None,
-        "places": _places(sought),
-        "tied": [_tied(c, sought.tied[0]) for c in sought.tied[:_SHOWN]],
-        "implied": _implied(asks, law, fitter),
-        "shape": _shape(sought, law),
-        "stage_disagreement": disagreements(fitter, list(sought.tied), law),
+        "held_out": held_out(best),
+        "law": _law(best, name) if sought.verdict == "law" else None,
+        "places": _places(best),
+        "tied": [_tied(c, best.tied[0]) for c in best.tied[:_SHOWN]],
+        "implied": _implied(best),
+        "shape": shape and {k: v for k, v in asdict(shape).items() if k != "tied"},
+        "stage_disagreement": disagreements(best.fitter, best.tied, best.law),
     }
     return dict(plain(found))
 
 
 def _search(sought: Sought) -> Entry:
-    grid = sought.grid
+    grid, best = sought.grid, sought.best
     drivers: dict[str, Driver] = {}
     if grid is not None:
         drivers = {d.name: d for t in grid.terms for d, _ in t.factors}
@@ -101,69 +99,65 @@ def _search(sought: Sought) -> Entry:
         "drivers": list(drivers),
         "p": sought.p,
         "permutations": PERMUTATIONS if sought.p is not None else 0,
-        "folds": 0 if sought.held_out is None else len(sought.held_out.choices),
-        "folds_agreeing": None if sought.judgement is None else sought.judgement.agreeing,
-        "vault_settings": sought.vault,
+        "folds": 0 if best is None else len(best.held_out.choices),
+        "folds_agreeing": None if best is None else best.judgement.agreeing,
+        "vault_settings": 0 if best is None else best.vault,
     }
 
 
-def held_out(sought: Sought) -> Entry:
+def held_out(best: Judged) -> Entry:
     """Held-out error of each channel without and with the law, and what the noise leaves; SI."""
-    assert sought.held_out is not None
-    assert sought.fitter is not None
-    assert sought.law is not None
-    floors = expected_error(sought.fitter, sought.law.fit)
+    floors = expected_error(best.fitter, best.law.fit)
     found = {}
-    for name in sought.held_out.before:
-        size = [float(np.sqrt(np.nanmean(e[name] ** 2)))
-                for e in (sought.held_out.before, sought.held_out.after)]  # fmt: skip
-        found[name] = {"before": size[0], "after": size[1], "floor": floors.get(name)}
+    for name in best.held_out.before:
+        before, after = (
+            float(np.sqrt(np.nanmean(errors[name] ** 2)))
+            for errors in (best.held_out.before, best.held_out.after)
+        )
+        found[name] = {"before": before, "after": after, "floor": floors.get(name)}
     return found
 
 
-def _law(law: Candidate, numbers: list[Number], sought: Sought, name: str) -> Entry:
-    drivers = {d.name: d for t in law.law.terms for d, _ in t.factors}
+def _law(best: Judged, name: str) -> Entry:
+    law = best.law.law
     constants = []
-    for n in numbers:
-        low, high = _interval(n, law, sought)
-        constants.append(
-            {
-                "name": n.name,
-                "value": n.value,
-                "std": n.std,
-                "unit": n.unit,
-                "low": low,
-                "high": high,
-            }
-        )
+    for n in numbers_of(best.fitter, best.law):
+        low, high = _interval(n, best)
+        known = {"name": n.name, "value": n.value, "std": n.std, "unit": n.unit}
+        constants.append(known | {"low": low, "high": high})
+    drivers = {d.name: d for t in law.terms for d, _ in t.factors}
     return {
         "id": name,
-        "stage": law.law.place.stage,
-        "drivers": list(law.law.drivers),
-        "formula": formula(law.law, law.numbers),
+        "stage": law.place.stage,
+        "drivers": list(law.drivers),
+        "formula": formula(law, best.law.numbers),
         "constants": constants,
         "range": {d.name: [d.reference + d.low, d.reference + d.high] for d in drivers.values()},
     }
 
 
-def _interval(number: Number, law: Candidate, sought: Sought) -> tuple[float, float]:
-    """Two deviations each way, over the draft and the tied laws of its shape at any place."""
-    assert sought.fitter is not None
-    alike = [c for c in sought.tied if [t.kind for t in c.law.terms] == [t.kind for t in law.law.terms]
-             and (not number.strength or c.law.place == law.law.place)
-             and (not number.strength or c.law.link == law.law.link)]  # fmt: skip
+def _interval(number: Number, best: Judged) -> tuple[float, float]:
+    """Two deviations each way, over the draft and the tied laws of its shape.
+
+    A constant of shape means the same at any place; a strength only at its own, under its link.
+    """
+    mine = best.law.law
     ends = []
-    for candidate in alike or [law]:
-        j = next(j for j in candidate.fit.vector.places(SOUGHT)
-                 if candidate.fit.vector.free[j].field == number.name)  # fmt: skip
+    for candidate in best.tied:
+        law, vector = candidate.law, candidate.fit.vector
+        if [t.kind for t in law.terms] != [t.kind for t in mine.terms]:
+            continue
+        if number.strength and (law.place, law.link) != (mine.place, mine.link):
+            continue
+        j = next(j for j in vector.places(SOUGHT) if vector.free[j].field == number.name)
         std = float(np.sqrt(candidate.fit.covariance[j, j]))
         ends += [float(candidate.fit.theta[j]) + s * _TWO * std for s in (-1.0, 1.0)]
     return min(ends), max(ends)
 
 
-def _places(sought: Sought) -> list[Entry]:
+def _places(best: Judged) -> list[Entry]:
     """Stages and drivers that the tied laws have, each once, the best first."""
-    seen = dict.fromkeys((c.law.place.stage, c.law.drivers) for c in sought.tied)
+    seen = dict.fromkeys((c.law.place.stage, c.law.drivers) for c in best.tied)
     return [{"stage": stage, "drivers": list(drivers)} for stage, drivers in seen]
 
 
@@ -181,10 +175,11 @@ def first_driver(law: Candidate) -> Driver | None:
     return next((d for t in law.law.terms for d, _ in t.factors), None)
 
 
-def _implied(asks: Implied, law: Candidate, fitter: Fitter) -> list[Entry]:
+def _implied(best: Judged) -> list[Entry]:
     """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
-    driver, points = first_driver(law), fitter.points
-    conditions = points.conditions
+    law, points = best.law, best.fitter.points
+    asks = implied(best.fitter, law.fit, law.law.place)
+    driver, conditions = first_driver(law), points.conditions
     x: Array = np.zeros(len(conditions))
     if driver is not None and driver.columns:
         x = driver.values(conditions) + driver.reference
@@ -204,22 +199,20 @@ def _implied(asks: Implied, law: Candidate, fitter: Fitter) -> list[Entry]:
     return found
 
 
-def shape_of(sought: Sought, law: Candidate) -> Shape | None:
+def shape_of(best: Judged) -> Shape | None:
     """The law over its driver; None where it follows nothing, several, or the depth itself."""
+    law, points = best.law, best.fitter.points
     driver = first_driver(law)
     if len(law.law.drivers) != 1 or driver is None or not driver.columns:
         return None
-    assert sought.fitter is not None
-    assert sought.grid is not None
-    points = sought.fitter.points
     used = np.unique(points.row)
     x = driver.values(points.conditions)[used] + driver.reference
     near = used[np.argsort(np.abs(x - np.median(x)))[0]]
     grid = np.linspace(x.min(), x.max(), _CURVE)
     at = along(points.conditions, int(near), driver, grid)
-    depth = np.full(_CURVE, sought.grid.sinkage[near])
+    depth = np.full(_CURVE, best.grid.sinkage[near])
     same = [
-        c for c in sought.tied if c.law.place == law.law.place and c.law.drivers == law.law.drivers
+        c for c in best.tied if c.law.place == law.law.place and c.law.drivers == law.law.drivers
     ]
     value = curve(law.law, law.numbers, at, depth)
     low, high, tied = value.copy(), value.copy(), []
@@ -235,11 +228,6 @@ def shape_of(sought: Sought, law: Candidate) -> Shape | None:
 def _shown(value: Array, law: Candidate) -> Array:
     """A factor, where it is one."""
     return value if law.law.place.shifts else np.asarray(np.exp(value))
-
-
-def _shape(sought: Sought, law: Candidate) -> Entry | None:
-    shape = shape_of(sought, law)
-    return None if shape is None else {k: v for k, v in asdict(shape).items() if k != "tied"}
 
 
 def _deviation(candidate: Candidate, at: Conditions, depth: Array) -> Array:

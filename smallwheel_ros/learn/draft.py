@@ -27,28 +27,14 @@ Array = NDArray[np.float64]
 
 _AROUND = 8.0  # deviations: bounds of a number in a file
 _AT_LEAST = 0.05  # of the number, in place of a deviation that is smaller
-# The one method of each stage, and what it returns.
+# The one method of each stage.
 _METHODS = {
-    "k": ("modulus_factor(self, conditions)", "{change}"),
-    "z": ("sinkage(self, sinkage, conditions)", "sinkage * {change}"),
-    "n": ("exponent_shift(self, conditions)", "{change}"),
-    "D": ("wheel_diameter(self, diameter, conditions)", "diameter * {change}"),
-    "R": ("added_resistance(self, state, conditions)", "{carrier} * ({change})"),
+    "k": "modulus_factor(self, conditions)",
+    "z": "sinkage(self, sinkage, conditions)",
+    "n": "exponent_shift(self, conditions)",
+    "D": "wheel_diameter(self, diameter, conditions)",
+    "R": "added_resistance(self, state, conditions)",
 }
-# What an added strength multiplies: as Python, for people, and its unit.
-_CARRIERS = {
-    "": ("", "", "1"),
-    "length": ("", "", "m"),
-    "force": ("1.0", "", "N"),
-    "load": ("state.load", "W", "1"),
-    "width sinkage^2": ("state.width * state.sinkage**2", "b z^2", "N/m^3"),
-    "width sinkage": ("state.width * state.sinkage", "b z", "N/m^2"),
-    "compaction": (
-        "state.width * state.modulus * state.sinkage ** (state.exponent + 1.0)"
-        " / (state.exponent + 1.0)",
-        "Rc", "1",
-    ),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,7 +75,7 @@ def _driver(term: Term) -> Driver:
 
 
 def _strength_unit(law: Law, term: Term) -> str:
-    units = [_CARRIERS[law.place.carrier][2]]
+    units = [law.place.carrier.unit] if law.place.carrier else []
     for driver, shape in term.factors:
         if driver.source.unit not in ("", "1") and shape.power:
             units.append(f"({driver.source.unit})^{-shape.power:g}")
@@ -104,11 +90,10 @@ def formula(law: Law, numbers: Mapping[str, float]) -> str:
         shape = _term_text(term, numbers.get(f"c{i}"))
         sign = (" + " if value >= 0 else " - ") if said else ("" if value >= 0 else "-")
         said += f"{sign}{abs(value):.3g}{f' {shape}' if shape else ''}"
-    name = law.place.stage[0]
-    if law.place.shifts:
-        carrier = _CARRIERS[law.place.carrier][1]
-        if carrier:
-            said = f"({said}) {carrier}" if len(law.terms) > 1 else f"{said} {carrier}"
+    name, carrier = law.place.stage[0], law.place.carrier
+    if carrier is not None:
+        if carrier.text:
+            said = f"({said}) {carrier.text}" if len(law.terms) > 1 else f"{said} {carrier.text}"
         return f"{name} = {name}0 {_after(said)}"
     kept = ", the resistance stays" if law.place.stage == "z without resistance" else ""
     change = f"exp({said})" if law.link == "exponential" else f"(1 {_after(said)})"
@@ -146,19 +131,41 @@ def default_name(law: Law) -> str:
     return f"learnt_{followed}"
 
 
-HEAD = """from dataclasses import dataclass
+_HEAD = '''"""Drafted by `smallwheel learn`: learnt from data, not published."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from smallwheel_ros.effects import parameter
 from smallwheel_ros.effects.drafted import Drafted, continued
+'''
+_CLASS = """@dataclass(frozen=True)
+class {title}(Drafted):
+    id = "{name}"
+    form = "drafted"
+    version = {version}
+    summary = {summary}
+    formula = {formula}
+    source = {source}
+    learnt_from = {learnt_from}
+    needs = {needs}
+    drivers = {drivers}
+    valid = {{{valid}}}
+{fields}
+
+    def {method}:
+{variables}        return {returned}
+"""
+_RESISTANCE_STAYS = """
+    def compaction_sinkage(self, sinkage, conditions):
+        return sinkage
 """
 
 
 def file_text(classes: list[str]) -> str:
     """The file with these laws."""
-    about = '"""Drafted by `smallwheel learn`: learnt from data, not published."""'
-    return "\n\n".join([f"{about}\n\n{HEAD}", *classes])
+    return "\n\n".join([_HEAD, *classes])
 
 
 def class_text(
@@ -171,67 +178,62 @@ def class_text(
     summary: str,
 ) -> str:
     """The Python class of a law. Numbers have all their digits: what reads it predicts the same."""
-    method, returned = _METHODS[law.place.stage.split()[0]]
-    lines: list[str] = []
-    variables: dict[str, str] = {}
-    for term in law.terms:
-        for driver, _ in term.factors:
-            if driver.name not in variables:
-                variable = driver.source.variable
-                if variable in variables.values():
-                    variable = f"{variable}_{len(variables) + 1}"  # two columns may read alike
-                variables[driver.name] = variable
-                less = f" - {driver.reference!r}" if driver.reference else ""
-                lines.append(f"        {variable} = {driver.source.code}{less}")
-    eta = " + ".join(_term_code(i, term, variables) for i, term in enumerate(law.terms, 1))
-    change = eta
-    if not law.place.shifts:
-        linear = f"np.maximum(1.0 + {eta}, {LEAST_FACTOR})"
-        change = f"np.exp({eta})" if law.link == "exponential" else linear
-    elif law.place.carrier == "length":
-        returned = f"np.maximum(sinkage + {{change}}, {LEAST_FACTOR} * sinkage)"
-    carrier = _CARRIERS[law.place.carrier][0]
-    lines.append(f"        return {returned.format(change=change, carrier=carrier)}")
-    needs = sorted(law.columns - {"load", "width", "diameter"})
-    columns = sorted(law.columns)
-    valid = [f"{_quoted(c)}: {_range(measurements, c)!r}" for c in columns]
-    others = (
-        f"{tied - 1} other formulas fit as well" if tied != 2 else "1 other formula fits as well"
-    )
-    value = {n.name: n.value for n in numbers}
-    data = f"{Path(measurements.source).name}, " if measurements.source else ""
-    head = [
-        "@dataclass(frozen=True)",
-        f"class {''.join(part.title() for part in name.split('_'))}(Drafted):",
-        f'    id = "{name}"',
-        '    form = "drafted"',
-        f"    version = {VERSION}",
-        f"    summary = {_quoted(summary)}",
-        f"    formula = {_quoted(formula(law, value))}",
-        f"    source = {_quoted(f'smallwheel learn, {data}{settings} settings; {others}')}",
-        f"    learnt_from = {_quoted(measurements.sha256)}",
-        f"    needs = {_tuple(needs)}",
-        f"    drivers = {_tuple(columns)}",
-        f"    valid = {{{', '.join(valid)}}}",
+    variables: dict[Driver, str] = {}
+    for driver in (d for t in law.terms for d, _ in t.factors):
+        if driver not in variables:
+            taken = driver.source.variable in variables.values()  # two columns may read alike
+            number = f"_{len(variables) + 1}" if taken else ""
+            variables[driver] = driver.source.variable + number
+    lines = [
+        f"        {variable} = {driver.source.code}"
+        + (f" - {driver.reference!r}\n" if driver.reference else "\n")
+        for driver, variable in variables.items()
     ]
-    fields = [_field(n, law) for n in numbers]
-    body = [f"    def {method}:", *lines]
-    if law.place.stage == "z without resistance":
-        body += [
-            "",
-            "    def compaction_sinkage(self, sinkage, conditions):",
-            "        return sinkage",
-        ]
-    return "\n".join([*head, *fields, "", *body, ""])
+    columns = sorted(law.columns)
+    others = "1 other formula fits" if tied == 2 else f"{tied - 1} other formulas fit"
+    data = f"{Path(measurements.source).name}, " if measurements.source else ""
+    text = _CLASS.format(
+        title="".join(part.title() for part in name.split("_")),
+        name=name,
+        version=VERSION,
+        summary=_quoted(summary),
+        formula=_quoted(formula(law, {n.name: n.value for n in numbers})),
+        source=_quoted(f"smallwheel learn, {data}{settings} settings; {others} as well"),
+        learnt_from=_quoted(measurements.sha256),
+        needs=_tuple([c for c in columns if c not in ("load", "width", "diameter")]),
+        drivers=_tuple(columns),
+        valid=", ".join(f"{_quoted(c)}: {_range(measurements, c)!r}" for c in columns),
+        fields="\n".join(_field(n, law) for n in numbers),
+        method=_METHODS[law.place.stage[0]],
+        variables="".join(lines),
+        returned=_returned(law, variables),
+    )
+    return text + (_RESISTANCE_STAYS if law.place.stage == "z without resistance" else "")
 
 
-def _term_code(i: int, term: Term, variables: Mapping[str, str]) -> str:
+def _returned(law: Law, variables: Mapping[Driver, str]) -> str:
+    """What the law's method returns, as Python."""
+    eta = " + ".join(_term_code(i, term, variables) for i, term in enumerate(law.terms, 1))
+    stage, carrier = law.place.stage[0], law.place.carrier
+    if carrier is not None:
+        added = {
+            "n": eta,
+            "z": f"np.maximum(sinkage + {eta}, {LEAST_FACTOR} * sinkage)",
+            "R": f"{carrier.code} * ({eta})",
+        }
+        return added[stage]
+    linear = f"np.maximum(1.0 + {eta}, {LEAST_FACTOR})"
+    changed = {"k": "", "z": "sinkage * ", "D": "diameter * "}[stage]
+    return changed + (f"np.exp({eta})" if law.link == "exponential" else linear)
+
+
+def _term_code(i: int, term: Term, variables: Mapping[Driver, str]) -> str:
     parts = [f"self.a{i}"]
     for driver, shape in term.factors:
         held = f"self.c{i}" if shape.constant == "free" else repr(driver.middle)
         code = re.sub(r"\bc\b", held, shape.code)
         parts.append(
-            f"continued(lambda u: {code}, {variables[driver.name]}, {driver.low!r}, {driver.high!r})"
+            f"continued(lambda u: {code}, {variables[driver]}, {driver.low!r}, {driver.high!r})"
         )
     return " * ".join(parts) if len(parts) > 1 else f"{parts[0]} * np.ones(len(conditions))"
 

@@ -6,6 +6,7 @@ Sinkage and resistance ask apart. Where a law acts at that place, both ask for t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,7 +120,7 @@ def _solve(
 
 
 def disagreements(
-    fitter: Fitter, tied: list[Candidate], best: Candidate
+    fitter: Fitter, tied: Sequence[Candidate], best: Candidate
 ) -> dict[str, float | None]:
     """By stage, how much the channels disagree on what they ask of it: 1 where it is that stage.
 

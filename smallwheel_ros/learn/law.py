@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from types import CodeType
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +21,6 @@ from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_va
 from smallwheel_ros.fitting.prior import Prior
 from smallwheel_ros.learn.grammar import Term
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.traction import compaction_resistance
 
 Array = NDArray[np.float64]
 Link = Literal["exponential", "linear"]
@@ -33,22 +33,43 @@ _FAR = 1e3  # prior deviations at which a strength is bounded: nowhere
 
 
 @dataclass(frozen=True)
+class Carrier:
+    """What an added strength multiplies.
+
+    code: Python of the wheel's `state`: the search computes it, and a drafted file contains it. text:
+    the same for people; unit: of the strength.
+    """
+
+    code: str
+    text: str
+    unit: str
+
+    @cached_property
+    def _compiled(self) -> CodeType:
+        return compile(self.code, "<carrier>", "eval")
+
+    def __call__(self, state: WheelState) -> Any:
+        """Its value, a number or of shape (rows,)."""
+        return eval(self._compiled, {"state": state})
+
+
+@dataclass(frozen=True)
 class Place:
     """One place of the model where a law can act.
 
-    stage: as in documents: k, z, z without resistance, n, D, R. carrier: of what is added, what its
-    strength multiplies. nats: what it costs beside others, since it is the rarer explanation.
+    stage: as in documents: k, z, z without resistance, n, D, R. carrier: of what is added; elsewhere
+    the law is a factor. nats: what it costs beside others, since it is the rarer explanation.
     """
 
     name: str
     stage: str
-    carrier: str = ""
+    carrier: Carrier | None = None
     nats: float = 0.0
 
     @property
     def shifts(self) -> bool:
-        """Whether what acts there is added; elsewhere it is a factor."""
-        return self.stage == "n" or self.carrier != ""
+        """Whether what acts there is added."""
+        return self.carrier is not None
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -56,18 +77,21 @@ class Place:
         return ("exponential",) if self.shifts else ("exponential", "linear")
 
 
+_COMPACTION = (
+    "state.width * state.modulus * state.sinkage ** (state.exponent + 1.0) / (state.exponent + 1.0)"
+)
 PLACES = (
     Place("k", "k"),
     Place("z", "z"),
-    Place("z/length", "z", "length"),
+    Place("z/length", "z", Carrier("1.0", "", "m")),
     Place("z without resistance", "z without resistance", nats=1.0),
-    Place("n", "n", nats=2.0),
+    Place("n", "n", Carrier("1.0", "", "1"), nats=2.0),
     Place("D", "D", nats=2.0),
-    Place("R/force", "R", "force"),
-    Place("R/load", "R", "load"),
-    Place("R/width sinkage^2", "R", "width sinkage^2"),
-    Place("R/width sinkage", "R", "width sinkage"),
-    Place("R/compaction", "R", "compaction"),
+    Place("R/force", "R", Carrier("1.0", "", "N")),
+    Place("R/load", "R", Carrier("state.load", "W", "1")),
+    Place("R/width sinkage^2", "R", Carrier("state.width * state.sinkage**2", "b z^2", "N/m^3")),
+    Place("R/width sinkage", "R", Carrier("state.width * state.sinkage", "b z", "N/m^2")),
+    Place("R/compaction", "R", Carrier(_COMPACTION, "Rc", "1")),
 )
 
 
@@ -78,18 +102,6 @@ def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
     if "sinkage" not in channels:
         return tuple(p for p in PLACES if p.stage != "z without resistance")
     return PLACES
-
-
-def carried(carrier: str, state: WheelState) -> Array:
-    """What a law of resistance multiplies, shape (rows,)."""
-    if carrier == "force":
-        return np.ones_like(state.load)
-    if carrier == "load":
-        return state.load
-    if carrier == "compaction":
-        return compaction_resistance(state.sinkage, state.width, state.modulus, state.exponent)
-    power = 2.0 if carrier == "width sinkage^2" else 1.0
-    return np.asarray(state.width * state.sinkage**power)
 
 
 @dataclass(frozen=True)
@@ -188,9 +200,10 @@ class _Sought(Effect):
         return sinkage if alone else self.sinkage(sinkage, conditions)
 
     def added_resistance(self, state: WheelState, conditions: Conditions) -> Array | float:
-        if self.law.place.stage != "R":
+        carrier = self.law.place.carrier
+        if self.law.place.stage != "R" or carrier is None:
             return 0.0
-        return carried(self.law.place.carrier, state) * self._change(conditions, state.sinkage)
+        return np.asarray(carrier(state) * self._change(conditions, state.sinkage))
 
 
 def effect_of(law: Law, numbers: Mapping[str, Any]) -> Effect:

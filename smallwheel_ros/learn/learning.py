@@ -28,7 +28,7 @@ from smallwheel_ros.learn.draft import (
     numbers_of,
 )
 from smallwheel_ros.learn.next_setting import measure_next
-from smallwheel_ros.learn.pipeline import Progress, Sought, seek, silent, without_effects
+from smallwheel_ros.learn.pipeline import Judged, Progress, Sought, seek, silent, without_effects
 from smallwheel_ros.learn.tangent import Yardstick
 from smallwheel_ros.learn.text import headline, learnt_text, summary
 from smallwheel_ros.measurements.table import Measurements
@@ -94,8 +94,8 @@ class Learnt(Result):
     @property
     def shape(self) -> Shape | None:
         """The first law over what it follows; None where that is not one setting."""
-        first = self.sought[0]
-        return None if first.law is None else shape_of(first, first.law)
+        best = self.sought[0].best
+        return None if best is None else shape_of(best)
 
     def _writers(self) -> dict[str, Writer]:
         def page(path: Path) -> None:
@@ -167,19 +167,17 @@ def learn(
         said = document(measurements, sought, id)
         searches.append(sought)
         documents.append(said)
-        if sought.law is not None and sought.fitter is not None:
-            progress("what to measure next", 0, 1)
-            said["measure_next"] = measure_next(
-                sought.fitter, sought.law, sought.tied, limits or {}
-            )
+        best = sought.best
+        if best is None:
+            break
+        progress("what to measure next", 0, 1)
+        said["measure_next"] = measure_next(best.fitter, best.law, best.tied, limits or {})
         if sought.verdict != "law":
             break
-        assert sought.law is not None
-        assert sought.fitter is not None
-        said["notes"] += _published(sought, known, without)
+        said["notes"] += _published(best, known, without)
         written = class_text(
-            sought.law.law, numbers_of(sought.fitter, sought.law), id, measurements,
-            said["data"]["settings"], len(sought.tied), summary(said),
+            best.law.law, numbers_of(best.fitter, best.law), id, measurements,
+            said["data"]["settings"], len(best.tied), summary(said),
         )  # fmt: skip
         classes.append(written)
         model = replace(model, parts=(*model.parts, part_of(_effect(written, id))))
@@ -198,7 +196,7 @@ def _taken(name: str, registry: Registry) -> str:
 def _id(sought: Sought, name: str | None, number: int, registry: Registry) -> str:
     if name is not None:
         return name if number == 1 else f"{name}_{number}"
-    made = "learnt" if sought.law is None else default_name(sought.law.law)
+    made = "learnt" if sought.best is None else default_name(sought.best.law.law)
     return made if number == 1 and made not in registry.families else f"{made}_{number}"
 
 
@@ -216,15 +214,12 @@ def _after_first(documents: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"a further law: {documents[-1]['verdict']}; {'; '.join(documents[-1]['reasons'])}"]
 
 
-def _published(sought: Sought, registry: Registry, without: Collection[str]) -> list[str]:
+def _published(best: Judged, registry: Registry, without: Collection[str]) -> list[str]:
     """Published effects of the same settings that fit as well as the draft, in words."""
-    law, fitter, base = sought.law, sought.fitter, sought.base
-    assert law is not None
-    assert fitter is not None
-    assert base is not None
+    law, fitter, base = best.law, best.fitter, best.base
     yardstick = Yardstick(fitter, law.fit)
     observed, conditions = fitter.points.value, fitter.points.conditions
-    best = yardstick.score(observed - law.fit.predicted) + law.cost
+    ours = yardstick.score(observed - law.fit.predicted) + law.cost
     present = {p.id for p in base.vector.parts} | {e.id for e in base.vector.fixed} | set(without)
     forms = [f for id, forms in registry.families.items() for f in forms
              if id not in present and set(f.drivers) == set(law.law.columns) and f.drivers]  # fmt: skip
@@ -243,7 +238,7 @@ def _published(sought: Sought, registry: Registry, without: Collection[str]) -> 
             continue
         cost = float(np.log(len(forms)) + 0.5 * len(form.parameters()) * np.log(yardstick.count))
         score = yardstick.score(observed - fit.predicted) + cost
-        if score < best + TIE:
+        if score < ours + TIE:
             as_good.append(form.id)
     return [
         f"the library's {id} fits as well, and is published: `smallwheel add {id}` before this law"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,27 +45,38 @@ def silent(step: str, done: int, total: int) -> None:
 
 
 @dataclass(frozen=True)
+class Judged:
+    """The best law, fitted to all points, and how it did on what the search did not see.
+
+    fitter, base: of all points, without the law. tied: all laws that do as well, the best first.
+    vault: how many settings were kept apart.
+    """
+
+    fitter: Fitter
+    base: Fit
+    grid: Grid
+    law: Candidate
+    tied: tuple[Candidate, ...]
+    held_out: HeldOut
+    judgement: Judgement
+    vault: int
+
+
+@dataclass(frozen=True)
 class Sought:
     """What one search for a law found.
 
-    verdict: law, unstable, weak, nothing or refused, with reasons in words. fitter, base: of all
-    points. law: the draft, fitted to all points, where there is one; tied: all laws that do as well,
-    the best first. p: of the permutations.
+    verdict: law, unstable, weak, nothing or refused, with reasons in words. p: of the permutations,
+    None where it did not come to them; best: None where there is nothing to judge.
     """
 
     verdict: str
     reasons: tuple[str, ...]
     problem: Problem | None = None
-    fitter: Fitter | None = None
-    base: Fit | None = None
     grid: Grid | None = None
     p: float | None = None
-    law: Candidate | None = None
-    tied: tuple[Candidate, ...] = ()
-    held_out: HeldOut | None = None
-    judgement: Judgement | None = None
-    vault: int = 0
-    notes: tuple[str, ...] = field(default=())
+    best: Judged | None = None
+    notes: tuple[str, ...] = ()
 
 
 def seek(
@@ -81,7 +92,7 @@ def seek(
     except FittingError as error:
         return Sought("refused", (str(error),))
     grid, reason, notes = _grid(points, fit)
-    sought = Sought("refused", (reason,), problem, fitter, fit, grid, notes=notes)
+    sought = Sought("refused", (reason,), problem, grid, notes=notes)
     if reason:
         return sought
 
@@ -89,17 +100,21 @@ def seek(
     if apart.any():
         fitter = fitter.of_values(points.take(~apart), ~apart)
         fit = fitter.fit(fit.vector, fit.theta, fit.scatter)
+    search = Search(fitter, fit, grid)
     progress("permuting", 0, 1)
-    p = chance(Search(fitter, fit, grid), PERMUTATIONS, np.random.default_rng([seed, 0]))
+    p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))
+    why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
+    nothing = replace(sought, verdict="nothing", reasons=(why,), p=p)
+    if p > LOOKED_AT:
+        return nothing
     progress("searching", 0, 1)
-    found = Search(fitter, fit, grid).run(WHOLE)
-    draft, sought = found.draft, replace(sought, p=p)
-    if draft is None or p > LOOKED_AT or found.gain <= 0.0:
-        why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
-        return replace(sought, verdict="nothing", reasons=(why,))
+    found = search.run(WHOLE)
+    draft = found.draft
+    if draft is None or found.gain <= 0.0:
+        return nothing
     reason = cannot_be_told(draft.law, measurements)
     if reason:
-        return replace(sought, reasons=(reason,))
+        return replace(sought, reasons=(reason,), p=p)
 
     step, folds = "searching without some settings", itertools.count(1)
     held_out = nested(fitter, fit, grid, seed, lambda: progress(step, next(folds), 0))
@@ -108,10 +123,9 @@ def seek(
     if apart.any():
         verdict, reasons = _opened(verdict, reasons, held_out, points.take(apart), found)
     law, tied = _refitted(problem.fitter, draft, found.tied)
-    return replace(
-        sought, verdict=verdict, reasons=reasons, law=law, tied=tied, held_out=held_out,
-        judgement=judgement, vault=int(np.unique(points.setting[apart]).size),
-    )  # fmt: skip
+    kept = int(np.unique(points.setting[apart]).size)
+    best = Judged(problem.fitter, problem.fit, grid, law, tied, held_out, judgement, kept)
+    return Sought(verdict, reasons, problem, grid, p, best, notes)
 
 
 def _grid(points: Points, base: Fit) -> tuple[Grid, str, tuple[str, ...]]:

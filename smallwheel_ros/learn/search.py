@@ -155,7 +155,7 @@ class Search:
         chosen = self._from_base(effort.first)
         self._fit(chosen, len(chosen))
         for places in effort.again:
-            self._judge_anew(effort.anew)
+            self._judge_anew(0)
             for candidate in self._best_of_each(places):
                 for link in candidate.law.place.links:
                     self._fit(self._about(candidate, link), effort.forms)
@@ -181,16 +181,15 @@ class Search:
         """By place, the slope of the base's predictions by its ln factor or shift."""
         return {p.name: self.slope(self.base, p) for p in self.grid.places}
 
-    def columns(self, slope: Array, terms: Index) -> Array:
-        """What a unit of each term moves the values by, shape (values, terms)."""
-        return np.asarray(slope[:, None] * self.grid.values[np.ix_(self._row, terms)])
+    def values(self, terms: Index) -> Array:
+        """Values of terms at each point, shape (points, terms)."""
+        return np.asarray(self.grid.values[np.ix_(self.yardstick.rows, terms)])
 
     def _ranked(
-        self, tangent: Tangent, slope: Array, place: Place, link: Link, near: Fit
+        self, tangent: Tangent, slope: Array, terms: Index, place: Place, link: Link, near: Fit
     ) -> Iterator[_Proposal]:
-        """Laws of one term at a place, the shortest first. slope: by the sum of the law's terms."""
-        terms = self.grid.allowed(place)
-        gains, strength = tangent.gains(self.columns(slope, terms))
+        """Laws of one of these terms, the shortest first. slope: by the sum of the law's terms."""
+        gains, strength = tangent.gains(slope, self.values(terms))
         cost = self.grid.cost[terms] + self.grid.place_cost(place)
         expected = tangent.nats[0] - gains[:, 0] + cost
         for i in np.argsort(expected, kind="stable"):
@@ -205,7 +204,9 @@ class Search:
         best: list[_Proposal] = []
         for place in self.grid.places:
             slope = self.base_slopes[place.name]
-            ranked = self._ranked(tangent, slope, place, "exponential", self.base)
+            ranked = self._ranked(
+                tangent, slope, self.grid.allowed(place), place, "exponential", self.base
+            )
             looked_through = itertools.islice(ranked, _LOOKED_THROUGH)
             best += _first_of_each(looked_through, lambda p: p.law.terms[0].drivers)
         best.sort(key=lambda p: p.expected)
@@ -221,7 +222,8 @@ class Search:
         error = self.yardstick.white(self.observed - fit.predicted + slope * total)
         base = [j for j, p in enumerate(fit.vector.free) if p.owner != SOUGHT]
         tangent = Tangent(self.yardstick, error, fit.slopes[:, base])
-        ranked = self._ranked(tangent, slope, candidate.law.place, link, fit)
+        place = candidate.law.place
+        ranked = self._ranked(tangent, slope, self.grid.allowed(place), place, link, fit)
         return _first_of_each(ranked, lambda p: p.law.terms[0].kind)
 
     def _second(self, candidate: Candidate) -> Iterator[_Proposal]:
@@ -230,17 +232,18 @@ class Search:
         slope, _ = self._under(candidate, law.link)
         error = self.yardstick.white(self.observed - fit.predicted)
         tangent = Tangent(self.yardstick, error, fit.slopes)
-        drivers = law.terms[0].drivers
-        own = [t for t in self.grid.terms if t.drivers == drivers and not t.alone]
-        cost = candidate.cost + float(np.log(len({t.kind for t in own})))
+        first = law.terms[0]
+        own = [i for i, t in enumerate(self.grid.terms)
+               if t.drivers == first.drivers and not t.alone]  # fmt: skip
+        kinds = {self.grid.terms[i].kind for i in own}
+        others = np.array([i for i in own if self.grid.terms[i].kind != first.kind], dtype=np.intp)
         half = 0.5 * float(np.log(self.yardstick.count))
-        for p in self._ranked(tangent, slope, law.place, law.link, fit):
+        for p in self._ranked(tangent, slope, others, law.place, law.link, fit):
             (term,) = p.law.terms
-            if term.drivers == drivers and term.kind != law.terms[0].kind and not term.alone:
-                two = replace(law, terms=(*law.terms, term))
-                numbers = {**candidate.numbers, **_start(p.law, 2, p.numbers["a1"])}
-                total = cost + half * term.numbers
-                yield _Proposal(two, numbers, total, p.expected - p.cost + total, fit)
+            two = replace(law, terms=(*law.terms, term))
+            numbers = {**candidate.numbers, **_start(p.law, 2, p.numbers["a1"])}
+            total = candidate.cost + float(np.log(len(kinds))) + half * term.numbers
+            yield _Proposal(two, numbers, total, p.expected - p.cost + total, fit)
 
     def _under(self, candidate: Candidate, link: Link) -> tuple[Array, Array]:
         """Slope of a law's predictions by the sum of its terms, and that sum, under a link."""

@@ -41,7 +41,8 @@ def without_lack_of_fit(scatter: Scatter) -> Scatter:
 class Yardstick:
     """Whitens values by V of a fit and sums up errors. count: n, points with all channels.
 
-    V is without lack of fit over settings, which would take a law for scatter.
+    V is without lack of fit over settings, which would take a law for scatter. rows: of the
+    conditions, one for each point. pairs: of channels, whose sums of products make S.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit) -> None:
@@ -50,15 +51,16 @@ class Yardstick:
         kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), scatter.log_length)
         variance = fitter.variance.covariance(scatter, kernels)
         self._factor = np.linalg.cholesky(variance)
-        self._channels = len(points.channels)
-        self._row = np.unique(points.row, return_inverse=True)[1].reshape(-1)
+        self._channels = range(len(points.channels))
         self._channel = points.channel
-        self.count = len(points) / self._channels
-        pure = np.zeros(self._channels)
+        self.rows, point = np.unique(points.row, return_inverse=True)
+        self._point = point.reshape(-1)
+        self.pairs = [(a, b) for a in self._channels for b in self._channels if a <= b]
+        self.count = len(points) / len(self._channels)
         shares = fitter.repeats.variance / np.diag(variance)
-        for c in range(self._channels):
-            pure[c] = float(np.mean(shares[points.channel == c]))
-        self._floor = _FLOOR * pure + 1e-9
+        self._floor = [
+            _FLOOR * float(np.mean(shares[points.channel == c])) + 1e-9 for c in self._channels
+        ]
 
     def white(self, values: Array) -> Array:
         """Values or columns of them, with V taken out; shape as given."""
@@ -66,40 +68,45 @@ class Yardstick:
 
     def by_channel(self, columns: Array) -> list[Array]:
         """Whitened columns (values, columns) by channel and point, zero where nothing was measured."""
-        points = int(self._row.max()) + 1
         found: list[Array] = []
-        for c in range(self._channels):
+        for c in self._channels:
             mine = self._channel == c
-            table: Array = np.zeros((points, columns.shape[1]))
-            table[self._row[mine]] = columns[mine]
+            table: Array = np.zeros((self.rows.size, columns.shape[1]))
+            table[self._point[mine]] = columns[mine]
             found.append(table)
         return found
 
-    def nats(self, spread: Sequence[Sequence[Any]]) -> Array:
-        """n/2 ln det S from sums of products by channel, each of any one shape."""
-        s = [[np.asarray(spread[a][b]) / self.count + (self._floor[a] if a == b else 0.0)
-              for b in range(self._channels)] for a in range(self._channels)]  # fmt: skip
-        det = s[0][0] if self._channels == 1 else s[0][0] * s[1][1] - s[0][1] * s[1][0]
+    def at_each_point(self, slope: Array) -> Array:
+        """What a unit at one point alone moves the values by, shape (values, points)."""
+        found = np.zeros((slope.size, self.rows.size))
+        found[np.arange(slope.size), self._point] = slope
+        return found
+
+    def nats(self, spread: Sequence[Any]) -> Array:
+        """n/2 ln det S from sums of products, one for each of `pairs`, of any one shape."""
+        s = dict(zip(self.pairs, (np.asarray(one) / self.count for one in spread), strict=True))
+        det = s[0, 0] + self._floor[0]
+        if len(self._channels) == 2:
+            det = det * (s[1, 1] + self._floor[1]) - s[0, 1] ** 2
         return np.asarray(0.5 * self.count * np.log(np.maximum(det, 1e-300)))
 
     def score(self, error: Array) -> float:
         """n/2 ln det S of errors, shape (values,)."""
         parts = self.by_channel(self.white(error)[:, None])
-        return float(self.nats([[np.sum(a * b) for b in parts] for a in parts]))
+        return float(self.nats([np.sum(parts[a] * parts[b]) for a, b in self.pairs]))
 
 
 class Tangent:
     """Errors about a fit, with what its own parameters can take up projected off.
 
-    errors: shape (values,) or (values, copies), whitened. slopes: shape (values, parameters).
+    white_errors: shape (values,) or (values, copies), whitened. slopes: shape (values, parameters).
     """
 
     def __init__(self, yardstick: Yardstick, white_errors: Array, slopes: Array) -> None:
         self._yardstick = yardstick
         self._basis = np.linalg.qr(yardstick.white(slopes))[0]
-        self._errors = self._rest(white_errors.reshape(len(slopes), -1))
-        self._parts = yardstick.by_channel(self._errors)
-        self._sums = [[np.sum(a * b, axis=0) for b in self._parts] for a in self._parts]
+        self._parts = yardstick.by_channel(self._rest(white_errors.reshape(len(slopes), -1)))
+        self._spread = [np.sum(self._parts[a] * self._parts[b], axis=0) for a, b in yardstick.pairs]
 
     def _rest(self, columns: Array) -> Array:
         return np.asarray(columns - self._basis @ (self._basis.T @ columns))
@@ -107,25 +114,31 @@ class Tangent:
     @property
     def nats(self) -> Array:
         """n/2 ln det S without another term, shape (copies,)."""
-        return self._yardstick.nats(self._sums)
+        return self._yardstick.nats(self._spread)
 
-    def gains(self, columns: Array) -> tuple[Array, Array]:
+    def gains(self, slope: Array, terms: Array) -> tuple[Array, Array]:
         """What each term gains, and its strength; shape (terms, copies).
 
-        columns: what a unit of each moves the values by, shape (values, terms), not whitened.
+        slope: of the predictions by the sum of terms, shape (values,). terms: their values, shape
+        (points, terms). A term moves all points, each by its value there, so what is needed of it are
+        products with matrices over points, which are the same for all terms.
         """
-        white = self._yardstick.white(columns)
-        rest = self._rest(white)
-        left = np.sum(rest**2, axis=0)
-        testable = left > _LEFT * np.sum(white**2, axis=0) + 1e-300
-        strength = (rest.T @ self._errors) / np.where(testable, left, 1.0)[:, None]
-        parts = self._yardstick.by_channel(rest)
+        each = self._yardstick.white(self._yardstick.at_each_point(slope))
+        moved = self._yardstick.by_channel(self._rest(each))
+        ours, pairs = self._parts, self._yardstick.pairs
+
+        def size(matrix: Array) -> Array:
+            return np.asarray(np.sum(terms * (matrix @ terms), axis=0))
+
+        own = [size(moved[a].T @ moved[b])[:, None] for a, b in pairs]
+        mixed = [terms.T @ (moved[a].T @ ours[b] + moved[b].T @ ours[a]) for a, b in pairs]
+        same = [i for i, (a, b) in enumerate(pairs) if a == b]
+        left = sum((own[i] for i in same), np.zeros(1))
+        testable = left > _LEFT * size(each.T @ each)[:, None] + 1e-300
+        strength = 0.5 * sum(mixed[i] for i in same) / np.where(testable, left, 1.0)
         after = [
-            [self._sums[a][b]
-             - strength * (parts[a].T @ self._parts[b] + parts[b].T @ self._parts[a])
-             + strength**2 * np.sum(parts[a] * parts[b], axis=0)[:, None]
-             for b in range(len(parts))] for a in range(len(parts))
-        ]  # fmt: skip
+            before - strength * m + strength**2 * o
+            for before, m, o in zip(self._spread, mixed, own, strict=True)
+        ]
         gained = self.nats - self._yardstick.nats(after)
-        gained[~testable] = _UNTESTABLE
-        return gained, strength
+        return np.where(testable, gained, _UNTESTABLE), strength
