@@ -9,7 +9,7 @@ on nothing (the battery's voltage always, and whatever the law does not use) are
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -138,6 +138,17 @@ OUTSIDE: dict[str, Hidden] = {
 ALL = LAWS | OUTSIDE
 
 
+def hidden(world: str) -> list[Hidden]:
+    """The laws of a world: `rate+slip_drag` has two."""
+    return [ALL[name] for name in world.split("+")]
+
+
+def _factor(laws: Sequence[Hidden], what: str, c: Columns) -> Array:
+    """Product of what the laws make of k, of the depth or of the diameter."""
+    acting = [function(c) for law in laws if (function := getattr(law, what))]
+    return np.asarray(np.prod([np.ones_like(c["load"]), *acting], axis=0))
+
+
 def _arc(z: Array, d: Array, b: Array, n: Array, modulus: Array) -> tuple[Array, Array]:
     """Upward and backward component (N) of the pressure on the front of a rigid wheel."""
     r = 0.5 * d
@@ -149,21 +160,23 @@ def _arc(z: Array, d: Array, b: Array, n: Array, modulus: Array) -> tuple[Array,
     return (stress * np.cos(angle)).sum(axis=0), (stress * np.sin(angle)).sum(axis=0)
 
 
-def respond(soil: tuple[float, float, float], law: Hidden, c: Columns, firmness: Array) -> Columns:
+def respond(
+    soil: tuple[float, float, float], laws: Sequence[Hidden], c: Columns, firmness: Array
+) -> Columns:
     """Sinkage (m) and resistance (N). soil: k, n, m. firmness: factor on k of each row."""
     k, n, m = soil
     one = np.ones_like(c["load"])
-    d = c["diameter"] * (law.diameter(c) if law.diameter else one)
-    modulus = k * d**m * firmness * (law.stiffness(c) if law.stiffness else one)
+    d = c["diameter"] * _factor(laws, "diameter", c)
+    modulus = k * d**m * firmness * _factor(laws, "stiffness", c)
     low, high = 1e-6 * one, 0.499 * d
     for _ in range(_BISECTIONS):
         middle = np.sqrt(low * high)
         light = _arc(middle, d, c["width"], n * one, modulus)[0] < c["load"]
         low, high = np.where(light, middle, low), np.where(light, high, middle)
-    z = np.sqrt(low * high) * (law.deeper(c) if law.deeper else one)
-    z = z + (law.raised(c) if law.raised else 0.0)
+    z = np.sqrt(low * high) * _factor(laws, "deeper", c)
+    z = z + sum(law.raised(c) for law in laws if law.raised)
     back = _arc(np.minimum(z, 0.499 * d), d, c["width"], n * one, modulus)[1]
-    return {"sinkage": z, "resistance": back + (law.drag(c, z) if law.drag else 0.0)}
+    return {"sinkage": z, "resistance": back + sum(law.drag(c, z) for law in laws if law.drag)}
 
 
 def table(
@@ -178,7 +191,8 @@ def table(
     channels: tuple[str, ...] = ("sinkage", "resistance"),
 ) -> pd.DataFrame:
     """A table of a world. part: 0 to learn from, 1 fresh settings. noise 0: the truth itself."""
-    law = ALL[world]
+    laws = hidden(world)
+    own_columns = {name: limits for law in laws for name, limits in law.columns.items()}
     own = np.random.default_rng([seed, 77])
     n = own.uniform(0.6, 1.1)
     m = own.uniform(-0.3, 0.3)
@@ -194,12 +208,12 @@ def table(
     rng = np.random.default_rng([seed, part, 78])
     kept: list[dict[str, float]] = []
     for _ in range(100 * runs):
-        run = {name: rng.uniform(*limits) for name, limits in (LIMITS | law.columns).items()}
+        run = {name: rng.uniform(*limits) for name, limits in (LIMITS | own_columns).items()}
         run |= {"speed": float(np.exp(rng.uniform(np.log(0.01), np.log(0.5)))),
                 "pass_number": float(rng.integers(1, 6)),
                 "diameter": float(rng.choice(diameters)), "width": float(rng.choice(widths))}  # fmt: skip
         c = {name: np.array([value]) for name, value in run.items()}
-        z = respond(soil, law, c, np.ones(1))["sinkage"][0]
+        z = respond(soil, laws, c, np.ones(1))["sinkage"][0]
         if 1e-3 < z < 0.3 * run["diameter"]:
             kept.append(run)
         if len(kept) == runs:
@@ -207,7 +221,7 @@ def table(
     c = {name: np.repeat([run[name] for run in kept], rows) for name in kept[0]}
     quiet = noise == 0.0
     firm = np.exp(rng.normal(0.0, 0.0 if quiet else scatter, runs))
-    true = respond(soil, law, c, np.repeat(firm, rows))
+    true = respond(soil, laws, c, np.repeat(firm, rows))
     found: dict[str, object] = {"run": np.repeat([f"r{i + 1:03d}" for i in range(runs)], rows)}
     found |= dict(c)
     for name in channels:
