@@ -41,10 +41,12 @@ def follow(
     return e, Innovations.of(title, given, results, alarm)
 
 
-def both(seed: int) -> tuple[SoilEstimator, Innovations, SoilEstimator, Innovations]:
+def both(
+    seed: int, distance: float = 30.0
+) -> tuple[SoilEstimator, Innovations, SoilEstimator, Innovations]:
     """Without the effect, and with it as named."""
     drive = simulate_drive(
-        DriveSettings(seed=seed, distance=30.0, terrain="single", hidden=("slip_sinkage",))
+        DriveSettings(seed=seed, distance=distance, terrain="single", hidden=("slip_sinkage",))
     )
     given = measurements(drive)
     e, before = follow("model without effects", given, ())

@@ -86,7 +86,7 @@ def run(drive: TractionDrive, kind: str, settle: float = 2.0) -> tuple[Assessor,
                     else None,
                 )
             )
-            forces = made.mobility.forces
+            forces = made.forces
             if drive.path[i] < settle or forces is None or forces.drawbar_pull is None:
                 continue
             out.pull.append(forces.drawbar_pull.value)

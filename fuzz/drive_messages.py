@@ -59,7 +59,7 @@ def _messages() -> Iterator[tuple[str, Message, int]]:
 
 def numbers(result: Result) -> Iterator[float]:
     """Every number that node and replay would write of a result."""
-    for fields in (mobility_fields(result.mobility), soil_fields(result.soil, result.rejected)):
+    for fields in (mobility_fields(result), soil_fields(result.soil, result.rejected)):
         for value in fields.values():
             if isinstance(value, float | int):
                 yield float(value)

@@ -18,6 +18,15 @@ COMPRESSIONS = {"message": CompressionMode.MESSAGE, "file": CompressionMode.FILE
                 "storage": CompressionMode.STORAGE}  # fmt: skip
 
 
+def beginning(bag: Path, target: Path, seconds: float) -> Path:
+    """The first seconds of a bag: most of what a test looks at is there by then."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        assert reader.start_time is not None
+        for raw in reader.raw_messages(stop=reader.start_time + round(seconds * 1e9)):
+            writer.write_raw(*raw)
+    return target
+
+
 def compressed_copy(bag: Path, target: Path, storage: str, how: str) -> Path:
     """The same messages, compressed by message, file, or in the storage (mcap's chunks)."""
     writer = Writer(target, version=9, storage_plugin=StoragePlugin[storage.upper()])

@@ -32,8 +32,8 @@ class Step(NamedTuple):
     @property
     def error(self) -> float:
         """Error of the logarithm of the sinkage that goes with the forces."""
-        assert self.result.mobility.forces is not None
-        return math.log(self.result.mobility.forces.sinkage.value / self.sinkage)
+        assert self.result.forces is not None
+        return math.log(self.result.forces.sinkage.value / self.sinkage)
 
 
 @pytest.fixture(scope="module", params=[0.25, 2.5])
@@ -51,7 +51,7 @@ def steps(request: pytest.FixtureRequest) -> list[Step]:
     number = {wheel.name: j for j, wheel in enumerate(drive.rover.wheels)}
     found = []
     for result in results:
-        at, j = (result.mobility.stamp - EPOCH) / 1e9, number[result.mobility.wheel]
+        at, j = (result.instant.stamp - EPOCH) / 1e9, number[result.wheel]
         row = int(np.searchsorted(truth.travel.time, at, side="right")) - 1
         depth = float(np.interp(at, truth.travel.time, truth.sinkage[:, j]))
         way = float(np.interp(at, truth.travel.time, truth.travel.way))
@@ -62,11 +62,9 @@ def steps(request: pytest.FixtureRequest) -> list[Step]:
 
 def test_a_wheel_behind_the_border_has_the_mobility_of_its_own_soil(steps: list[Step]) -> None:
     behind = [
-        step
-        for step in steps
-        if step.soil == 0 and step.result.elsewhere and step.result.mobility.forces
+        step for step in steps if step.soil == 0 and step.result.elsewhere and step.result.forces
     ]
-    assert {step.result.mobility.wheel for step in behind} == {"rear_left", "rear_right"}
+    assert {step.result.wheel for step in behind} == {"rear_left", "rear_right"}
     assert len(behind) >= 10
     # The soil's modulus is another one by more than a factor of two.
     assert abs(np.median([step.error for step in behind])) < 0.05
@@ -81,7 +79,7 @@ def test_all_wheels_are_on_one_soil_away_from_the_border(steps: list[Step]) -> N
 
 def test_the_cost_up_to_the_border_is_that_of_the_soil_before_it(steps: list[Step]) -> None:
     cost_map = CostMap(CostSettings(size=40.0, resolution=0.05))
-    across = {step.result.mobility.wheel: step.place[1] for step in steps}
+    across = {step.result.wheel: step.place[1] for step in steps}
     mapper = GroundMapper(cost_map)
     for step in steps:
         instant = step.result.instant._replace(place=step.place)

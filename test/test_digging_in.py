@@ -112,4 +112,4 @@ def test_no_alarm_in_ordinary_drives(hidden: tuple[str, ...], seed: int) -> None
     onboard = Onboard(settings_of(drive))
     results = [result for message in messages_of(drive) for result in message.give(onboard)]
     assert len(results) > 500
-    assert not any(result.mobility.digging_in for result in results)
+    assert not any(result.digging_in for result in results)

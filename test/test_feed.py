@@ -12,9 +12,8 @@ import pytest
 
 from smallwheel_ros.bags import message_type
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.onboard.assessment import Result
+from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.feed import Feed, Topic
-from smallwheel_ros.onboard.mobility import Status
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.streams import SECOND
@@ -146,9 +145,9 @@ class TestUsual:
         results = self.run(feed)
         assert len(results) == 30
         last = results[-1]
-        assert last.mobility.load.value == 60.0
-        assert last.mobility.slip.value == pytest.approx(0.1)
-        assert last.mobility.sinkage_measured.value == 0.008
+        assert last.instant.load.value == 60.0
+        assert last.instant.slip.value == pytest.approx(0.1)
+        assert last.instant.sinkage.value == 0.008
         assert last.instant.place == pytest.approx((0.29 + 0.2, 2.0 + 0.3))
         assert feed.odometry_frame == "odom"
 
@@ -161,7 +160,7 @@ class TestUsual:
         feed = make()
         last = self.run(feed, orientation=(0.0, 0.0, 0.0, 0.0))[-1]
         assert last.instant.place is None
-        assert last.mobility.slip is not None
+        assert last.instant.slip is not None
         assert feed.onboard.counts["odom", "no_orientation"] == 30
 
     def test_joints_without_velocities_are_counted(self) -> None:
@@ -184,15 +183,15 @@ class TestUsual:
         """An axis that points the other way shows slip of 1 (R7)."""
         feed = make()
         results = self.drive_mirrored(feed)
-        assert results[5].mobility.slip.value == pytest.approx(1.0, abs=0.01)
-        assert results[-1].mobility.slip is None
+        assert results[5].instant.slip.value == pytest.approx(1.0, abs=0.01)
+        assert results[-1].instant.slip is None
         (words,) = feed.onboard.assessor.findings
         assert "wheel 'front': its joint has turned against the travel" in words
         assert "front.joint_sign" in words
 
     def test_the_sign_of_the_joint_mends_it(self) -> None:
         feed = make(**{"front.joint_sign": -1})
-        assert self.drive_mirrored(feed)[-1].mobility.slip.value == pytest.approx(0.1, abs=0.01)
+        assert self.drive_mirrored(feed)[-1].instant.slip.value == pytest.approx(0.1, abs=0.01)
         assert feed.onboard.assessor.findings == ()
 
     def drive_mirrored(self, feed: Feed) -> list[Result]:
@@ -227,7 +226,7 @@ class TestUsual:
             topic(feed, "front/load").handle(wrench(START, 60.0), None)
             found = topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
             (result,) = found + feed.onboard.flush()
-            return result.mobility.slip.standard_deviation
+            return result.instant.slip.standard_deviation
 
         assert slip(0.01) > 5.0 * slip(0.0)
 
@@ -242,7 +241,7 @@ class TestRange:
         topic(feed, "front/load").handle(wrench(START, 60.0), None)
         topic(feed, "front/sinkage").handle(distance(START, 0.288), None)
         (result,) = feed.onboard.flush()
-        measured = result.mobility.sinkage_measured
+        measured = result.instant.sinkage
         assert measured.value == pytest.approx(0.012)
         assert measured.standard_deviation == pytest.approx(0.002)
 
@@ -266,7 +265,7 @@ class TestRange:
             topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
             topic(feed, "front/sinkage").handle(distance(step(i), value), None)
         first, _ = feed.onboard.flush()
-        assert first.mobility.sinkage_measured.value == pytest.approx(-0.001)
+        assert first.instant.sinkage.value == pytest.approx(-0.001)
         assert feed.onboard.counts == {("front/sinkage", "sinkage_negative"): 1}
 
 
@@ -286,7 +285,7 @@ class TestLoads:
         handle(joints(START, [0.0, 0.0, 4.0], [9.0, -30.0, 0.0], names), None)
         topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
         (result,) = feed.onboard.flush()
-        assert result.mobility.load.value == pytest.approx(60.0)
+        assert result.instant.load.value == pytest.approx(60.0)
         handle(joints(step(1), [0.0, 0.0, 4.0], [], names), None)
         assert feed.onboard.counts["front/load", "no_efforts"] == 1
 
@@ -296,11 +295,11 @@ class TestLoads:
         results = topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
         results += feed.onboard.flush()
         (result,) = results
-        load = result.mobility.load
+        load = result.instant.load
         assert load.value == pytest.approx(58.8399)
         assert load.standard_deviation == pytest.approx(0.3 * 58.8399)
-        assert "load not measured: 58.8 N as configured" in result.mobility.status_text
-        assert result.mobility.forces is not None
+        assert "load not measured: 58.8 N as configured" in result.status_text
+        assert result.forces is not None
 
     def test_a_guessed_load_makes_everything_less_sure(self) -> None:
         def spread(**changes: object) -> float:
@@ -323,7 +322,7 @@ class TestLoads:
         for i in range(100):
             results += topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
         assert len(results) == pytest.approx(20, abs=3)
-        assert all(r.mobility.sinkage_predicted is not None for r in results)
+        assert all(r.sinkage_predicted is not None for r in results)
 
 
 class TestVelocity:
@@ -344,11 +343,11 @@ class TestVelocity:
         feed = make(velocity_topic="radar", odometry_from_wheels=True)
         assert "velocity" in feed.onboard.streams
         assert topic(feed, "radar").type == "geometry_msgs/msg/TwistStamped"
-        assert self.slip(feed).mobility.slip.value == pytest.approx(0.4)
+        assert self.slip(feed).instant.slip.value == pytest.approx(0.4)
 
     def test_odometry_from_the_wheels_alone_shows_none_and_says_so(self) -> None:
-        last = self.slip(make(odometry_from_wheels=True)).mobility
-        assert last.slip is None
+        last = self.slip(make(odometry_from_wheels=True))
+        assert last.instant.slip is None
         assert last.status is Status.SLIP_UNKNOWN
         assert "odometry comes from the wheels, and there is no velocity_topic" in last.status_text
         assert last.forces.margin is not None
@@ -377,7 +376,7 @@ class TestVelocity:
         feed = self.driven(0.0)
         assert feed.onboard.soil.distance == 0.0
         assert feed.onboard.soil.accepted == 0
-        assert self.results[-1].mobility.slip.value == pytest.approx(1.0)
+        assert self.results[-1].instant.slip.value == pytest.approx(1.0)
 
     def test_half_as_fast_is_half_the_travel(self) -> None:
         assert self.driven(0.25).onboard.soil.distance == pytest.approx(1.25, rel=0.02)
@@ -393,18 +392,18 @@ class TestVelocity:
             topic(feed, "radar").handle(velocity(step(i), 0.5), None)
             topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
             self.results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
-        assert self.results[-1].mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert self.results[-1].instant.slip.value == pytest.approx(0.0, abs=1e-6)
 
     def test_a_sensor_beside_the_middle_or_turned_is_told_so(self) -> None:
         """0.2 m left of the middle it is slower in a left turn: 0.5 - 0.6 x 0.2 m/s."""
         beside = self.driven(
             0.38, turn=0.6, velocity_lateral_position=0.2, odometry_from_wheels=False
         )
-        assert self.results[-1].mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert self.results[-1].instant.slip.value == pytest.approx(0.0, abs=1e-6)
         assert beside.onboard.soil.distance == pytest.approx(0.5 * 249 / 50, rel=0.01)
         self.results = []
         self.driven(0.5 / math.cos(0.3), velocity_yaw=0.3)
-        assert self.results[-1].mobility.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert self.results[-1].instant.slip.value == pytest.approx(0.0, abs=1e-6)
 
     def test_a_bad_velocity_is_counted(self) -> None:
         feed = make(velocity_topic="radar")
@@ -475,7 +474,7 @@ def test_drawbar_pull_tells_the_strength(name: str) -> None:
     assert told.steps > 40
     angle = told.strength.friction_angle
     assert abs(angle.value - 0.42) < 3.0 * angle.standard_deviation
-    assert results[-1].mobility.forces.drawbar_pull.value == pytest.approx(
+    assert results[-1].forces.drawbar_pull.value == pytest.approx(
         float(made.drawbar_pull[0]), abs=1.0
     )
     wild = pulled(START + 20 * SECOND, 60.0, math.nan)

@@ -12,31 +12,37 @@ from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.estimator.soil_estimator import Outcome, UpdateResult
-from smallwheel_ros.onboard.assessment import Result
+from smallwheel_ros.estimator.soil_estimator import (
+    Outcome,
+    SoilEstimator,
+    SoilPrior,
+    UpdateResult,
+)
+from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
-from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces
+from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.mobility import WheelForces
 from smallwheel_ros.onboard.watches import FilterHealth
-from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 NOTHING = Quantity(0.0, 0.0)
 
 
-def estimate(
-    wheel: str, load: float | None, margin: Quantity | None, stamp: int = 1
-) -> MobilityEstimate:
-    forces = WheelForces(NOTHING, NOTHING, NOTHING, NOTHING, None, None, None, margin)
-    return MobilityEstimate(
-        wheel,
-        stamp,
-        Status.OK,
-        "",
-        None if load is None else Quantity(load, 1.0),
-        None,
-        None,
-        NOTHING,
-        forces,
+def estimate(wheel: str, load: float | None, margin: Quantity | None) -> Result:
+    carried = None if load is None else Quantity(load, 1.0)
+    return Result(
+        instant=Instant(Wheel(wheel, 0.2, 0.1), 1, carried, None, None, None, 0.0, 0.0),
+        status=Status.OK,
+        status_text="",
+        sinkage_predicted=NOTHING,
+        forces=WheelForces(NOTHING, NOTHING, NOTHING, NOTHING, None, None, None, margin),
+        digging_in=False,
+        risk=None,
+        soil=SoilEstimator(SoilPrior.from_soil(soil("dry_sand"))).estimate(),
+        rejected=0,
+        elsewhere=(),
     )
 
 
@@ -91,10 +97,7 @@ class TestGroundMapper:
     def test_a_soil_that_nobody_has_measured_is_unknown(self, results: list[Result]) -> None:
         prior = [replace(r, soil=replace(r.soil, accepted=0)) for r in results[:50]]
         assert self.made(prior).max() == -1
-        sunk = [
-            replace(r, mobility=replace(r.mobility, status=Status.SUNK_TO_AXLE, forces=None))
-            for r in prior
-        ]
+        sunk = [replace(r, status=Status.SUNK_TO_AXLE, forces=None) for r in prior]
         assert self.made(sunk).max() == -1
 
     def test_what_did_not_fit_is_unknown_and_what_is_stuck_is_lethal(
@@ -102,7 +105,7 @@ class TestGroundMapper:
     ) -> None:
         def like(**changes: object) -> np.ndarray:
             some = results[200:220]
-            return self.made([replace(r, mobility=replace(r.mobility, **changes)) for r in some])
+            return self.made([replace(r, **changes) for r in some])
 
         assert like(status=Status.REJECTED).max() == -1
         assert like(status=Status.SUNK_TO_AXLE, forces=None).max() == 100

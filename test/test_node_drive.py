@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_kinds import beginning
 from readings import Given as Onboard
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess
 from smallwheel_ros.onboard.assessment import Result
-from smallwheel_ros.onboard.mobility import MobilityEstimate
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
@@ -31,9 +31,11 @@ pytestmark = pytest.mark.dds
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("bags") / "drive"
-    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=2.0, wheels="two_sizes")), path)
-    return path
+    """A short drive's first seconds: it stands, sets off and rolls."""
+    folder = tmp_path_factory.mktemp("bags")
+    drive = simulate_drive(DriveSettings(seed=5, distance=2.0, wheels="two_sizes"))
+    write_drive_bag(drive, folder / "whole")
+    return beginning(folder / "whole", folder / "drive", 7.0)
 
 
 @pytest.fixture
@@ -73,14 +75,14 @@ def directly(bag: Path, parameters: Path) -> list[Result]:
     return found + onboard.flush()
 
 
-def expected_row(estimate: MobilityEstimate) -> dict[str, Any]:
+def expected_row(result: Result) -> dict[str, Any]:
     """What the message of an estimate must say, written out here once more."""
-    forces = estimate.forces
+    forces, instant = result.forces, result.instant
     quantities = {
-        "load": estimate.load,
-        "slip": estimate.slip,
-        "sinkage_measured": estimate.sinkage_measured,
-        "sinkage_predicted": estimate.sinkage_predicted,
+        "load": instant.load,
+        "slip": instant.slip,
+        "sinkage_measured": instant.sinkage,
+        "sinkage_predicted": result.sinkage_predicted,
         "compaction_resistance": forces and forces.compaction_resistance,
         "other_resistance": forces and forces.other_resistance,
         "rolling_resistance_coefficient": forces and forces.rolling_resistance_coefficient,
@@ -91,20 +93,20 @@ def expected_row(estimate: MobilityEstimate) -> dict[str, Any]:
         "energy_per_metre": forces and forces.energy_per_metre,
     }
     row: dict[str, Any] = {
-        "stamp": estimate.stamp,
-        "frame_id": estimate.wheel,
-        "status": int(estimate.status),
-        "status_text": estimate.status_text,
-        "load_valid": estimate.load is not None,
-        "slip_valid": estimate.slip is not None,
-        "sinkage_measured_valid": estimate.sinkage_measured is not None,
+        "stamp": instant.stamp,
+        "frame_id": result.wheel,
+        "status": int(result.status),
+        "status_text": result.status_text,
+        "load_valid": instant.load is not None,
+        "slip_valid": instant.slip is not None,
+        "sinkage_measured_valid": instant.sinkage is not None,
         "prediction_valid": forces is not None,
         "traction_valid": forces is not None and forces.drawbar_pull is not None,
         "margin_valid": forces is not None and forces.margin is not None,
         "energy_valid": forces is not None and forces.energy_per_metre is not None,
-        "digging_in": estimate.digging_in,
-        "risk_valid": estimate.risk is not None,
-        "risk_of_getting_stuck": estimate.risk or 0.0,
+        "digging_in": result.digging_in,
+        "risk_valid": result.risk is not None,
+        "risk_of_getting_stuck": result.risk or 0.0,
         "probability_drawbar_pull_positive": (
             (forces and forces.probability_drawbar_pull_positive) or 0.0
         ),
@@ -144,10 +146,10 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
         # Answers come in one order, that of the stamps, whatever DDS did to the topics.
         assert len(first.mobility) == len(expected)
         for row, result in zip(first.mobility, expected, strict=True):
-            assert_same_row(row, expected_row(result.mobility))
+            assert_same_row(row, expected_row(result))
 
         last, soil = first.soil[-1], expected[-1].soil
-        assert last["stamp"] == expected[-1].mobility.stamp
+        assert last["stamp"] == expected[-1].instant.stamp
         assert last["frame_id"] == "odom"
         assert (last["k"], last["n"], last["m"]) == pytest.approx(
             (soil.k, soil.n, soil.m), rel=1e-9

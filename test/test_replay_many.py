@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from bag_kinds import beginning
 from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader, BagWriter
@@ -34,12 +35,13 @@ def rover(repository) -> Path:
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory) -> list[Path]:
-    """Three short drives on one soil each, as single files."""
+    """The beginnings of three drives on one soil each, as single files."""
     folder = tmp_path_factory.mktemp("bags")
     files = []
     for seed in (1, 2, 3):
         drive = DriveSettings(seed=seed, distance=3.0, wheels="two_sizes", terrain="single")
-        write_drive_bag(simulate_drive(drive), folder / f"drive_{seed}")
+        write_drive_bag(simulate_drive(drive), folder / f"whole_{seed}")
+        beginning(folder / f"whole_{seed}", folder / f"drive_{seed}", 8.0)
         files.append(folder / f"drive_{seed}.mcap")
         (folder / f"drive_{seed}" / f"drive_{seed}.mcap").rename(files[-1])
     return files

@@ -23,6 +23,7 @@ from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
 pytestmark = pytest.mark.dds
 
@@ -45,13 +46,29 @@ def messages_of(bag: Path, topic: str | None) -> Iterator[BagMessage]:
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive over several soils, with outliers and messages that are missing."""
+    """A drive onto softer soil, with outliers and messages that are missing."""
     path = tmp_path_factory.mktemp("bags") / "drive"
+    stretches = [
+        Stretch(start, soil_of_pressure("sand", pressure, 0.85, 0.35, friction_angle=0.5))
+        for start, pressure in ((0.0, 19e3), (3.5, 7e3))
+    ]
     settings = DriveSettings(
-        seed=11, distance=13.0, speed=0.7, wheels="two_sizes", outliers=0.02, dropouts=0.02
+        seed=11,
+        distance=6.0,
+        speed=0.7,
+        wheels="two_sizes",
+        stretches=tuple(stretches),
+        outliers=0.02,
+        dropouts=0.02,
     )
     write_drive_bag(simulate_drive(settings), path)
     return path
+
+
+@pytest.fixture(scope="module")
+def short(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its first five seconds."""
+    return bag_kinds.beginning(bag, tmp_path_factory.mktemp("bags") / "short", 5.0)
 
 
 def fields(message: Any) -> dict[str, Any]:
@@ -99,15 +116,13 @@ def test_replay_and_node_agree_to_a_billionth(
     assert_same(recording.soil[-1], soils[-1])
 
 
-def test_a_bag_of_ros1_is_played_into_the_node(bag: Path, repository: Path, tmp_path: Path) -> None:
+def test_a_bag_of_ros1_is_played_into_the_node(
+    short: Path, repository: Path, tmp_path: Path
+) -> None:
     from smallwheel_ros.ros.drive_through import drive_through
 
     rover = repository / "config" / "two_wheel_sizes.yaml"
-    start = next(iter(messages_of(bag, None))).log_time
-    with BagWriter(tmp_path / "short") as writer, BagReader(bag) as reader:
-        for raw in reader.raw_messages(stop=start + 5 * SECOND):
-            writer.write_raw(*raw)
-    old = bag_kinds.ros1_copy(tmp_path / "short", tmp_path / "old.bag")
+    old = bag_kinds.ros1_copy(short, tmp_path / "old.bag")
     replay(ReplaySpec(old, rover, tmp_path / "out", copy="none"))
     expected = [fields(m.message) for m in messages_of(tmp_path / "out" / "bag", MOBILITY)]
     with NodeProcess([rover], tmp_path / "node.log", {"use_sim_time": "true"}) as node:
@@ -117,15 +132,15 @@ def test_a_bag_of_ros1_is_played_into_the_node(bag: Path, repository: Path, tmp_
         assert_same(row, other)
 
 
-def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(bag: Path, tmp_path: Path) -> None:
+def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(short: Path, tmp_path: Path) -> None:
     import rclpy
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
     from rosgraph_msgs.msg import Clock
     from smallwheel_ros.msg import SoilEstimate
 
-    start = next(iter(messages_of(bag, None))).log_time
-    with BagWriter(tmp_path / "short") as writer, BagReader(bag) as reader:
+    start = next(iter(messages_of(short, None))).log_time
+    with BagWriter(tmp_path / "short") as writer, BagReader(short) as reader:
         writer.add("/latched", "smallwheel_ros/msg/SoilEstimate", keeps_last=True)
         for raw in reader.raw_messages(stop=start + 4 * SECOND):
             writer.write_raw(*raw)
@@ -166,13 +181,13 @@ def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(bag: Path, tmp_pa
 
 
 def test_what_replay_writes_is_read_by_ros_itself(
-    bag: Path, repository: Path, tmp_path: Path
+    short: Path, repository: Path, tmp_path: Path
 ) -> None:
     from rclpy.serialization import deserialize_message
     from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 
     rover = repository / "config" / "two_wheel_sizes.yaml"
-    replay(ReplaySpec(bag, rover, tmp_path / "out", copy="none"))
+    replay(ReplaySpec(short, rover, tmp_path / "out", copy="none"))
     classes = {
         "/mobility_estimator/mobility": MobilityEstimate,
         "/mobility_estimator/soil": SoilEstimate,

@@ -83,8 +83,10 @@ def test_a_known_zero_lets_all_be_determined() -> None:
     check(score)
     assert all(score.determined.values())
     assert score.deviation["n"] < 0.12
-    # One size of wheel says nothing of m.
-    assert not drive("zero known, equal").determined["m"]
+
+
+def test_wheels_of_one_size_say_nothing_of_m() -> None:
+    assert not drive("right x3, equal").determined["m"]
 
 
 def test_in_the_nominal_world_there_is_nothing_to_find() -> None:

@@ -191,7 +191,7 @@ def test_an_imu_in_another_frame_is_refused_and_the_rest_goes_on(
     (problem,) = [p for p in feed.onboard.take_problems() if p.stream == "imu"][:1]
     assert "base_link" in problem.text
     assert len(results) == 60
-    assert results[-1].mobility.forces is not None
+    assert results[-1].forces is not None
     assert force(results) is None
 
 
@@ -223,7 +223,7 @@ def test_effort_of_zeros_is_said_and_the_rest_goes_on() -> None:
     feed = make(**{"front.torque_source": "effort"})
     results = drive(feed, effort=0.0)
     assert feed.onboard.counts["front/torque", "torque_zero"] == 60
-    assert results[-1].mobility.forces is not None
+    assert results[-1].forces is not None
     assert feed.onboard.strength.sources == set()
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import NamedTuple
 
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
@@ -67,7 +68,7 @@ class SinkageMeasurement:
     path: float | None = None
     pitch: float = 0.0
 
-    @property
+    @cached_property
     def own_path(self) -> float:
         """Path of the wheel (m)."""
         return self.distance if self.path is None else self.path

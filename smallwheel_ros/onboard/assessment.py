@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial
 
 from smallwheel_ros.errors import SmallwheelError
@@ -17,7 +18,7 @@ from smallwheel_ros.estimator.soil_estimator import (
 )
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
 from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.mobility import MobilityEstimate, Status, WheelForces, wheel_forces
+from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND
@@ -30,20 +31,56 @@ from smallwheel_ros.physics.wheel import Quantity
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 
 
+class Status(IntEnum):
+    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
+
+    OK = 0
+    PRIOR_ONLY = 1
+    SLIP_UNKNOWN = 2
+    REJECTED = 3
+    LOAD_MISSING = 4
+    SUNK_TO_AXLE = 5
+
+
 @dataclass(frozen=True)
 class Result:
-    """What came of the instant of one wheel: its mobility, and the soil after it.
+    """One wheel at one instant: what was measured, and what the model makes of it; SI units.
 
-    soil: the one that a wheel came to last; mobility is that on the wheel's own soil.
-    rejected: measured sinkages that were not used for the soil since the start or the last reset.
-    elsewhere: wheels that are on another soil than this one, just before or after a border.
+    Attributes
+    ----------
+    status_text
+        All conditions that apply, in words.
+    sinkage_predicted, forces
+        Of the soil as estimated before this sinkage was used, and after; None where load is missing
+        or the wheel is sunk to its axle.
+    digging_in
+        Slip and sinkage grow while the wheel travels slower and slower.
+    risk
+        Probability that the vehicle gets stuck within the next metre (see `stuck_warning`); None
+        where no margin is known.
+    soil
+        After the instant: the one that a wheel came to last; the forces are those on the wheel's own.
+    rejected
+        Measured sinkages that were not used for the soil since the start or the last reset.
+    elsewhere
+        Wheels that are on another soil than this one, just before or after a border.
     """
 
     instant: Instant
-    mobility: MobilityEstimate
+    status: Status
+    status_text: str
+    sinkage_predicted: Quantity | None
+    forces: WheelForces | None
+    digging_in: bool
+    risk: float | None
     soil: SoilEstimate
     rejected: int
     elsewhere: tuple[str, ...]
+
+    @property
+    def wheel(self) -> str:
+        """Name of the wheel."""
+        return self.instant.wheel.name
 
 
 class Assessor:
@@ -110,38 +147,22 @@ class Assessor:
         margin = None if forces is None else forces.margin
         self.stuck.add(instant, margin, self.settings.reference_slip)
         sunk = load is not None and not failure and forces is None
-        status, text = self._status(instant, soil, update, sunk, failure)
+        conditions = self._conditions(instant, soil, update, sunk, failure)
+        words = [text for _, text in sorted(conditions, key=lambda condition: -condition[0])]
         if digging:
-            words = "digs itself in: slip and sinkage are up, speed is down"
-            text = f"{words}; {text}" if text else words
-        self._note_problem(instant, update, failure)
-        mobility = MobilityEstimate(
-            name,
-            instant.stamp,
-            status,
-            text,
-            load,
-            instant.slip,
-            instant.sinkage,
-            predicted,
-            forces,
-            digging,
-            self.stuck.risk,
+            words.insert(0, "digs itself in: slip and sinkage are up, speed is down")
+        return Result(
+            instant=instant,
+            status=max((status for status, _ in conditions), default=Status.OK),
+            status_text="; ".join(words),
+            sinkage_predicted=predicted,
+            forces=forces,
+            digging_in=digging,
+            risk=self.stuck.risk,
+            soil=soil,
+            rejected=self.problems.rejected,
+            elsewhere=self.estimator.elsewhere(name),
         )
-        rejected, elsewhere = self.problems.rejected, self.estimator.elsewhere(name)
-        return Result(instant, mobility, soil, rejected, elsewhere)
-
-    def _note_problem(self, instant: Instant, update: UpdateResult | None, failure: str) -> None:
-        stream = f"{instant.wheel.name}/{'load' if instant.sinkage is None else 'sinkage'}"
-        if instant.load is None:
-            gap = self.settings.timing.maximum_gap
-            text = f"no usable load within {gap:g} s of its stamp"
-            self.problems.add(stream, "load_missing", text)
-        elif update is not None and update.outcome is not Outcome.ACCEPTED:
-            self.problems.add(stream, update.reason, update.message)
-        elif failure:
-            # A prediction that fails leaves the measurement used all the same.
-            self.problems.add(stream, "numerical", failure, unused=False)
 
     def _update(self, instant: Instant) -> UpdateResult | None:
         """Let the estimator use what was measured; None where load or sinkage is missing."""
@@ -241,16 +262,17 @@ class Assessor:
             reference_slip=settings.reference_slip,
         )
 
-    def _status(
+    def _conditions(
         self,
         instant: Instant,
         soil: SoilEstimate,
         update: UpdateResult | None,
         sunk: bool,
         failure: str,
-    ) -> tuple[Status, str]:
-        """The most serious condition, and all of them in words."""
+    ) -> list[tuple[Status, str]]:
+        """All conditions that apply, in words; what could not be used is noted as a problem, too."""
         found: list[tuple[Status, str]] = []
+        stream = f"{instant.wheel.name}/{'load' if instant.sinkage is None else 'sinkage'}"
         if soil.accepted == 0:
             name = self.settings.prior.soil.name
             found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
@@ -262,8 +284,15 @@ class Assessor:
                 why = "the wheel stands"
             found.append((Status.SLIP_UNKNOWN, f"slip unknown ({why}): no thrust, no drawbar pull"))
         if update is not None and update.outcome is not Outcome.ACCEPTED:
+            self.problems.add(stream, update.reason, update.message)
             found.append((Status.REJECTED, f"measured sinkage not used: {update.message}"))
+        elif failure:
+            # A prediction that fails leaves the measurement used all the same.
+            self.problems.add(stream, "numerical", failure, unused=False)
         if instant.load is None:
+            gap = self.settings.timing.maximum_gap
+            text = f"no usable load within {gap:g} s of its stamp"
+            self.problems.add(stream, "load_missing", text)
             found.append((Status.LOAD_MISSING, "no load near this instant: nothing is predicted"))
         if failure:
             found.append((Status.LOAD_MISSING, f"nothing is predicted: {failure}"))
@@ -272,7 +301,4 @@ class Assessor:
         if instant.load_is_static and instant.load is not None:
             text = f"load not measured: {instant.load.value:.3g} N as configured"
             found.append((Status.OK, text))
-        if not found:
-            return Status.OK, ""
-        found.sort(key=lambda condition: -condition[0])
-        return found[0][0], "; ".join(text for _, text in found)
+        return found

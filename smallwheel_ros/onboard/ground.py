@@ -6,23 +6,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.onboard.assessment import Result
-from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
+from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.stuck_warning import STALE, mean_margin
 from smallwheel_ros.physics.wheel import Quantity
 
 
-def vehicle_margin(estimates: Iterable[MobilityEstimate]) -> Quantity | None:
+def vehicle_margin(newest: Iterable[Result]) -> Quantity | None:
     """Margin of a whole vehicle: drawbar pull of all wheels over load of all wheels.
 
     None where no wheel has a margin.
     """
     wheels = [
-        (estimate.load.value, estimate.forces.margin)
-        for estimate in estimates
-        if estimate.forces is not None
-        and estimate.forces.margin is not None
-        and estimate.load is not None
+        (result.instant.load.value, result.forces.margin)
+        for result in newest
+        if result.forces is not None
+        and result.forces.margin is not None
+        and result.instant.load is not None
     ]
     return mean_margin(wheels) if wheels else None
 
@@ -36,7 +35,7 @@ class GroundMapper:
 
     def __init__(self, cost_map: CostMap) -> None:
         self.map = cost_map
-        self._newest: dict[str, MobilityEstimate] = {}
+        self._newest: dict[str, Result] = {}
 
     def clear(self) -> None:
         """Forget the ground."""
@@ -49,20 +48,19 @@ class GroundMapper:
         Nothing is known where the soil has not been measured yet or the measured sinkage did not
         fit; a wheel that is sunk to its axle or digs itself in is stuck there.
         """
-        mobility, place = result.mobility, result.instant.place
-        self._newest[mobility.wheel] = mobility
+        wheel, place = result.instant.wheel, result.instant.place
+        self._newest[wheel.name] = result
         if place is None or not frame:
             return
         self.map.follow(frame, *place)
         measured = result.soil.accepted > 0
-        stuck = mobility.digging_in or (measured and mobility.status is Status.SUNK_TO_AXLE)
+        stuck = result.digging_in or (measured and result.status is Status.SUNK_TO_AXLE)
         margin: Quantity | None = None
-        if measured and mobility.status is not Status.REJECTED:
-            since = mobility.stamp - STALE
+        if measured and result.status is not Status.REJECTED:
+            since = result.instant.stamp - STALE
             margin = vehicle_margin(
-                e
-                for name, e in self._newest.items()
-                if e.stamp >= since and name not in result.elsewhere
+                other
+                for name, other in self._newest.items()
+                if other.instant.stamp >= since and name not in result.elsewhere
             )
-        wheel = result.instant.wheel
         self.map.add(wheel.name, frame, place, wheel.width, margin, stuck=stuck)

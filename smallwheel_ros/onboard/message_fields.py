@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.onboard.mobility import MobilityEstimate
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.physics.wheel import Quantity
 
 STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
@@ -39,26 +39,26 @@ _OF_FORCES = (
 )
 
 
-def mobility_fields(estimate: MobilityEstimate) -> dict[str, Any]:
+def mobility_fields(result: Result) -> dict[str, Any]:
     """Return all fields of MobilityEstimate.msg but its header.
 
-    The header's stamp is `estimate.stamp` (ns), its frame_id `estimate.wheel`.
+    The header's stamp is the instant's (ns), its frame_id the wheel's name.
     """
-    forces, risk = estimate.forces, estimate.risk
+    instant, forces, risk = result.instant, result.forces, result.risk
     quantities: dict[str, Quantity | None] = {
-        "load": estimate.load,
-        "slip": estimate.slip,
-        "sinkage_measured": estimate.sinkage_measured,
-        "sinkage_predicted": estimate.sinkage_predicted,
+        "load": instant.load,
+        "slip": instant.slip,
+        "sinkage_measured": instant.sinkage,
+        "sinkage_predicted": result.sinkage_predicted,
         "mobility_margin": None if forces is None else forces.margin,
         **{name: getattr(forces, name, None) for name in _OF_FORCES},
     }
     positive = None if forces is None else forces.probability_drawbar_pull_positive
     fields: dict[str, Any] = {
-        "status": int(estimate.status),
-        "status_text": estimate.status_text,
+        "status": int(result.status),
+        "status_text": result.status_text,
         "probability_drawbar_pull_positive": 0.0 if positive is None else positive,
-        "digging_in": estimate.digging_in,
+        "digging_in": result.digging_in,
         "risk_of_getting_stuck": risk or 0.0,
     }
     for flag, (first, *_) in VALID.items():

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
@@ -32,17 +31,6 @@ _LEAST_STD = 0.15  # N: resolution of any pull
 # Of the thrust at the reference slip, where strength was told near slip 0.1: other forms of the shear
 # curve; and where no balance has told it, also what single wheels have of their own.
 _FORM, _FORM_OF_WHEELS = 0.08, 0.15
-
-
-class Status(IntEnum):
-    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
-
-    OK = 0
-    PRIOR_ONLY = 1
-    SLIP_UNKNOWN = 2
-    REJECTED = 3
-    LOAD_MISSING = 4
-    SUNK_TO_AXLE = 5
 
 
 @dataclass(frozen=True)
@@ -76,30 +64,6 @@ class WheelForces:
             return None
         value, deviation = self.margin.value, self.margin.standard_deviation
         return Quantity(math.atan(value), deviation / (1.0 + value**2))
-
-
-@dataclass(frozen=True)
-class MobilityEstimate:
-    """One wheel at one instant: what was measured, and what the model predicts; SI units.
-
-    stamp: ns. status_text: all conditions that apply, in words. sinkage_predicted is from the soil
-    as estimated before this sinkage was used, the forces are from after; both are None where load
-    is missing or the wheel is sunk to its axle. digging_in: slip and sinkage grow while the wheel
-    travels slower and slower. risk: probability that the vehicle gets stuck within the next metre (see
-    `stuck_warning`), None where no margin is known.
-    """
-
-    wheel: str
-    stamp: int
-    status: Status
-    status_text: str
-    load: Quantity | None
-    slip: Quantity | None
-    sinkage_measured: Quantity | None
-    sinkage_predicted: Quantity | None
-    forces: WheelForces | None
-    digging_in: bool = False
-    risk: float | None = None
 
 
 def wheel_forces(

@@ -4,7 +4,7 @@
     onboard = Onboard(settings)
     onboard.add(stamp, [("front_left/load", (61.0,))])        # and so on, in the order of arrival
     for result in onboard.add(stamp, [("front_left/sinkage", (0.011, 1e-6))]):
-        print(result.mobility.forces, result.soil.n)
+        print(result.forces, result.soil.n)
 
 Results may come with any message: a measured sinkage waits for what belongs to it (see
 `synchroniser`).

@@ -11,7 +11,9 @@ from smallwheel_ros.onboard.instant import Instant, Motion, drives_forward
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.wheel import Quantity, wheel_slip
+from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
+
+Values = dict[str, tuple[float, ...] | None]  # of streams at an instant, by kind
 
 _GAINING = nanoseconds(0.4)  # over which the vehicle's acceleration is taken
 
@@ -33,7 +35,8 @@ class Stream(Series):
 class WheelState:
     """A wheel with its streams, and how far it has come.
 
-    needed: streams that its instants are put together from. timing: the stream that gives them.
+    measured: streams that its instants are put together from. needed: those among them that an instant
+    waits for. timing: the stream that gives the instants.
     path: travelled so far, m. answered: stamp of the newest instant (ns). deepest: sinkage so far, m.
     """
 
@@ -45,14 +48,16 @@ class WheelState:
             Stream(f"{wheel.name}/{kind}", odometry.horizon, order)
             for kind in ("load", "sinkage", "drawbar_pull", "wheel_speed", "torque")
         ]
-        self.load, self.sinkage, self.drawbar_pull, self.wheel_speed, self.torque = self.streams
+        load, self.sinkage, *_ = self.streams
         self.static_load = settings.static_loads.get(wheel.name)
-        vehicle = [odometry, velocity, imu] if wheel.contact == ROLLING else []
+        vehicle = [odometry, velocity, imu]
         used = set(settings.streams) - {self.sinkage.name}
-        self.needed = [stream for stream in (*self.streams, *vehicle) if stream.name in used]
+        self.measured = [stream for stream in (*self.streams, *vehicle) if stream.name in used]
+        rolls = wheel.contact == ROLLING
+        self.needed = [one for one in self.measured if rolls or one not in vehicle]
         self.timing = self.sinkage
         if wheel.name in settings.without_sinkage:
-            self.timing = self.load if self.static_load is None else odometry
+            self.timing = load if self.static_load is None else odometry
             self.timing.predicts.append(order)
         self.path = self.deepest = 0.0
         self.answered = 0
@@ -80,7 +85,7 @@ class SensorBuffer:
         longest_wait = max(timing.reorder_time, timing.silent_after)
         horizon = nanoseconds(longest_wait + timing.maximum_gap + timing.jump_tolerance)
         vehicle = [Stream(name, horizon) for name in (ODOMETRY, VELOCITY, IMU)]
-        self._odometry, self._velocity, self._imu = vehicle
+        self._odometry, self._velocity, _ = vehicle
         # Paths come from the same source as slip.
         by_topic = settings.velocity == "topic"
         self._speeds = self._velocity if by_topic else self._odometry
@@ -113,7 +118,8 @@ class SensorBuffer:
             self._pitches = self._pitches or Motion(*values).pitch != 0.0
         if fault is None and stream is self._speeds:
             if stream is self._velocity:
-                values = self._middle(values, self._motion(stamp))
+                odometry = self._odometry.at(stamp, self._gap)
+                values = self._middle(values, None if odometry is None else Motion(*odometry))
             self._travel.move(stamp, *values[:4])
         return fault
 
@@ -123,16 +129,17 @@ class SensorBuffer:
         measured: its sinkage (m) and variance (m^2, not known where it is not over 0), if any.
         """
         state, noise, gap = self.wheels[order], self.settings.noise, self._gap
-        motion = self._motion(stamp)
-        load, pull = state.load.at(stamp, gap), state.drawbar_pull.at(stamp, gap)
-        torque = state.torque.at(stamp, gap)
+        now = {one.kind: one.at(stamp, gap) for one in state.measured}
+        load, pull, torque = now.get("load"), now.get("drawbar_pull"), now.get("torque")
+        odometry = now.get(ODOMETRY)
+        motion = None if odometry is None else Motion(*odometry)
         carried = state.static_load
         if load is not None:
             carried = Quantity(load[0], math.hypot(noise.load, noise.load_relative * load[0]))
-        speed, rim, slip = self._moves(state, stamp, motion)
+        speed, rim, slip = self._moves(state.wheel, now, motion)
         forward = drives_forward(speed, rim)
         way = 1.0 if forward else -1.0
-        force = self._specific_force(stamp, motion)
+        force = self._specific_force(stamp, now, motion)
         sinkage = None
         if measured:
             value, variance = measured
@@ -160,9 +167,9 @@ class SensorBuffer:
             forward,
         )
 
-    def _specific_force(self, stamp: int, motion: Motion | None) -> float | None:
+    def _specific_force(self, stamp: int, now: Values, motion: Motion | None) -> float | None:
         """What the wheels pull per mass, m/s^2, positive forward: of slope, and of gaining speed."""
-        measured = self._imu.at(stamp, self._gap)
+        measured = now.get(IMU)
         if measured is not None and math.isnan(measured[0]):
             return measured[1]  # an accelerometer feels both
         slope: float | None = None if measured is None else measured[0]
@@ -170,15 +177,11 @@ class SensorBuffer:
             slope = -GRAVITY * math.sin(motion.pitch)
         if slope is None:
             return None
-        now = self._speeds.at(stamp, self._gap)
+        speed = now.get(self._speeds.kind)
         before = self._speeds.at(stamp - _GAINING, self._gap)
-        if now is None or before is None:
+        if speed is None or before is None:
             return None
-        return slope + (now[0] - before[0]) / (_GAINING / SECOND)
-
-    def _motion(self, stamp: int) -> Motion | None:
-        values = self._odometry.at(stamp, self._gap)
-        return None if values is None else Motion(*values)
+        return slope + (speed[0] - before[0]) / (_GAINING / SECOND)
 
     def _middle(self, velocity: Sequence[float], motion: Motion | None) -> tuple[float, float]:
         """Speed of the vehicle's middle and yaw rate, by the velocity sensor.
@@ -191,15 +194,15 @@ class SensorBuffer:
         return speed + yaw_rate * self.settings.velocity_lateral_position, yaw_rate
 
     def _moves(
-        self, state: WheelState, stamp: int, motion: Motion | None
+        self, wheel: Wheel, now: Values, motion: Motion | None
     ) -> tuple[float | None, float | None, Quantity | None]:
         """Speed of a wheel's place over ground, of its rim, and its slip; None where not known."""
-        wheel, noise = state.wheel, self.settings.noise
+        noise = self.settings.noise
         lateral = wheel.lateral_position
         if wheel.contact != ROLLING:
             return None, None, None
         if self.settings.velocity == "topic":
-            values = self._velocity.at(stamp, self._gap)
+            values = now.get(VELOCITY)
             if values is None:
                 return None, None, None
             (middle, yaw_rate), variance = self._middle(values, motion), values[2]
@@ -209,7 +212,7 @@ class SensorBuffer:
             middle, yaw_rate = motion.speed, motion.yaw_rate
             variance = motion.speed_variance + motion.yaw_rate_variance * lateral**2
         speed = middle - yaw_rate * lateral
-        turning = state.wheel_speed.at(stamp, self._gap)
+        turning = now.get("wheel_speed")
         if turning is None or self.settings.velocity == "none":
             return speed, None, None
         rim = turning[0] * wheel.diameter / 2

@@ -7,17 +7,14 @@ the parameter's name, in the class of its group or with _ for the point.
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.onboard.parameter import WHEEL
 from smallwheel_ros.onboard.parameter_table import PARAMETERS
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -30,7 +27,7 @@ VelocitySource = Literal["odometry", "topic", "none"]
 
 
 class OnboardError(SmallwheelError):
-    """Settings that nothing can be estimated with, or a wheel that is not of this vehicle."""
+    """A wheel that is not of this vehicle."""
 
 
 def _default(name: str) -> Any:
@@ -72,7 +69,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class OnboardSettings:
-    """Everything that `Onboard` needs to know before the first message.
+    """Everything that `Onboard` needs to know before the first message; `settings_from` checks it.
 
     Attributes
     ----------
@@ -97,8 +94,6 @@ class OnboardSettings:
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
     mass
         kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength.
-
-    Raises OnboardError where something is outside its domain.
     """
 
     wheels: tuple[Wheel, ...]
@@ -121,24 +116,6 @@ class OnboardSettings:
     maximum_speed: float = _default("maximum_speed")
     mass: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check everything that no other class checks."""
-        if not self.wheels:
-            raise OnboardError("there are no wheels: name at least one")
-        twice = [name for name, count in Counter(w.name for w in self.wheels).items() if count > 1]
-        if twice:
-            raise OnboardError(f"wheel {twice[0]} is there twice: each needs a name of its own")
-        _check(self, "")
-        for name in ("noise", "timing", "digging_in"):
-            _check(getattr(self, name), f"{name}.")
-        for wheel in self.wheels:
-            _check(wheel, f"{WHEEL}.", wheel.name)
-        for name, load in self.static_loads.items():
-            if not (math.isfinite(load.value) and load.value > 0):
-                raise OnboardError(
-                    f"wheel {name}: static load is {load.value!r} N, expected over 0"
-                )
-
     @property
     def streams(self) -> tuple[str, ...]:
         """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
@@ -154,18 +131,6 @@ class OnboardSettings:
             *(f"{w.name}/torque" for w in rolling if w.name in self.with_torque),
             *((IMU,) if rolling and self.with_imu else ()),
         )
-
-
-def _check(settings: Any, prefix: str, wheel: str = "") -> None:
-    """Raise OnboardError for a setting that is outside the range of its parameter."""
-    for entry in fields(settings):
-        parameter = PARAMETERS.get(f"{prefix}{entry.name}")
-        if parameter is not None and parameter.kind in ("double", "string"):
-            value = getattr(settings, entry.name)
-            value = float(value) if parameter.kind == "double" else value
-            problem = parameter.for_wheel(wheel).problem(value)
-            if problem is not None:
-                raise OnboardError(problem)
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class Estimate:
 
     def __init__(self, result: Result, before: Estimate | None = None) -> None:
         self.result, soil = result, result.soil
-        self._mobility = mobility_fields(result.mobility)
+        self._mobility = mobility_fields(result)
         law = (soil.k, soil.n, soil.m, soil.log_covariance.tobytes())
         self._state = (*law, soil.variety, soil.accepted, result.rejected)
         if before is not None and before._state == self._state:
@@ -78,23 +78,23 @@ class Estimate:
 
         start: the bag's first log time, ns.
         """
-        found, soil = self.result.mobility, self.result.soil
-        x, y = self.result.instant.vehicle or (None, None)
+        result, instant, soil = self.result, self.result.instant, self.result.soil
+        x, y = instant.vehicle or (None, None)
         own = dict(self._mobility)
         for flag, names in VALID.items():
             if not own[flag]:
                 for name in names:
                     own[name] = own[f"{name}_standard_deviation"] = None
         return [
-            found.stamp,
-            (found.stamp - start) / SECOND,
-            found.wheel,
+            instant.stamp,
+            (instant.stamp - start) / SECOND,
+            result.wheel,
             x,
             y,
-            self.result.instant.speed,
+            instant.speed,
             soil.distance,
-            found.status.name,
-            found.status_text,
+            result.status.name,
+            result.status_text,
             *[own[name] for name in _own_columns()],
             *self._soil_cells,
             soil.soil_changes,
@@ -102,12 +102,12 @@ class Estimate:
 
     def mobility(self) -> Message:
         """Return it as MobilityEstimate."""
-        return Message(header=self._header(self.result.mobility.wheel), **self._mobility)
+        return Message(header=self._header(self.result.wheel), **self._mobility)
 
     def soil(self, frame: str) -> Message:
         """Return it as SoilEstimate; frame: that of odometry."""
         return Message(header=self._header(frame), **self._soil)
 
     def _header(self, frame: str) -> Message:
-        seconds, rest = divmod(self.result.mobility.stamp, SECOND)
+        seconds, rest = divmod(self.result.instant.stamp, SECOND)
         return Message(stamp=Message(sec=seconds, nanosec=rest), frame_id=frame)

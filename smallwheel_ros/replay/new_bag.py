@@ -69,7 +69,7 @@ class NewBag(BagWriter):
         """Write an estimate; frame: that of odometry."""
         self.write(f"{self.prefix}/mobility", MOBILITY, log_time, estimate.mobility())
         self._soil_waits = (log_time, estimate, frame)
-        stamp, sent = estimate.result.mobility.stamp, self._soil_sent
+        stamp, sent = estimate.result.instant.stamp, self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
             self._soil_sent = stamp
             self.finish()

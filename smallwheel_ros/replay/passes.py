@@ -62,7 +62,7 @@ class PassCounter:
 
     def number(self, result: Result) -> int | None:
         """Return the pass number of the wheel at the instant of a result; None: not known."""
-        wheel, place, travel = result.mobility.wheel, result.instant.place, result.soil.distance
+        wheel, place, travel = result.wheel, result.instant.place, result.soil.distance
         width = self._widths.get(wheel)
         if place is None or width is None:
             return None

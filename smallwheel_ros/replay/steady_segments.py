@@ -76,7 +76,7 @@ class SteadySegments:
 
     def add(self, result: Result, changing: bool) -> None:
         """Take one result; changing: the soil is taken to change just now (`DriveSummary.changing`)."""
-        found, way = result.mobility, result.soil.distance
+        instant, way = result.instant, result.soil.distance
         passes = self._passes.number(result)
         forgotten = way < self._way - 1e-9  # time went back
         if forgotten or (changing and not self._changing):
@@ -85,14 +85,9 @@ class SteadySegments:
         if changing:
             self.at_changes += 1
             return
-        order = self._order[found.wheel]
+        order = self._order[result.wheel]
         pressed = self._wheels[order].contact == PRESSED
-        load, sinkage, slip, speed = (
-            found.load,
-            found.sinkage_measured,
-            found.slip,
-            result.instant.speed,
-        )
+        load, sinkage, slip, speed = instant.load, instant.sinkage, instant.slip, instant.speed
         still = not pressed and (slip is None or speed is None)
         if load is None or sinkage is None or still:
             self.unusable += 1
@@ -102,7 +97,7 @@ class SteadySegments:
         if order not in self._open or self._open[order][0] != key:
             self._close(order)
             self._open[order] = (key, [])
-        pull = result.instant.drawbar_pull or _UNKNOWN
+        pull = instant.drawbar_pull or _UNKNOWN
         self._open[order][1].append(
             _Row(
                 load.value,

@@ -8,8 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from smallwheel_ros.onboard.assessment import Result
-from smallwheel_ros.onboard.mobility import Status
+from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.streams import SECOND
 
@@ -71,21 +70,21 @@ class DriveSummary:
 
     def add(self, result: Result) -> None:
         """Take one result."""
-        found = result.mobility
-        measured, predicted = found.sinkage_measured, found.sinkage_predicted
-        loaded = found.load is not None
-        used = measured is not None and loaded and found.status is not Status.REJECTED
+        instant = result.instant
+        measured, predicted = instant.sinkage, result.sinkage_predicted
+        loaded = instant.load is not None
+        used = measured is not None and loaded and result.status is not Status.REJECTED
         self.travel = max(self.travel, result.soil.distance)
-        self.statuses[found.status.name] += 1
-        counts = self.wheels[found.wheel]
+        self.statuses[result.status.name] += 1
+        counts = self.wheels[result.wheel]
         counts["estimates"] += 1
         counts["with_sinkage"] += measured is not None
         counts["with_load"] += loaded
-        counts["with_slip"] += found.slip is not None
+        counts["with_slip"] += instant.slip is not None
         counts["used_for_soil"] += used
         if used and measured is not None and predicted is not None:
-            self._squares[found.wheel] += (measured.value - predicted.value) ** 2
-        self._watch(result, (found.stamp - self._start) / SECOND)
+            self._squares[result.wheel] += (measured.value - predicted.value) ** 2
+        self._watch(result, (instant.stamp - self._start) / SECOND)
 
     def rms(self, wheel: str) -> float | None:
         """Root mean square of measured minus predicted sinkage of those used, m."""
@@ -94,13 +93,13 @@ class DriveSummary:
 
     def _watch(self, result: Result, time: float) -> None:
         """Note changes of soil, wheels that begin to dig in, and effects that the model lacks."""
-        found, soil = result.mobility, result.soil
+        wheel, soil = result.wheel, result.soil
         if soil.accepted < self._accepted:
             self._changes = 0  # all began anew
         self._accepted = soil.accepted
         if soil.soil_changes > self._changes:
             if self._change is None:
-                self._change = _Change(time, soil.distance, found.wheel, self._last_pressure)
+                self._change = _Change(time, soil.distance, wheel, self._last_pressure)
             self._change.until = soil.distance + self._turn
         elif self._change is None:
             self._last_pressure = soil.reference_pressure
@@ -109,11 +108,11 @@ class DriveSummary:
             self._change.after = soil.reference_pressure
             if soil.distance > self._change.until:
                 self._note_change()
-        if not found.digging_in:
-            self._digging.discard(found.wheel)
-        elif found.wheel not in self._digging:
-            self._digging.add(found.wheel)
-            text = f"wheel {found.wheel} digs itself in: slip and sinkage grow, it slows down"
+        if not result.digging_in:
+            self._digging.discard(wheel)
+        elif wheel not in self._digging:
+            self._digging.add(wheel)
+            text = f"wheel {wheel} digs itself in: slip and sinkage grow, it slows down"
             self._event(time, soil.distance, "digging_in", text)
         alarm = soil.missing_effect
         if alarm is not None and alarm.effect != self._missing:

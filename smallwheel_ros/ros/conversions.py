@@ -15,8 +15,8 @@ from smallwheel_ros.costmap.grid import CostMapError, Grid, grid_of
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
+from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.message_fields import mobility_fields, soil_fields
-from smallwheel_ros.onboard.mobility import MobilityEstimate
 from smallwheel_ros.onboard.streams import SECOND
 
 
@@ -39,11 +39,11 @@ def time_message(stamp: int) -> Time:
     return Time(sec=stamp // SECOND, nanosec=stamp % SECOND)
 
 
-def mobility_message(estimate: MobilityEstimate) -> MobilityMessage:
-    """Turn an estimate into its message."""
-    message = MobilityMessage(**mobility_fields(estimate))
-    message.header.stamp = time_message(estimate.stamp)
-    message.header.frame_id = estimate.wheel
+def mobility_message(result: Result) -> MobilityMessage:
+    """Turn a wheel's result into its message."""
+    message = MobilityMessage(**mobility_fields(result))
+    message.header.stamp = time_message(result.instant.stamp)
+    message.header.frame_id = result.wheel
     return message
 
 

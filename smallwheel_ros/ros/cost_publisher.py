@@ -67,7 +67,7 @@ class CostPublisher:
 
     def add(self, result: Result, frame: str) -> None:
         """Take a result of the estimate; frame is that of the odometry."""
-        self._stamp = max(self._stamp, result.mobility.stamp)
+        self._stamp = max(self._stamp, result.instant.stamp)
         self._ground.add(result, frame)
 
     def on_classes(self, message: Any) -> None:

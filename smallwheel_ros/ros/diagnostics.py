@@ -9,12 +9,13 @@ from collections.abc import Iterable, Mapping
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
+from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.ground import vehicle_margin
-from smallwheel_ros.onboard.mobility import MobilityEstimate, Status
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
+NO_ALARM = "none"
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
 
@@ -33,18 +34,18 @@ def status(
 
 
 def entries(
-    name: str, onboard: Onboard, newest: Iterable[MobilityEstimate], cost: CostPublisher
+    name: str, onboard: Onboard, newest: Iterable[Result], cost: CostPublisher
 ) -> list[DiagnosticStatus]:
     """Return the diagnostics of an active node of that name, but for its inputs."""
-    estimates = list(newest)
+    results = list(newest)
     return [
         soil_status(f"{name}: soil", onboard),
         filter_status(f"{name}: filter", onboard),
         sensor_status(f"{name}: sensors", onboard),
-        alarm_status(f"{name}: alarms", onboard, estimates),
+        alarm_status(f"{name}: alarms", onboard, results),
         cost_status(f"{name}: cost", cost),
-        vehicle_status(f"{name}: vehicle", estimates),
-        *(wheel_status(f"{name}: wheel {estimate.wheel}", estimate) for estimate in estimates),
+        vehicle_status(f"{name}: vehicle", results),
+        *(wheel_status(f"{name}: wheel {result.wheel}", result) for result in results),
     ]
 
 
@@ -117,39 +118,25 @@ def sensor_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     return status(name, WARN if findings else OK, text, values)
 
 
-def alarms(onboard: Onboard, estimates: Iterable[MobilityEstimate]) -> list[str]:
-    """What somebody should act on now, in words."""
-    digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
-    words = []
-    if digging:
-        words.append(f"{', '.join(digging)}: digging in (slip and sinkage up, speed down): stop")
+def alarm_status(name: str, onboard: Onboard, newest: Iterable[Result]) -> DiagnosticStatus:
+    """What somebody should act on now, and what that rests on."""
+    digging = ", ".join(result.wheel for result in newest if result.digging_in)
     missing, stuck = onboard.assessor.estimator.missing_effect, onboard.assessor.stuck
+    words = [f"{digging}: digging in (slip and sinkage up, speed down): stop"] if digging else []
+    values = {
+        "digging in": digging or "no",
+        "risk of getting stuck": "unknown" if stuck.risk is None else f"{stuck.risk:.2f}",
+        "missing effect": "none shows",
+    }
     if stuck.warning:
         words.append(stuck.warning)
     if missing is not None:
         words.append(missing.message)
-    return words
-
-
-def alarm_status(
-    name: str, onboard: Onboard, estimates: Iterable[MobilityEstimate]
-) -> DiagnosticStatus:
-    """The alarms, and what they rest on."""
-    estimates = list(estimates)
-    digging = [estimate.wheel for estimate in estimates if estimate.digging_in]
-    missing = onboard.assessor.estimator.missing_effect
-    stuck = onboard.assessor.stuck
-    values = {
-        "digging in": ", ".join(digging) or "no",
-        "risk of getting stuck": "unknown" if stuck.risk is None else f"{stuck.risk:.2f}",
-        "missing effect": "none shows",
-    }
-    if missing is not None:
         values["missing effect"] = ", ".join((missing.effect, *missing.rivals))
         values["follows"] = missing.follows
         values["evidence"] = f"{missing.statistic:.0f}"
-    level = ERROR if digging else WARN if missing is not None or stuck.warning else OK
-    return status(name, level, "; ".join(alarms(onboard, estimates)) or "none", values)
+    level = ERROR if digging else WARN if words else OK
+    return status(name, level, "; ".join(words) or NO_ALARM, values)
 
 
 def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
@@ -166,17 +153,18 @@ def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
     return status(name, OK, text if cost.published else "no grid yet: no pose has come", values)
 
 
-def vehicle_status(name: str, estimates: Iterable[MobilityEstimate]) -> DiagnosticStatus:
+def vehicle_status(name: str, newest: Iterable[Result]) -> DiagnosticStatus:
     """All wheels together, by their newest estimates."""
-    estimates = list(estimates)
-    margin = vehicle_margin(estimates)
+    results = list(newest)
+    margin = vehicle_margin(results)
     if margin is None:
         return status(name, OK, "nothing known of any wheel yet")
-    energy = [e.forces.energy_per_metre for e in estimates if e.forces is not None]
+    loads = [result.instant.load for result in results]
+    energy = [r.forces.energy_per_metre for r in results if r.forces is not None]
     known = [e.value for e in energy if e is not None]
     slope = math.degrees(math.atan(margin.value))
     values = {
-        "load [N]": f"{sum(e.load.value for e in estimates if e.load is not None):.4g}",
+        "load [N]": f"{sum(load.value for load in loads if load is not None):.4g}",
         "mobility margin": _written(margin),
         "steepest slope [deg]": f"{slope:.1f}",
         "energy per metre [J/m]": f"{sum(known):.4g}" if len(known) == len(energy) else "unknown",
@@ -188,21 +176,21 @@ def vehicle_status(name: str, estimates: Iterable[MobilityEstimate]) -> Diagnost
     return status(name, OK, f"holds slopes up to {slope:.0f} degrees", values)
 
 
-def wheel_status(name: str, estimate: MobilityEstimate) -> DiagnosticStatus:
+def wheel_status(name: str, result: Result) -> DiagnosticStatus:
     """How one wheel does."""
-    values = {"status": estimate.status.name}
+    values = {"status": result.status.name}
     quantities = {
-        "load [N]": estimate.load,
-        "slip": estimate.slip,
-        "sinkage measured [m]": estimate.sinkage_measured,
-        "sinkage predicted [m]": estimate.sinkage_predicted,
+        "load [N]": result.instant.load,
+        "slip": result.instant.slip,
+        "sinkage measured [m]": result.instant.sinkage,
+        "sinkage predicted [m]": result.sinkage_predicted,
     }
-    if estimate.forces is not None:
-        quantities["drawbar pull [N]"] = estimate.forces.drawbar_pull
-        quantities["mobility margin"] = estimate.forces.margin
+    if result.forces is not None:
+        quantities["drawbar pull [N]"] = result.forces.drawbar_pull
+        quantities["mobility margin"] = result.forces.margin
     values |= {key: _written(value) for key, value in quantities.items() if value is not None}
-    level = ERROR if estimate.digging_in else _LEVELS.get(estimate.status, OK)
-    return status(name, level, estimate.status_text or "OK", values)
+    level = ERROR if result.digging_in else _LEVELS.get(result.status, OK)
+    return status(name, level, result.status_text or "OK", values)
 
 
 def _written(quantity: Quantity) -> str:

@@ -39,17 +39,17 @@ def deletion() -> MarkerArray:
 
 
 def _of_wheel(number: int, result: Result, frame: str) -> Iterator[Marker]:
-    mobility, place, wheel = result.mobility, result.instant.place, result.instant.wheel
-    depth = mobility.sinkage_measured or mobility.sinkage_predicted
+    instant, place, wheel = result.instant, result.instant.place, result.instant.wheel
+    depth = instant.sinkage or result.sinkage_predicted
     if place is None or depth is None:
         return
-    margin = mobility.forces.margin if mobility.forces is not None else None
+    margin = result.forces.margin if result.forces is not None else None
     for namespace, kind in (
         ("sinkage", Marker.CYLINDER),
         ("sinkage_text", Marker.TEXT_VIEW_FACING),
     ):
         marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
-        marker.header.stamp = time_message(mobility.stamp)
+        marker.header.stamp = time_message(instant.stamp)
         marker.header.frame_id = frame
         marker.pose.position.x, marker.pose.position.y = place
         marker.pose.orientation.w = 1.0

@@ -97,7 +97,7 @@ class Outputs:
 
     def answer(self, result: Result) -> None:
         """Publish a wheel's mobility."""
-        self._mobility.publish(mobility_message(result.mobility))
+        self._mobility.publish(mobility_message(result))
 
     def keep(self, results: Sequence[Result], frame: str) -> None:
         """Publish the soil at its rate, and keep what the timers publish.
@@ -106,8 +106,8 @@ class Outputs:
         """
         for result in results:
             self.cost.add(result, frame)
-            self.newest[result.mobility.wheel] = result
-            stamp, sent = result.mobility.stamp, self._soil_sent
+            self.newest[result.wheel] = result
+            stamp, sent = result.instant.stamp, self._soil_sent
             self._soil_waits = result
             if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
                 self.publish_waiting_soil(frame)
@@ -116,7 +116,7 @@ class Outputs:
         """Publish the newest soil unless it has been already."""
         result = self._soil_waits
         if result is not None:
-            stamp = result.mobility.stamp
+            stamp = result.instant.stamp
             self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
             self._soil_sent, self._soil_waits = stamp, None
 

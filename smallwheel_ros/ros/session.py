@@ -22,7 +22,7 @@ from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
-from smallwheel_ros.ros.diagnostics import WARN, alarms, entries, status
+from smallwheel_ros.ros.diagnostics import NO_ALARM, WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
 from smallwheel_ros.ros.outputs import OUTPUTS, Outputs
 from smallwheel_ros.ros.qos import override_problems
@@ -126,7 +126,7 @@ class Session:
         self._timers: list[Timer] = []
         self.velocity_frame = ""
         self._time_jumps = 0
-        self._alarm = ""  # the newest, in words
+        self._alarm = NO_ALARM  # the newest, in words
         self._last_arrival = time.monotonic()
         self._go_by(Feed(self._onboard, settings))
         self._outputs = Outputs(node, settings.cost, self._report)
@@ -278,16 +278,16 @@ class Session:
 
     def diagnostics(self, name: str) -> list[DiagnosticStatus]:
         """Return the entries of an active node of that name; log an alarm when it is new."""
-        newest = [result.mobility for result in self._outputs.newest.values()]
-        alarm = "; ".join(alarms(self._onboard, newest))
-        if alarm and alarm != self._alarm:  # not everybody looks at diagnostics
-            self._node.get_logger().error(alarm)
-        self._alarm = alarm
+        newest = self._outputs.newest.values()
         self._outputs.report_deaf_subscribers()
         found = [
             self._inputs.status(f"{name}: inputs"),
             *entries(name, self._onboard, newest, self._outputs.cost),
         ]
+        (alarm,) = (entry.message for entry in found if entry.name == f"{name}: alarms")
+        if alarm not in (NO_ALARM, self._alarm):  # not everybody looks at diagnostics
+            self._node.get_logger().error(alarm)
+        self._alarm = alarm
         if self._soil_file.problem:
             found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
         return found
