@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fuzz.__main__ import Failed, check, fuzz, targets
-from fuzz.targets import Target
+from fuzz.target import Target
 
 
 @pytest.mark.parametrize("name", sorted(targets()))

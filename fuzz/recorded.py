@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot sends and records: bags, the types that they define, messages on topics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from fuzz.target import Target
+from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.bags.definitions import Definitions
+from smallwheel_ros.bags.storage import StoredTopic
+from smallwheel_ros.bags.types import typestore
+
+
+class Bag(Target):
+    """A recorded bag, opened, and every message of it read, also where it is damaged."""
+
+    suffix: str
+    is_text = False
+    words = (
+        b"\x00" * 8,
+        b"\xff" * 8,
+        b"\x05\x89MCAP0\r\n",
+        b"float64 x\n",
+        b"string",
+        b"[1000000000]",
+    )
+
+    def make_seeds(self) -> list[bytes]:
+        folder = self.folder / f"seed_{self.suffix}"
+        with BagWriter(folder, storage={"mcap": "mcap", "db3": "sqlite3"}[self.suffix]) as writer:
+            time = message_type("builtin_interfaces/msg/Time")
+            header = message_type("std_msgs/msg/Header")
+            kind = message_type("smallwheel_ros/msg/WheelSinkage")
+            for i in range(20):
+                stamp = header(stamp=time(sec=i, nanosec=0), frame_id="front")
+                message = kind(header=stamp, sinkage=0.01, variance=1e-6)
+                writer.write(
+                    "/front/sinkage", "smallwheel_ros/msg/WheelSinkage", i * 10**9, message
+                )
+        return [next(folder.glob(f"*.{self.suffix}")).read_bytes()]
+
+    def run(self, data: bytes) -> Iterator[float]:
+        with BagReader(self.written(data, f"bag.{self.suffix}"), salvage=True) as reader:
+            for message in reader.messages():
+                yield float(message.log_time)
+
+
+class Mcap(Bag):
+    """An mcap file."""
+
+    name = "mcap"
+    suffix = "mcap"
+
+
+class Sqlite(Bag):
+    """A sqlite3 file."""
+
+    name = "sqlite"
+    suffix = "db3"
+
+
+class Definition(Target):
+    """A type as a bag defines it, and a message of it: text, a line, bytes."""
+
+    name = "definition"
+    words = (
+        b"[1000000000]",
+        b"[<=3]",
+        b"string ",
+        b"float64 x\n",
+        b"std_msgs/Header h\n",
+        b"=" * 80,
+    )
+    line = b"\n--- message\n"
+
+    def make_seeds(self) -> list[bytes]:
+        kinds = ("smallwheel_ros/msg/WheelSinkage", "sensor_msgs/msg/JointState")
+        store, seeds = typestore(), []
+        header = message_type("std_msgs/msg/Header")(
+            stamp=message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=2), frame_id="front"
+        )
+        sinkage = message_type(kinds[0])(header=header, sinkage=0.01, variance=1e-6)
+        two = np.array([1.0, 2.0])
+        joints = message_type(kinds[1])(
+            header=header, name=["a", "b"], position=two, velocity=two, effort=two
+        )
+        for kind, message in zip(kinds, (sinkage, joints), strict=True):
+            text, _ = store.generate_msgdef(kind, ros_version=2)
+            data = bytes(store.serialize_cdr(message, kind))
+            seeds.append(b"\n".join((kind.encode(), text.encode())) + self.line + data)
+        return seeds
+
+    def run(self, data: bytes) -> Iterator[float]:
+        head, _, message = data.partition(self.line)
+        kind, _, text = head.decode(errors="replace").partition("\n")
+        topic = StoredTopic("ros2msg", text)
+        decode = Definitions(ros2=True).decoder(kind, topic, as_here=True)
+        try:
+            found = decode(message)
+        except MemoryError:
+            raise
+        except (
+            Exception
+        ):  # damaged bytes make rosbags raise as it likes; who reads a bag counts them
+            return
+        yield float(found.header.stamp.sec)
+
+
+class Messages(Target):
+    """What comes over topics: a drive in which any field of any message may be anything.
+
+    The bytes choose: which topic, which field, which value. What is spoilt comes beside the sound
+    messages of the drive, of which some at least must still become estimates.
+    """
+
+    is_text = False
+    name = "messages"
+    words = (b"\x00", b"\xff", b"\x7f\xf0", b"\x01\x02\x03\x04")
+    values = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -1.0, 1e9, -1e-9, 1e-9)
+    integers = (0, -1, 2**31 - 1, -(2**31), 1, 999_999_999)
+
+    def make_seeds(self) -> list[bytes]:
+        return [bytes(range(60)), b"\x00" * 40, bytes(range(255, 0, -2))]
+
+    def run(self, data: bytes) -> Iterator[float]:
+        from fuzz import drive_messages
+
+        feed, drive = drive_messages.feed(), drive_messages.drive()
+        choices = iter(data)
+        count = 0
+        for topic, message, stamp in drive:
+            results = list(feed[topic](message(), stamp))
+            choice = next(choices, None)
+            if choice is not None and choice % 3 == 0:
+                spoilt = message()
+                self._spoil(spoilt, next(choices, 0), next(choices, 0))
+                results += feed[topic](spoilt, stamp)
+            count += len(results)
+            for result in results:
+                yield from drive_messages.numbers(result)
+        if not count:
+            yield math.nan  # one spoilt message in three must not silence the rest
+
+    def _spoil(self, message: Any, which: int, how: int) -> None:
+        """Set one field, however deep, to a value that it should not have."""
+        leaves = list(_leaves(message))
+        owner, name, value = leaves[which % len(leaves)]
+        if isinstance(value, str):
+            setattr(owner, name, ("", "\x00", "é" * 300, "map")[how % 4])
+        elif isinstance(value, bool | int):
+            setattr(owner, name, self.integers[how % len(self.integers)])
+        elif isinstance(value, float):
+            setattr(owner, name, self.values[how % len(self.values)])
+        elif isinstance(value, np.ndarray):
+            bad = np.full(max(len(value) + how % 3 - 1, 0), self.values[how % len(self.values)])
+            setattr(owner, name, bad)
+        elif isinstance(value, list):
+            setattr(owner, name, [value[:1], [], value * 2, ["x"] * 40][how % 4])
+
+
+def _leaves(message: Any) -> Iterator[tuple[Any, str, Any]]:
+    """The fields of a message that are no messages, however deep: owner, name, value."""
+    for field in fields(message):
+        value = getattr(message, field.name)
+        if is_dataclass(value):
+            yield from _leaves(value)
+        elif not field.name.startswith("__"):
+            yield message, field.name, value
+
+
+RECORDED = (Mcap, Sqlite, Definition, Messages)
