@@ -321,7 +321,7 @@ def _small_grid(problem: Problem) -> Grid:
     depth = predict(problem.fit.model, points.conditions).true_sinkage
     drivers = [d for d in drivers_of(points, depth)[0] if d.name == "slip"]
     terms = terms_of(drivers, 24)
-    values = np.column_stack([t(points.conditions, depth) for t in terms])
+    values = np.column_stack([t.at(points.conditions, depth) for t in terms])
     return Grid(tuple(terms), places_for(points.channels), depth, values)
 
 

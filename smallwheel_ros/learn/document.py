@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,13 +14,12 @@ from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, formula, numbers_of
 from smallwheel_ros.learn.drivers import Driver
-from smallwheel_ros.learn.implied import curve, disagreements, implied
+from smallwheel_ros.learn.implied import disagreements, implied
 from smallwheel_ros.learn.law import SOUGHT
 from smallwheel_ros.learn.pipeline import PERMUTATIONS, Judged, Sought
 from smallwheel_ros.learn.refused import settings_in
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Entry = dict[str, Any]
@@ -170,19 +170,14 @@ def _tied(candidate: Candidate, best: Candidate) -> Entry:
     }
 
 
-def first_driver(law: Candidate) -> Driver | None:
-    """What the law is drawn over."""
-    return next((d for t in law.law.terms for d, _ in t.factors), None)
-
-
 def _implied(best: Judged) -> list[Entry]:
     """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
     law, points = best.law, best.fitter.points
     asks = implied(best.fitter, law.fit, law.law.place)
-    driver, conditions = first_driver(law), points.conditions
-    x: Array = np.zeros(len(conditions))
+    driver = law.law.first_driver
+    x: Array = np.zeros(len(points.conditions))
     if driver is not None and driver.columns:
-        x = driver.values(conditions) + driver.reference
+        x = driver.values(points.conditions) + driver.reference
     run = {int(r): points.runs[points.run[np.flatnonzero(points.row == r)[0]]] for r in asks.row}
     found = []
     for i, row in enumerate(asks.row):
@@ -201,61 +196,38 @@ def _implied(best: Judged) -> list[Entry]:
 
 def shape_of(best: Judged) -> Shape | None:
     """The law over its driver; None where it follows nothing, several, or the depth itself."""
-    law, points = best.law, best.fitter.points
-    driver = first_driver(law)
-    if len(law.law.drivers) != 1 or driver is None or not driver.columns:
+    law, points = best.law.law, best.fitter.points
+    driver = law.first_driver
+    if len(law.drivers) != 1 or driver is None or not driver.columns:
         return None
-    used = np.unique(points.row)
-    x = driver.values(points.conditions)[used] + driver.reference
-    near = used[np.argsort(np.abs(x - np.median(x)))[0]]
-    grid = np.linspace(x.min(), x.max(), _CURVE)
-    at = along(points.conditions, int(near), driver, grid)
-    depth = np.full(_CURVE, best.grid.sinkage[near])
-    same = [
-        c for c in best.tied if c.law.place == law.law.place and c.law.drivers == law.law.drivers
-    ]
-    value = curve(law.law, law.numbers, at, depth)
-    low, high, tied = value.copy(), value.copy(), []
-    for candidate in [*same, law]:
-        mine = curve(candidate.law, candidate.numbers, at, depth)
-        spread = _TWO * _deviation(candidate, at, depth)
-        low, high = np.minimum(low, mine - spread), np.maximum(high, mine + spread)
-        if candidate is not law:
-            tied.append(_shown(mine, law))
-    return Shape(grid, _shown(value, law), _shown(low, law), _shown(high, law), tuple(tied))
+    measured = driver.values(points.conditions)[np.unique(points.row)]
+    u = np.linspace(measured.min(), measured.max(), _CURVE)
+    curves, ends = [], []
+    for c in best.tied:
+        if (c.law.place, c.law.drivers) == (law.place, law.drivers):
+            curve, std = _curve(c, u)
+            ends += [curve - _TWO * std, curve + _TWO * std]
+            curves.append(curve)
+    mine = _curve(best.law, u)[0]
+    shown: Callable[[Array], Array] = np.asarray if law.place.shifts else np.exp
+    return Shape(
+        u + driver.reference, shown(mine), shown(np.min(ends, axis=0)),
+        shown(np.max(ends, axis=0)), tuple(shown(c) for c in curves if not np.array_equal(c, mine)),
+    )  # fmt: skip
 
 
-def _shown(value: Array, law: Candidate) -> Array:
-    """A factor, where it is one."""
-    return value if law.law.place.shifts else np.asarray(np.exp(value))
+def _curve(candidate: Candidate, u: Array) -> tuple[Array, Array]:
+    """ln factor (or shift) of a law where its one driver is u, with its standard deviation."""
+    law, fit, numbers = candidate.law, candidate.fit, candidate.numbers
 
+    def at(changed: dict[str, float]) -> Array:
+        change = law.change(law.eta(numbers | changed, lambda driver: u))
+        return np.asarray(change if law.place.shifts else np.log(change))
 
-def _deviation(candidate: Candidate, at: Conditions, depth: Array) -> Array:
-    """Standard deviation of a law's curve, from that of its numbers, shape (points,)."""
-    fit = candidate.fit
     places = fit.vector.places(SOUGHT)
-    numbers = candidate.numbers
-    middle = curve(candidate.law, numbers, at, depth)
-    slopes = []
+    middle, slopes = at({}), []
     for j in places:
         name, step = fit.vector.free[j].field, 0.1 * float(np.sqrt(fit.covariance[j, j])) + 1e-12
-        moved = curve(candidate.law, numbers | {name: numbers[name] + step}, at, depth)
-        slopes.append((moved - middle) / step)
-    s = np.array(slopes)
-    return np.asarray(
-        np.sqrt(np.einsum("ip,ij,jp->p", s, fit.covariance[np.ix_(places, places)], s))
-    )
-
-
-def along(conditions: Conditions, row: int, driver: Driver, x: Array) -> Conditions:
-    """One row's conditions with a driver at each of these values, shape (points,)."""
-    one = conditions.take(np.full(x.size, row))
-    columns = {"load": one.load, "diameter": one.diameter, "width": one.width, **one.covariates}
-    now = driver.values(one) + driver.reference
-    # A compound is moved by its first column, to which it is in proportion.
-    first = driver.columns[0]
-    columns[first] = (
-        x if len(driver.columns) == 1 and driver.name == first else columns[first] * x / now
-    )
-    load, diameter, width = (columns.pop(n) for n in ("load", "diameter", "width"))
-    return Conditions(load, diameter, width, one.contact, one.soil, columns)
+        slopes.append((at({name: numbers[name] + step}) - middle) / step)
+    covariance = fit.covariance[np.ix_(places, places)]
+    return middle, np.sqrt(np.einsum("ip,ij,jp->p", slopes, covariance, slopes))

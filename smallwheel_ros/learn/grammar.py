@@ -8,9 +8,10 @@ grid and freed once the term is chosen.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,20 +87,21 @@ class Term:
         """Whether it follows the sinkage itself: only the resistance, which comes after, can."""
         return DEPTH in self.drivers
 
-    def __call__(
-        self,
-        conditions: Conditions,
-        sinkage: Array | None = None,
-        constant: ArrayLike | None = None,
-    ) -> Array:
-        """Its value, shape (rows,). sinkage: m. constant: c, its own where None."""
-        value: Array = np.ones(len(conditions))
+    def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
+        """Its value where each driver has these values. constant: c, its own where None."""
+        value: Any = 1.0
         c = self.constant if constant is None else constant
         for driver, shape in self.factors:
-            u = driver.values(conditions, sinkage)
             held = driver.middle if shape.constant == "given" else c
-            value = value * continued(partial(shape, c=held), u, driver.low, driver.high)
+            value = value * continued(
+                partial(shape, c=held), values(driver), driver.low, driver.high
+            )
         return value
+
+    def at(self, conditions: Conditions, sinkage: Array) -> Array:
+        """Its value at each row, shape (rows,). sinkage: m."""
+        value = self.of(lambda driver: driver.values(conditions, sinkage))
+        return np.broadcast_to(value, len(conditions))
 
 
 def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.learn.law import SOUGHT, Law, Place, asked, places_for
+from smallwheel_ros.learn.law import SOUGHT, Place, asked, places_for
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
-_STEPS = 12  # of a secant, each halving at least what is left
+_STEPS = 12  # of Newton's method
+_STRIDE = 0.25  # of the furthest shift: longest step
 _FAR = 3.0  # ln factor that no setting may ask for: its measurement says nothing of the place
 _ENOUGH = 0.5  # share of the points that must say both
 _DULL = 0.02  # slope of ln value by ln factor, under which the channel does not show the place
@@ -58,42 +58,33 @@ def implied(fitter: Fitter, fit: Fit, place: Place) -> Implied:
     fit: the model with its law; the law is taken out and the soil kept, so that what is asked is
     what the law should be.
     """
-    points = fitter.points
-    model = fit.model
-    plain = Model(model.soils, model.geometry, _others(model), model.thrust_form)
+    points, with_law = fitter.points, fit.model
+    others = [e for e in with_law.effects if e.id != SOUGHT]
+    model = Model(with_law.soils, with_law.geometry, others, with_law.thrust_form)
+    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
+    deviation = np.sqrt(np.diag(fitter.variance.covariance(fit.scatter, kernels)))
+    # A resistance is added to, as it is; any other answer is linear in a ln factor only nearby.
+    far, dull = (np.inf, 0.0) if place.stage == "R" else (_FAR, _DULL)
     rows = np.unique(points.row)
-    variance = np.diag(
-        fitter.variance.covariance(
-            fit.scatter,
-            fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length),
-        )
-    )
     value, std = {}, {}
     for c, name in enumerate(points.channels):
-        mine = np.flatnonzero(points.channel == c)
-        measured = np.full(len(points.conditions), np.nan)
-        spread = measured.copy()
+        mine = points.channel == c
+        measured, spread = np.full((2, len(points.conditions)), np.nan)
         measured[points.row[mine]] = points.value[mine]
-        spread[points.row[mine]] = np.sqrt(variance[mine])
-        found, slope = _solve(plain, points.conditions, place, name, measured)
-        with np.errstate(all="ignore"):
-            deviation = np.abs(spread / slope)
-        dull = ~(np.abs(slope) > _DULL * np.abs(measured)) if place.stage != "R" else slope == 0.0
-        bad = dull | ~np.isfinite(found) | ~np.isfinite(deviation)
-        if place.stage != "R":
-            bad |= np.abs(found) > _FAR
-        value[name] = np.where(bad, np.nan, found)[rows]
-        std[name] = np.where(bad, np.nan, deviation)[rows]
-    shown = {n for n, v in value.items() if np.isfinite(v).any()}
-    return Implied(rows, {n: value[n] for n in shown}, {n: std[n] for n in shown})
-
-
-def _others(model: Model) -> tuple[Effect, ...]:
-    return tuple(e for e in model.effects if e.id != SOUGHT)
+        spread[points.row[mine]] = deviation[mine]
+        shift, slope = _solve(model, points.conditions, place, name, measured, far)
+        with np.errstate(invalid="ignore"):
+            says = (np.abs(slope) > dull * np.abs(measured)) & (np.abs(shift) < far)
+            if says.any():
+                value[name] = np.where(says, shift, np.nan)[rows]
+                std[name] = np.where(says, spread / np.where(says, np.abs(slope), 1.0), np.nan)[
+                    rows
+                ]
+    return Implied(rows, value, std)
 
 
 def _solve(
-    model: Model, conditions: Conditions, place: Place, channel: str, measured: Array
+    model: Model, conditions: Conditions, place: Place, channel: str, measured: Array, far: float
 ) -> tuple[Array, Array]:
     """Shift at which each row's prediction is as measured, and the prediction's slope by it."""
 
@@ -102,21 +93,19 @@ def _solve(
         return np.asarray(getattr(predicted, channel))
 
     step = 1.0 if place.stage == "R" else 1e-3
+    most = far * _STRIDE
     shift: Array = np.zeros(measured.size)
-    slope: Array = np.zeros(measured.size)
     for _ in range(_STEPS):
         now = at(shift)
         slope = (at(shift + step) - now) / step
         with np.errstate(all="ignore"):
-            move = np.where(slope != 0.0, (measured - now) / slope, 0.0)
-        if place.stage != "R":
-            move = np.clip(np.nan_to_num(move), -0.7, 0.7)
-            shift = np.clip(shift + move, -_FAR - 1.0, _FAR + 1.0)
-        else:
-            shift = shift + np.nan_to_num(move)
-        if np.all(np.abs(np.nan_to_num(move)) < 1e-8 * np.maximum(np.abs(shift), 1.0)):
+            move = np.clip(
+                np.nan_to_num((measured - now) / slope, posinf=0.0, neginf=0.0), -most, most
+            )
+        shift = np.clip(shift + move, -far, far)
+        if np.all(np.abs(move) < 1e-8 * np.maximum(np.abs(shift), 1.0)):
             break
-    return np.where(np.isfinite(measured), shift, np.nan), slope
+    return shift, slope
 
 
 def disagreements(
@@ -133,11 +122,3 @@ def disagreements(
         mine = next((c for c in tied if c.law.place.stage == place.stage), best)
         found[place.stage] = implied(fitter, mine.fit, place).disagreement
     return found
-
-
-def curve(law: Law, numbers: dict[str, float], conditions: Conditions, sinkage: Array) -> Array:
-    """ln factor (or shift) of a law over conditions, shape (rows,)."""
-    eta = law.eta(numbers, conditions, sinkage)
-    if law.place.shifts:
-        return eta
-    return np.log(law.change(eta))

@@ -7,7 +7,7 @@ shift  = a1 t1 + a2 t2                                    of n, the sinkage or t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from types import CodeType
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_values
 from smallwheel_ros.fitting.prior import Prior
+from smallwheel_ros.learn.drivers import Driver
 from smallwheel_ros.learn.grammar import Term
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -124,6 +125,11 @@ class Law:
         return tuple(dict.fromkeys(names))
 
     @property
+    def first_driver(self) -> Driver | None:
+        """The first driver, over which it is drawn; None of a constant."""
+        return next((d for t in self.terms for d, _ in t.factors), None)
+
+    @property
     def columns(self) -> frozenset[str]:
         """Settings that its drivers are made of."""
         return frozenset(c for t in self.terms for c in t.columns)
@@ -141,22 +147,19 @@ class Law:
         constants = [f"c{i}" for i, t in enumerate(self.terms, 1) if t.free]
         return (*strengths, *constants)
 
-    def eta(
-        self, numbers: Mapping[str, Any], conditions: Conditions, sinkage: Array | None
-    ) -> Array:
-        """Sum of its terms, shape (rows,). sinkage: m, where a term follows it."""
-        total = np.zeros(len(conditions))
+    def eta(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
+        """Sum of its terms where each driver has these values."""
+        total: Any = 0.0
         for i, term in enumerate(self.terms, 1):
-            constant = numbers[f"c{i}"] if term.free else None
-            total = total + numbers[f"a{i}"] * term(conditions, sinkage, constant)
+            total = total + numbers[f"a{i}"] * term.of(values, numbers.get(f"c{i}"))
         return total
 
-    def change(self, eta: Array) -> Array:
+    def change(self, eta: Any) -> Any:
         """The factor that a sum of terms makes; of what is added the sum itself."""
         if self.place.shifts:
             return eta
         if self.link == "exponential":
-            return np.asarray(np.exp(eta))
+            return np.exp(eta)
         return np.maximum(1.0 + eta, LEAST_FACTOR)
 
 
@@ -175,8 +178,9 @@ class _Sought(Effect):
     def _factor(self, stage: str, conditions: Conditions) -> Array | float:
         return self._change(conditions) if self.law.place.stage == stage else 1.0
 
-    def _change(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
-        return self.law.change(self.law.eta(vars(self), conditions, sinkage))
+    def _change(self, conditions: Conditions, sinkage: Array | None = None) -> Any:
+        eta = self.law.eta(vars(self), lambda driver: driver.values(conditions, sinkage))
+        return self.law.change(eta)
 
     def modulus_factor(self, conditions: Conditions) -> Array | float:
         return self._factor("k", conditions)
@@ -192,7 +196,7 @@ class _Sought(Effect):
             return sinkage
         change = self._change(conditions)
         if self.law.place.shifts:
-            return np.maximum(sinkage + change, LEAST_FACTOR * sinkage)
+            return np.asarray(np.maximum(sinkage + change, LEAST_FACTOR * sinkage))
         return np.asarray(sinkage * change)
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:

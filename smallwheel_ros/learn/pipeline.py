@@ -133,7 +133,7 @@ def _grid(points: Points, base: Fit) -> tuple[Grid, str, tuple[str, ...]]:
     depth = predict(base.model, points.conditions).true_sinkage
     drivers, notes = drivers_of(points, depth)
     terms = terms_of(drivers, np.unique(points.setting).size)
-    values = np.column_stack([term(points.conditions, depth) for term in terms])
+    values = np.column_stack([term.at(points.conditions, depth) for term in terms])
     grid = Grid(tuple(terms), places_for(points.channels), depth, values)
     return grid, nothing_to_follow(drivers, notes), tuple(notes)
 

@@ -249,8 +249,9 @@ class Search:
         """Slope of a law's predictions by the sum of its terms, and that sum, under a link."""
         fit, law = candidate.fit, candidate.law
         slope = self.slope(fit, law.place)
-        eta = law.eta(candidate.numbers, self.fitter.points.conditions, self.grid.sinkage)
-        change = law.change(eta)[self._row]
+        conditions, sinkage = self.fitter.points.conditions, self.grid.sinkage
+        eta = law.eta(candidate.numbers, lambda driver: driver.values(conditions, sinkage))
+        change = np.broadcast_to(law.change(eta), sinkage.shape)[self._row]
         if law.place.shifts:
             return slope, change
         return (slope / change, change - 1.0) if link == "linear" else (slope, np.log(change))
@@ -322,7 +323,7 @@ class Search:
 
     def _size(self, place: Place, term: Term) -> float:
         """Strength at which a term moves what it moves by as much as was measured."""
-        values = term(self.fitter.points.conditions, self.grid.sinkage)[self._row]
+        values = term.at(self.fitter.points.conditions, self.grid.sinkage)[self._row]
         moved = np.abs(self.base_slopes[place.name] * values / self.observed)
         usual = float(np.sqrt(np.mean(moved[moved > 0.0] ** 2))) if moved.any() else 1.0
         return 1.0 / max(usual, 1e-12)
