@@ -46,9 +46,10 @@ lock:
 	@{ grep '^#' tools/environment.lock; cat tools/environment.lock.new; } > tools/environment.lock.whole
 	@mv tools/environment.lock.whole tools/environment.lock && rm tools/environment.lock.new
 
-# Two workers, each with whole modules; those of the node on one of them (see test/conftest.py).
+# Three workers, each with whole modules; those of the node on one of them, which mostly waits, and the
+# others give way to it (see test/conftest.py).
 test: env
-	@$(RUN) -m pytest -m "not slow" -n 2 --dist loadfile
+	@$(RUN) -m pytest -m "not slow" -n 3 --dist loadfile
 
 # All of them, one after the other: some measure speed and memory. The last line says how long it took.
 test-slow: env
@@ -56,7 +57,7 @@ test-slow: env
 
 # Of this process and of those that the tests start (each writes a file of its own).
 coverage: env
-	@$(RUN) -m coverage run -m pytest -m "not slow" -n 2 --dist loadfile
+	@$(RUN) -m coverage run -m pytest -m "not slow" -n 3 --dist loadfile
 	@$(RUN) -m coverage combine -q && $(RUN) -m coverage report --skip-covered
 
 MINUTES ?= 2

@@ -147,8 +147,9 @@ def test_one_setting_is_insufficient() -> None:
 
 
 @pytest.mark.parametrize("fault", [
-    "load_offset=-4", "sinkage_gain=0.1", "rig_friction=0.06", "slip_resistance=0.5",
-    *(pytest.param(f, marks=pytest.mark.slow) for f in ("load_offset=4", "sinkage_gain=-0.1")),
+    "load_offset=-4", "sinkage_gain=0.1",
+    *(pytest.param(f, marks=pytest.mark.slow)
+      for f in ("load_offset=4", "sinkage_gain=-0.1", "rig_friction=0.06", "slip_resistance=0.5")),
 ])  # fmt: skip
 def test_a_fault_of_an_instrument_is_never_called_soil(folder: Path, fault: str) -> None:
     found = simulated(folder, seed=6, hidden=(fault,), form="own").document

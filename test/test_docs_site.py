@@ -51,6 +51,7 @@ def test_every_term_that_is_used_is_in_the_glossary() -> None:
             assert term.lower() in terms, f"{page.name}: {term}"
 
 
+@pytest.mark.slow  # a quarter of a minute, for pictures that seldom change
 def test_drawings_are_those_of_their_script(tmp_path: Path) -> None:
     made = subprocess.run(
         [sys.executable, DOCS / "drawings" / "draw.py", "-o", tmp_path],

@@ -103,7 +103,7 @@ HEADERS = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=examples(400))
+@settings(max_examples=examples(150))
 @given(st.lists(HEADERS, max_size=7), st.lists(st.lists(CELLS, max_size=7), max_size=5))
 def test_any_table_is_read_or_refused_and_never_holds_an_infinity(
     header: list[str], rows: list[list[str]]
@@ -112,7 +112,7 @@ def test_any_table_is_read_or_refused_and_never_holds_an_infinity(
     check(text)
 
 
-@settings(max_examples=examples(400))
+@settings(max_examples=examples(150))
 @given(
     st.lists(HEADERS, max_size=4, unique=True),
     st.lists(st.lists(CELLS, min_size=8, max_size=8), min_size=1, max_size=4),
