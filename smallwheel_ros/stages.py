@@ -86,9 +86,14 @@ class Stages:
 
 
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call an effect's method; what it raises names the effect. Raises EffectError."""
+    """Call an effect's method; what it raises names the effect. Raises EffectError.
+
+    What is no number is refused by who asks for the prediction, with row and setting: numpy's own
+    warning would be a second message.
+    """
     try:
-        return function(*arguments)
+        with np.errstate(all="ignore"):
+            return function(*arguments)
     except SmallwheelError:
         raise
     except Exception as error:  # a user's effect may raise anything at all

@@ -20,7 +20,8 @@ from benchmarks.learn_worlds import table
 from smallwheel_ros.cli import main
 from smallwheel_ros.effects.drafted import Drafted, continued
 from smallwheel_ros.effects.registry import load_effects
-from smallwheel_ros.fitting import Problem
+from smallwheel_ros.fitting import FittingError, Problem
+from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.chance import chance
 from smallwheel_ros.learn.draft import Number, class_text, file_text, formula
@@ -400,6 +401,19 @@ def test_a_law_file_that_cannot_be_computed_names_itself(
     assert result.exit_code == 2, result.output
     assert said in result.stderr
     assert "Traceback" not in result.output
+
+
+def test_a_fit_of_a_law_that_gives_no_number_names_law_and_setting(
+    law: Path, data: Measurements, tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.py"
+    formula = 'np.sqrt(0.2 - conditions["slip"])'
+    broken.write_text(law.read_text().replace('conditions["slip"]', formula, 1))
+    problem = Problem.of(data).judged
+    part = part_of(load_effects(broken)["slip_law"][0]())
+    said = r"the model with slip_law gives no finite \w+ at load .*, slip 0\.[2-9]"
+    with pytest.raises(FittingError, match=said):
+        problem.fitter.fit(problem.fit.vector.with_parts([part]))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, refit
+from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, changed, refit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose, learnt_here
 from smallwheel_ros.diagnosis.search import Search
@@ -248,7 +248,15 @@ class Grown:
         """
         made = _extended(problem.fitter, self.model, [(c, c.part.start) for c in forms], 4)
         if not made:
-            raise EffectError(f"effect '{forms[0].family}' cannot be fitted to this data")
+            vector, base = changed(self.model.fit.vector, forms[0]), self.model.fit
+            said = f"effect '{forms[0].family}' cannot be fitted to this data"
+            try:
+                problem.fitter.predictor.with_slopes(
+                    vector, vector.begun_at(base.vector, base.theta)
+                )
+            except FAILURES as error:
+                raise EffectError(f"{said}: {error}") from error
+            raise EffectError(said)
         close = [m for m in made if m.weight > made[0].weight - WINDOW]
         last = [(m.competitors[-1], m.fit) for m in close]
         near = [(c, fit.theta[fit.vector.places(c.part.id)]) for c, fit in last]

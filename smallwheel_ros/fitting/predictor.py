@@ -107,7 +107,22 @@ class Predictor:
         """
         steps = vector.steps(theta)
         thetas = np.vstack([theta, theta + np.diag(steps)])
-        found = self.many(vector, thetas)
-        if not np.isfinite(found).all():
-            raise FittingError("the model has no finite prediction for these parameters")
+        with np.errstate(all="ignore"):  # what is no number is refused below
+            found = self.many(vector, thetas)
+        bad = np.flatnonzero(~np.isfinite(found).all(axis=0))
+        if bad.size:
+            raise FittingError(self._no_number(vector, theta, int(bad[0])))
         return found[0], np.asarray((found[1:] - found[0]).T / steps)
+
+    def _no_number(self, vector: ParameterVector, theta: Array, value: int) -> str:
+        """Say of which effects the model gives no finite prediction, and at which setting."""
+        effects = vector.model(theta).effects
+        needs = dict.fromkeys(name for effect in effects for name in effect.needs)
+        row = self.row[value]
+        setting = [
+            f"{n} {self.conditions[n][row]:g}" for n in ("load", "diameter", "width", *needs)
+        ]
+        return (
+            f"the model with {', '.join(e.id for e in effects) or 'no effect'} gives no finite "
+            f"{self.channels[self.channel[value]]} at {', '.join(setting)} for the numbers tried"
+        )

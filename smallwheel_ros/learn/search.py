@@ -3,7 +3,7 @@
 
 The score of a law is n/2 ln det S of its errors plus the nats that it takes to describe it: ln of
 the number of forms and of places, 1/2 ln n for each of its numbers (Rissanen 1978). Laws within
-`TIE` of the best are tied; of these the draft has the fewest drivers, then the shortest description.
+`TIE` of the best are tied; of these the draft has the fewest drivers, then the shortest formula.
 """
 
 from __future__ import annotations
@@ -93,6 +93,11 @@ class Candidate:
     score: float
 
     @property
+    def length(self) -> float:
+        """Nats of its formula, wherever it acts, but for what all have in common."""
+        return self.cost - self.law.place.nats
+
+    @property
     def numbers(self) -> dict[str, float]:
         """Its strengths and constants."""
         places = self.fit.vector.places(SOUGHT)
@@ -119,10 +124,13 @@ class Found:
 
     @property
     def draft(self) -> Candidate | None:
-        """Of the tied laws one of fewest drivers, of these the shortest."""
+        """Of the tied laws one of fewest drivers, of these the shortest formula.
+
+        Its place does not count: how rare a place is has been counted in the score that ties them.
+        """
         if not self.laws:
             return None
-        return min(self.tied, key=lambda c: (c.law.weight, round(c.cost, 6), c.score))
+        return min(self.tied, key=lambda c: (c.law.weight, round(c.length, 6), c.score))
 
 
 @dataclass(frozen=True)
