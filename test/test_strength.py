@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
-from smallwheel_ros.estimator.traction_filter import RollingContact
+from smallwheel_ros.estimator.traction_samples import RollingContact
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
 from smallwheel_ros.physics.traction import contact_length, thrust

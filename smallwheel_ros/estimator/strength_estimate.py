@@ -20,7 +20,7 @@ _SAME_LOAD = 1.3
 _SAME_SLIP = 0.1  # apart
 # After one form of the shear curve is fitted to the other's thrust at slips to 0.5 (stress along the
 # arc, and over the contact as a whole), they differ by 30 % in what they call shear displacement.
-_FORM_SHEAR = 0.3
+FORM_SHEAR = 0.3
 _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
 
 
@@ -102,7 +102,7 @@ def strength_estimate(
         Strength(
             Quantity(max(float(mean[0]), 0.0), float(deviations[0])),
             Quantity(float(mean[1]), float(deviations[1])),
-            Quantity(shear, shear * math.hypot(float(deviations[2]), _FORM_SHEAR)),
+            Quantity(shear, shear * math.hypot(float(deviations[2]), FORM_SHEAR)),
         ),
         Quantity(float(mean[3]), float(deviations[3])),
         covariance,

@@ -26,20 +26,15 @@ from smallwheel_ros.estimator.strength_estimate import (
     StrengthEstimate,
     strength_estimate,
 )
-from smallwheel_ros.estimator.traction_filter import (
-    CELL,
-    STRENGTH,
-    RollingContact,
-    TractionFilter,
-    WheelStep,
-)
+from smallwheel_ros.estimator.traction_filter import CELL, STRENGTH, TractionFilter
+from smallwheel_ros.estimator.traction_samples import RollingContact, WheelStep
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
 
 GRAVITY = 9.80665  # m/s^2
-# Of the specific force: half a degree of slope, and 0.05 m/s^2 of acceleration.
-_FORCE_STD = math.hypot(GRAVITY * math.radians(0.5), 0.05)
+# Of the specific force's mean over a step: 0.05 m/s^2 of acceleration, as much of a pitch that shakes.
+_FORCE_STD = 0.07
 _LONGEST_STEP = 1.0  # s: wheels that spin on one spot
 _SOURCES = {"balance", "torque", "pull"}
 _MOST_STEPS = 10**12

@@ -14,7 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_filter import OTHER, SCATTER, TractionFilter, WheelStep
+from smallwheel_ros.estimator.traction_filter import LAW, OTHER, SCATTER, TractionFilter
+from smallwheel_ros.estimator.traction_samples import WheelStep
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
     Array,
@@ -86,22 +87,22 @@ def wheel_forces(
     """
     load = on.load.value
     thrust = pull = energy = margin = None
-    share, unsure = 0.0, 0.0  # resistance that the law does not give, over load
+    beyond = unsure = 0.0  # N, resistance that the law does not give
     if on.wheel.contact == ROLLING:  # a pressed wheel does not shear the soil along a path
-        share, unsure = traction.now.other_share
+        beyond, unsure = traction.now.other_resistance(on.contact)
         if slip is not None:
-            thrust, pull, energy = _pulls(on, traction, slip, share, time, torque)
+            thrust, pull, energy = _pulls(on, traction, slip, beyond, time, torque)
         margin = Quantity(-1.0, 0.0)  # nothing can be held
         if reference is not None:
             margin = _margin(reference, traction.reserve, reference_slip)
-    more, whole = (unsure * load) ** 2, on.resistance.value + share * load
-    of_other = on.variance(by_other=1.0, by_log_load=share * load) + more
+    more, whole = unsure**2, on.resistance.value + beyond
+    of_other = on.variance(by_other=1.0, by_log_load=beyond) + more
     # Over the load, whose own deviation counts in both.
-    of_ratio = on.variance(0.0, 1.0, 1.0, share * load - whole) + more
+    of_ratio = on.variance(0.0, 1.0, 1.0, beyond - whole) + more
     forces = WheelForces(
         sinkage=Quantity(on.sinkage, math.sqrt(on.variance(by_sinkage=1.0))),
         compaction_resistance=Quantity(on.compaction, math.sqrt(on.variance(by_compaction=1.0))),
-        other_resistance=Quantity(on.other + share * load, math.sqrt(of_other)),
+        other_resistance=Quantity(on.other + beyond, math.sqrt(of_other)),
         rolling_resistance_coefficient=Quantity(whole / load, math.sqrt(of_ratio) / load),
         thrust=thrust,
         drawbar_pull=pull,
@@ -129,13 +130,13 @@ def _pulls(
     on: WheelOnSoil,
     traction: TractionEstimator,
     slip: Quantity,
-    share: float,
+    beyond: float,
     time: float,
     torque: float | None,
 ) -> tuple[Quantity, Quantity, Quantity | None]:
     """Thrust, drawbar pull, energy per metre at the present slip; a torque is fused with the thrust.
 
-    share: resistance that the law does not give, over load.
+    beyond: resistance (N) that the law does not give.
     """
     strength, load = traction.now, on.load.value
     step, averaged = traction.wheel(on.wheel.name, on.contact, slip.value, time)
@@ -144,21 +145,20 @@ def _pulls(
     own_slip = 0.0 if averaged else (push.by_slip * slip.standard_deviation) ** 2
     noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
     thrust, spread = push.value, strength.variance(push.row) + noise
-    net_row = push.row.copy()
-    net_row[OTHER] -= load
+    net, net_row = push.value - beyond, push.row.copy()
+    net_row[OTHER], net_row[LAW] = -load, -on.resistance.standard_deviation
     net_spread = strength.variance(net_row) + noise
     if torque is not None:
-        measured, variance = strength.at_rim(step, torque)
-        weight = spread / (spread + variance)
-        thrust += weight * (measured - thrust)
-        net_spread -= weight * spread
-        spread -= weight * spread
+        told = strength.torque(step, torque, noise)
+        thrust, spread = told.corrected(thrust, spread, push.row)
+        net, net_spread = told.corrected(net, net_spread, net_row)
     by_sinkage = push.by_length * point_contact_length(on.sinkage, on.wheel.diameter)[1]
-    held = share * load
-    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - held)
-    pull = Quantity(thrust - on.resistance.value - held, math.sqrt(max(net_spread, 0.0) + by_law))
+    # The law's error of the resistance is in the filter's state.
+    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - beyond)
+    by_law -= on.resistance.standard_deviation**2
+    pull = Quantity(net - on.resistance.value, math.sqrt(max(net_spread + by_law, _LEAST_STD**2)))
     by_law = on.variance(by_sinkage, by_log_load=push.by_log_load)
-    deviation = math.sqrt(max(spread, 0.0) + by_law)
+    deviation = math.sqrt(spread + by_law)
     energy = None
     ratio = _rim_over_travel(slip.value)
     if ratio is not None:
@@ -179,13 +179,14 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     length, by_depth = point_contact_length(on.sinkage, on.wheel.diameter)
     best = _best_length(on, length, strength, slip)
     push = strength.thrust(step, max(length, best), exact_slip=True)
-    push.row[OTHER] -= load
-    net = push.value - on.resistance.value
+    law_std = on.resistance.standard_deviation
+    push.row[OTHER], push.row[LAW] = -load, -law_std
+    net = push.value - on.resistance.value - strength.other_resistance(on.contact)[0]
     by_sinkage = push.by_length * by_depth if length > best else 0.0
-    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - net)
+    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - net) - law_std**2
     form = _FORM if strength.mass > 0.0 else _FORM_OF_WHEELS
     spread = strength.variance(push.row) + by_law + (form * push.value) ** 2
-    return Quantity(net / load - strength.other_share[0], math.sqrt(max(spread, 0.0)) / load)
+    return Quantity(net / load, math.sqrt(max(spread, _LEAST_STD**2)) / load)
 
 
 def _best_length(on: WheelOnSoil, length: float, strength: TractionFilter, slip: float) -> float:

@@ -19,7 +19,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.point_sinkage import point_sinkage
-from smallwheel_ros.estimator.traction_filter import RollingContact
+from smallwheel_ros.estimator.traction_samples import RollingContact
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
