@@ -115,6 +115,8 @@ def change(path: Path, **values: object) -> None:
         ({"soil__covariance": [[1e308, 0, 0], [0, 1e308, 0], [0, 0, 1e308]]}, "not finite, or"),
         ({"soil__mean": ["a", *(WHEELS - 1) * [0.0]]}, "ValueError"),
         ({"soil__reference": [60.0, -0.2, 0.1]}, "is no soil"),
+        ({"soil__reference": [1e-320, 0.25, 0.1]}, "is no soil"),
+        ({"loadings": [1e-320, 600.0]}, "no range"),
         ({"soil__covariance": np.diag([-1.0, *(WHEELS - 1) * [1.0]]).tolist()}, "LinAlgError"),
         (
             {"soil__covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]},

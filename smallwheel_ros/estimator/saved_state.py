@@ -36,6 +36,7 @@ _VERSION = 3  # 1, of 0.1.0: without the sensors' faults; 2: without the zero of
 _TOLERANCE = 1e-9  # relative, of the prior's numbers
 _MOST_ACCEPTED = 2**32 - 1  # what SoilEstimate.msg can hold
 _LARGEST = 1e9  # of any number: loads in N are the largest, and the square of it is finite
+_SMALLEST = 1e-9  # of a load or a size, in N and m
 _LARGEST_STATE = 40.0  # of any number of the state; the first is ln of a sinkage
 
 
@@ -232,7 +233,7 @@ def _pair(value: Any) -> tuple[float, float] | None:
     if value is None:
         return None
     low, high = (float(v) for v in value)
-    if not 0.0 < low <= high < math.inf:
+    if not _SMALLEST <= low <= high < math.inf:
         raise ValueError(f"{value!r} is no range")
     return low, high
 
@@ -244,7 +245,7 @@ def _soil(content: dict[str, Any]) -> SoilRecord:
     numbers = np.concatenate([reference.ravel(), mean.ravel(), covariance.ravel()])
     if not np.abs(numbers).max() < _LARGEST:  # NaN too
         raise ValueError("a number is not finite, or too large")
-    if reference.shape != (3,) or reference.min() <= 0 or mean.shape != (WHEELS,):
+    if reference.shape != (3,) or reference.min() < _SMALLEST or mean.shape != (WHEELS,):
         raise ValueError("reference or mean is no soil")
     check_covariance(covariance, WHEELS)
     if np.abs(mean).max() > _LARGEST_STATE:
