@@ -83,7 +83,7 @@ def table_text(table: Measurements) -> str:
 def draw_table(axes: Axes, table: Measurements, channel: str | None, over: str | None) -> None:
     """Draw a channel over a setting. Raises ResultError where there is none of that name."""
     from smallwheel_ros.display import display
-    from smallwheel_ros.pictures.comparison import COLOURS, plain, style
+    from smallwheel_ros.pictures.house import COLOURS, plain, style
 
     settings = {"load": table.conditions.load} | dict(varied_settings(table))
     channel, over = channel or next(iter(table.channels)), over or next(iter(settings))

@@ -18,36 +18,11 @@ from smallwheel_ros.measurements.parts import levels
 from smallwheel_ros.measurements.settings import varied_settings
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Array
+from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 
-# Okabe and Ito's colours: told apart by colour-blind readers and in grey print.
-COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#444444")
-GREY, INK = "#8a8f98", "#22262b"
 _MOST_POINTS = 3000  # of a scatter: beyond, the eye sees no more and the file grows
 _PANELS = 3  # a row of a grid
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of that size (inch) that keeps its labels inside."""
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def style(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
-    """The house style: no box, light grid, small type."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(GREY)
-    axes.grid(color="#e6e8eb", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=8, width=0.6)
-    axes.locator_params(axis="x", nbins=6)
-    axes.set_xlabel(x, fontsize=9, color=INK)
-    axes.set_ylabel(y, fontsize=9, color=INK)
-    axes.set_title(title, fontsize=9.5, color=INK, loc="left", parse_math=False)
-
-
-def plain(text: str) -> str:
-    """Column names come from a file: a dollar sign in one is not mathematics."""
-    return text.replace("$", r"\$")
 
 
 def _grid(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:

@@ -8,10 +8,10 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
+from smallwheel_ros.pictures.house import COLOURS, key, new_figure, style
 
 _STEPS = 10  # of cost to a colour
 _UNKNOWN = "#e8e8e8"
@@ -48,7 +48,7 @@ def draw_cost(
     along = _span(rows, y0, grid.resolution) if rows.size else extent[2:]
     # As high as the ground is wide against its length, within what can be read.
     height = 7.5 * (along[1] - along[0]) / (across[1] - across[0]) + 1.2
-    figure = Figure(figsize=(9.0, min(max(height, 3.0), 9.0)), layout="constrained")
+    figure = new_figure(9.0, min(max(height, 3.0), 9.0))
     axes = figure.subplots()
     image = axes.imshow(
         grid.cells,
@@ -61,12 +61,14 @@ def draw_cost(
     if way is not None:
         places = np.asarray(way, dtype=np.float64)
         axes.plot(places[:, 0], places[:, 1], color="white", linewidth=2.2)
-        axes.plot(places[:, 0], places[:, 1], color="#c0392b", linewidth=1.0, label="robot's way")
-        axes.legend(loc="upper right", fontsize="small")
+        axes.plot(places[:, 0], places[:, 1], color=COLOURS[0], linewidth=1.0, label="robot's way")
+        key(axes, "upper right")
     axes.set(xlim=across, ylim=along)
     bar = figure.colorbar(image, ax=axes, label="cost")
     bar.set_ticks([UNKNOWN, 4.5, 44.5, 84.5, HIGHEST], labels=_LABELS)
-    axes.set(xlabel=f"x in {grid.frame} [m]", ylabel="y [m]", title=title)
+    bar.ax.tick_params(labelsize=8)
+    style(axes, f"x in {grid.frame} [m]", "y [m]", title)
+    axes.grid(visible=False)
     axes.set_aspect("equal")
     figure.savefig(Path(path), dpi=120)
 

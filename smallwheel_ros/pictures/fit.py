@@ -12,7 +12,7 @@ from smallwheel_ros.display import display, number, words
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, plain, style
+from smallwheel_ros.pictures.house import COLOURS, GREY, INK, plain, style
 from smallwheel_ros.results import ResultError
 
 

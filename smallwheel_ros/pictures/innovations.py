@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement, UpdateResult
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, style
+from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, style
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-_MODEL, _TRUE = "#1f6fb4", "#d1495b"
+from smallwheel_ros.pictures.house import COLOURS, INK, band, key, new_figure, style, wheel_colours
+
 _BAND = 1.96  # standard deviations: 95 %
 _QUANTITIES = (
     ("drawbar_pull", "drawbar_pull", 1.0, "drawbar pull [N]"),
@@ -39,42 +38,44 @@ def draw_known(
     """
     end = min(float(table["time"].max()) for table in mobility.values())
     wheel = sorted(truth["wheels"])[0]
-    figure = Figure(figsize=(13, 8.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(13.0, 7.5)
+    colour = wheel_colours(truth["wheels"])[wheel]
     grid = figure.subplots(3, len(mobility), sharex=True, sharey="row")
     for j, (name, table) in enumerate(mobility.items()):
         rows = table[(table["wheel"] == wheel) & (table["time"] <= end)]
         for i, (quantity, true, scale, label) in enumerate(_QUANTITIES):
             axes = grid[i, j]
-            _draw(axes, rows["time"], rows[quantity], rows[f"{quantity}_standard_deviation"], scale)
+            _draw(axes, rows["time"], rows[quantity], rows[f"{quantity}_standard_deviation"], colour,
+                  scale)  # fmt: skip
             of_wheel = truth["wheels"][wheel]
             known = np.where(of_wheel["moving"], of_wheel[true], np.nan) * scale
-            axes.plot(of_wheel["time"], known, "--", color=_TRUE, linewidth=0.9, label="true")
-            axes.set_ylabel(label if j == 0 else "")
-        grid[0, j].set_title(f"{wheel}, {name}")
+            axes.plot(of_wheel["time"], known, "--", color=INK, linewidth=0.9, label="true")
+            style(axes, "", label if j == 0 else "", f"{wheel}, {name}" if i == 0 else "")
         _draw_exponent(grid[2, j], soil[name], truth, end)
-        grid[2, j].set_ylabel("n of the soil" if j == 0 else "")
-        grid[2, j].set_xlabel("time [s]")
+        style(grid[2, j], "time [s]", "n of the soil" if j == 0 else "")
     for axes in grid.ravel():
         axes.set_xlim(0.0, end)
-        axes.grid(alpha=0.25)
-        axes.legend(loc="lower right", fontsize=8, ncols=3)
+        key(axes, "lower right", 3)
     # Bands of what is not known may be wider than what anybody wants to see.
     pulls = np.array(truth["wheels"][wheel]["drawbar_pull"])
     grid[0, 0].set_ylim(pulls.min() - 20.0, pulls.max() + 20.0)
     grid[1, 0].set_ylim(40.0, 0.0)  # positive down, as in the soil
-    figure.suptitle("The same drive with more and with fewer sensors; bands: 95 %", fontsize=13)
+    figure.suptitle(
+        "The same drive with more and with fewer sensors; bands: 95 %", fontsize=11, color=INK
+    )
     figure.savefig(path, dpi=110)
 
 
 def _draw(
-    axes: Axes, time: ArrayLike, value: ArrayLike, deviation: ArrayLike, scale: float = 1.0
+    axes: Axes,
+    time: ArrayLike,
+    value: ArrayLike,
+    deviation: ArrayLike,
+    colour: str,
+    scale: float = 1.0,
 ) -> None:
     centre, spread = scale * np.asarray(value), scale * _BAND * np.asarray(deviation)
-    time = np.asarray(time)
-    axes.plot(time, centre, color=_MODEL, linewidth=1.2, label="estimated")
-    low, high = centre - spread, centre + spread
-    axes.fill_between(time, low, high, color=_MODEL, alpha=0.25, linewidth=0, label="its 95 % band")
+    band(axes, np.asarray(time), centre, centre - spread, centre + spread, "estimated", colour)
 
 
 def _draw_exponent(axes: Axes, soil: pd.DataFrame, truth: Mapping[str, Any], end: float) -> None:
@@ -84,9 +85,9 @@ def _draw_exponent(axes: Axes, soil: pd.DataFrame, truth: Mapping[str, Any], end
         time[0] = 0.0
     value = np.append(rows["n"], rows["n"].iloc[-1])
     deviation = np.append(rows["n_standard_deviation"], rows["n_standard_deviation"].iloc[-1])
-    _draw(axes, time, value, deviation)
+    _draw(axes, time, value, deviation, COLOURS[2])
     starts = [stretch["start"] for stretch in truth["stretches"]]
     way = np.array(truth["rover"]["way"])
     index = np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
     true = np.array([stretch["n"] for stretch in truth["stretches"]])[index]
-    axes.plot(truth["rover"]["time"], true, "--", color=_TRUE, linewidth=1.2, label="true")
+    axes.plot(truth["rover"]["time"], true, "--", color=INK, linewidth=1.2, label="true")

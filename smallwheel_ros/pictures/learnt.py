@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.display import display, number, words
 from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, INK, new_figure, plain, style
+from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 
 Array = NDArray[np.float64]

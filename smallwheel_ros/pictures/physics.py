@@ -27,7 +27,7 @@ from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage
 from smallwheel_ros.physics.soil import SOILS, effective_modulus
 from smallwheel_ros.physics.traction import compaction_resistance
-from smallwheel_ros.pictures.comparison import COLOURS, new_figure, style
+from smallwheel_ros.pictures.house import COLOURS, new_figure, style
 from smallwheel_ros.prediction import UNITS, PredictionTable
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.pictures.house import key, style, wheel_colours
 from smallwheel_ros.results import ResultError
 
 _POINTS = 700  # of a wheel
@@ -17,10 +18,10 @@ def draw_estimates(axes: Axes, table: pd.DataFrame, quantity: str) -> None:
     numbers = [str(name) for name in table.select_dtypes("number").columns]
     if quantity not in numbers:
         raise ResultError(f"no column '{quantity}' in the estimates: {nearest(quantity, numbers)}")
+    colours = wheel_colours(table["wheel"])
     for wheel, rows in table.groupby("wheel"):
         shown = rows.iloc[:: max(1, len(rows) // _POINTS)]
-        axes.plot(shown["time"], shown[quantity], linewidth=1.0, label=str(wheel).replace("_", " "))
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(quantity.replace("_", " "))
-    axes.grid(alpha=0.25)
-    axes.legend(fontsize=8)
+        name, colour = str(wheel).replace("_", " "), colours[str(wheel)]
+        axes.plot(shown["time"], shown[quantity], color=colour, linewidth=1.0, label=name)
+    style(axes, "time [s]", quantity.replace("_", " "))
+    key(axes, "best")

@@ -16,7 +16,7 @@ from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.parts import levels
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.pictures.comparison import COLOURS, GREY, new_figure, plain, style
+from smallwheel_ros.pictures.house import COLOURS, GREY, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 
 Array = NDArray[np.float64]
