@@ -125,14 +125,15 @@ def _law(best: Judged, name: str) -> Entry:
         low, high = _interval(n, best)
         known = {"name": n.name, "value": n.value, "std": n.std, "unit": n.unit}
         constants.append(known | {"low": low, "high": high})
-    drivers = {d.name: d for t in law.terms for d, _ in t.factors}
     return {
         "id": name,
         "stage": law.place.stage,
         "drivers": list(law.drivers),
         "formula": formula(law, best.law.numbers),
         "constants": constants,
-        "range": {d.name: [d.reference + d.low, d.reference + d.high] for d in drivers.values()},
+        "range": {
+            d.name: [d.reference + d.low, d.reference + d.high] for d in law.by_name.values()
+        },
     }
 
 

@@ -64,7 +64,7 @@ def numbers_of(fitter: Fitter, candidate: Candidate) -> list[Number]:
             bounds = (min(value - around, 0.0), max(value + around, 0.0))
         else:
             bounds = (min(term.bounds[0], value), max(term.bounds[1], value))
-        unit = _strength_unit(law, term) if strength else _driver(term).source.unit
+        unit = _strength_unit(law, term) if strength else _driver(term).unit
         found.append(Number(free.field, value, std, unit, bounds, strength))
     return found
 
@@ -77,8 +77,8 @@ def _driver(term: Term) -> Driver:
 def _strength_unit(law: Law, term: Term) -> str:
     units = [law.place.carrier.unit] if law.place.carrier else []
     for driver, shape in term.factors:
-        if driver.source.unit not in ("", "1") and shape.power:
-            units.append(f"({driver.source.unit})^{-shape.power:g}")
+        if driver.unit not in ("", "1") and shape.power:
+            units.append(f"({driver.unit})^{-shape.power:g}")
     return " ".join(u for u in units if u != "1") or "1"
 
 
@@ -179,13 +179,11 @@ def class_text(
 ) -> str:
     """The Python class of a law. Numbers have all their digits: what reads it predicts the same."""
     variables: dict[Driver, str] = {}
-    for driver in (d for t in law.terms for d, _ in t.factors):
-        if driver not in variables:
-            taken = driver.source.variable in variables.values()  # two columns may read alike
-            number = f"_{len(variables) + 1}" if taken else ""
-            variables[driver] = driver.source.variable + number
+    for driver in law.by_name.values():
+        taken = driver.variable in variables.values()  # two columns may read alike
+        variables[driver] = driver.variable + (f"_{len(variables) + 1}" if taken else "")
     lines = [
-        f"        {variable} = {driver.source.code}"
+        f"        {variable} = {driver.code}"
         + (f" - {driver.reference!r}\n" if driver.reference else "\n")
         for driver, variable in variables.items()
     ]

@@ -7,7 +7,7 @@ import json
 import keyword
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import CodeType, SimpleNamespace
 
@@ -32,12 +32,15 @@ _TAKEN = ("self", "conditions", "state", "sinkage", "diameter", "np", "u", "cont
 
 
 @dataclass(frozen=True)
-class Source:
-    """Where a driver's values come from.
+class Driver:
+    """A number that a law can follow, SI units.
 
-    columns: settings that it is made of. code: Python of `conditions` (and `state`) that works it out:
-    the search computes this line, and a drafted file contains it. variable: its name there. weight:
-    what it counts as when drivers are counted.
+    columns: settings that it is made of; none is of the depth. code: Python of `conditions` (and
+    `state`) that works it out: the search computes this line, and a drafted file contains it. variable:
+    its name there. weight: what it counts as when drivers are counted.
+
+    Where it was measured: reference: what is taken off it. low, high: range after that. middle: median
+    size. quantiles: `QUANTILES` of its values. levels: how many different ones there are.
     """
 
     name: str
@@ -46,68 +49,54 @@ class Source:
     code: str
     unit: str
     weight: float = 1.0
+    reference: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    middle: float = 0.0
+    quantiles: tuple[float, ...] = ()
+    levels: int = 0
 
     @cached_property
     def _compiled(self) -> CodeType:
         return compile(self.code, "<driver>", "eval")
 
-    def values(self, conditions: Conditions, sinkage: Array | None) -> Array:
-        """Its values, shape (rows,). sinkage: m, of one that is made of it."""
+    def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
+        """Its values, shape (rows,). sinkage: m, of a driver that is made of it."""
         state = SimpleNamespace(sinkage=sinkage)
         found = eval(self._compiled, {"np": np, "conditions": conditions, "state": state})
-        return np.asarray(found)
-
-
-_COMPOUNDS = (
-    Source("width/diameter", ("width", "diameter"), "slenderness",
-           "conditions.width / conditions.diameter", "1", 1.5),
-    Source("load/(width diameter)", ("load", "width", "diameter"), "pressure",
-           "conditions.load / (conditions.width * conditions.diameter)", "Pa", 2.0),
-    Source("speed/sqrt(g diameter)", ("speed",), "froude",
-           f'conditions["speed"] / np.sqrt({_GRAVITY} * conditions.diameter)', "1", 1.5),
-)  # fmt: skip
-_DEPTH = Source(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
-
-
-@dataclass(frozen=True)
-class Driver:
-    """A number that a law can follow, SI units.
-
-    reference: what is taken off it. low, high: range that was measured, after that. middle: median
-    size. quantiles: `QUANTILES` of its values. levels: how many different ones there are.
-    """
-
-    source: Source
-    reference: float
-    low: float
-    high: float
-    middle: float
-    quantiles: tuple[float, ...]
-    levels: int
-
-    @property
-    def name(self) -> str:
-        """As in documents and formulas."""
-        return self.source.name
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Settings that it is made of; none is of the depth."""
-        return self.source.columns
+        return np.asarray(found) - self.reference
 
     @property
     def span(self) -> float:
         """Length of its range."""
         return self.high - self.low
 
-    def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
-        """Its values, shape (rows,). sinkage: m, of a driver that is made of it."""
-        return self.source.values(conditions, sinkage) - self.reference
-
     @property
     def text(self) -> str:
         """It, in a formula for people."""
         return f"({self.name} - {self.reference:g})" if self.reference else self.name
+
+    def measured_at(self, x: Array) -> Driver:
+        """The driver of points where it has these values, shape (points,)."""
+        low, high = float(x.min()), float(x.max())
+        far = low > _FAR * high and self.columns == (self.name,)  # a ratio has its zero at zero
+        reference = float(f"{low:.3g}") if far else 0.0
+        return replace(
+            self, reference=reference, low=low - reference, high=high - reference,
+            middle=float(f"{np.median(np.abs(x - reference)):.2g}"),
+            quantiles=tuple(np.quantile(x - reference, QUANTILES).tolist()), levels=_levels(x),
+        )  # fmt: skip
+
+
+_COMPOUNDS = (
+    Driver("width/diameter", ("width", "diameter"), "slenderness",
+           "conditions.width / conditions.diameter", "1", 1.5),
+    Driver("load/(width diameter)", ("load", "width", "diameter"), "pressure",
+           "conditions.load / (conditions.width * conditions.diameter)", "Pa", 2.0),
+    Driver("speed/sqrt(g diameter)", ("speed",), "froude",
+           f'conditions["speed"] / np.sqrt({_GRAVITY} * conditions.diameter)', "1", 1.5),
+)  # fmt: skip
+_DEPTH = Driver(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
 
 
 def identifier(name: str) -> str:
@@ -117,10 +106,10 @@ def identifier(name: str) -> str:
     return f"column_{made}" if taken or not made.isidentifier() else made
 
 
-def _column(name: str, units: Mapping[str, str]) -> Source:
+def _column(name: str, units: Mapping[str, str]) -> Driver:
     """A setting as it is. Its name is quoted in the code: it may have any character."""
     code = f"conditions.{name}" if name in _SIZES else f"conditions[{json.dumps(name)}]"
-    return Source(name, (name,), identifier(name), code, _SIZES.get(name, units.get(name) or "1"))
+    return Driver(name, (name,), identifier(name), code, _SIZES.get(name, units.get(name) or "1"))
 
 
 def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
@@ -132,19 +121,19 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
     used = np.unique(points.row)
     usable = independent(points)
     names = [n for n in _SIZES if n in usable] + [n for n in usable if n not in _SIZES]
-    sources = [_column(name, points.measurements.units) for name in names]
-    sources += [source for source in _COMPOUNDS if _says_more(source, usable)]
+    possible = [_column(name, points.measurements.units) for name in names]
+    possible += [compound for compound in _COMPOUNDS if _says_more(compound, usable)]
     if "resistance" in points.channels:
-        sources.append(_DEPTH)
+        possible.append(_DEPTH)
     found = []
-    for source in sources:
-        x = source.values(points.conditions, sinkage)[used]
+    for driver in possible:
+        x = driver.values(points.conditions, sinkage)[used]
         if np.ptp(x) >= 1e-3 * np.abs(x).max() > 0.0:
-            found.append(_driver(source, x))
+            found.append(driver.measured_at(x))
     return found, [f"{n} follows other settings" for n in points.varied if n not in usable]
 
 
-def _says_more(compound: Source, usable: Mapping[str, Array]) -> bool:
+def _says_more(compound: Driver, usable: Mapping[str, Array]) -> bool:
     """Whether a compound says something that its columns alone do not.
 
     Columns of two values each make a compound of four, which are still two days by two days.
@@ -158,15 +147,3 @@ def _says_more(compound: Source, usable: Mapping[str, Array]) -> bool:
 def _levels(x: Array) -> int:
     """How many different values there are."""
     return int(np.unique(np.round((x - x.min()) / max(float(np.ptp(x)), 1e-300) / _LEVEL)).size)
-
-
-def _driver(source: Source, x: Array) -> Driver:
-    """The driver with these values, shape (points,)."""
-    low, high = float(x.min()), float(x.max())
-    far = low > _FAR * high and source not in _COMPOUNDS
-    reference = float(f"{low:.3g}") if far else 0.0
-    return Driver(
-        source, reference, low - reference, high - reference,
-        float(f"{np.median(np.abs(x - reference)):.2g}"),
-        tuple(np.quantile(x - reference, QUANTILES).tolist()), _levels(x),
-    )  # fmt: skip

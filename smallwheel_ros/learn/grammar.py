@@ -63,16 +63,6 @@ class Term:
         return frozenset(driver.name for driver, _ in self.factors)
 
     @cached_property
-    def columns(self) -> frozenset[str]:
-        """Settings that its drivers are made of."""
-        return frozenset(c for driver, _ in self.factors for c in driver.columns)
-
-    @cached_property
-    def weight(self) -> float:
-        """How many drivers it counts as."""
-        return sum(driver.source.weight for driver, _ in self.factors)
-
-    @cached_property
     def kind(self) -> tuple[tuple[str, str], ...]:
         """What tells it from others, whatever its constant."""
         return tuple((driver.name, shape.name) for driver, shape in self.factors)

@@ -118,27 +118,30 @@ class Law:
         """What tells it from others, whatever its constants."""
         return self.place.name, self.link, tuple(t.kind for t in self.terms)
 
+    @cached_property
+    def by_name(self) -> dict[str, Driver]:
+        """Its drivers, in the order of its terms."""
+        return {d.name: d for t in self.terms for d, _ in t.factors}
+
     @property
     def drivers(self) -> tuple[str, ...]:
         """Names of its drivers, in the order of its terms."""
-        names = [d.name for t in self.terms for d, _ in t.factors]
-        return tuple(dict.fromkeys(names))
+        return tuple(self.by_name)
 
     @property
     def first_driver(self) -> Driver | None:
-        """The first driver, over which it is drawn; None of a constant."""
-        return next((d for t in self.terms for d, _ in t.factors), None)
+        """The driver over which it is drawn; None of a constant."""
+        return next(iter(self.by_name.values()), None)
 
     @property
     def columns(self) -> frozenset[str]:
         """Settings that its drivers are made of."""
-        return frozenset(c for t in self.terms for c in t.columns)
+        return frozenset(c for d in self.by_name.values() for c in d.columns)
 
     @property
     def weight(self) -> float:
         """How many drivers it counts as; a constant as one."""
-        known = {d.name: d.source.weight for t in self.terms for d, _ in t.factors}
-        return max(1.0, sum(known.values()))
+        return max(1.0, sum(d.weight for d in self.by_name.values()))
 
     @property
     def names(self) -> tuple[str, ...]:
