@@ -110,13 +110,18 @@ def nested(fitter: Fitter, base: Fit, grid: Grid, seed: int, done: Callable[[], 
     return HeldOut(before, after, tuple(choices))
 
 
+def rows_of(points: Points) -> dict[str, NDArray[np.intp]]:
+    """By channel, the rows of the table that these points are of."""
+    return {
+        name: np.concatenate([points.rows[i] for i in np.flatnonzero(points.channel == c)])
+        for c, name in enumerate(points.channels)
+        if (points.channel == c).any()
+    }
+
+
 def add_errors(errors: dict[str, Array], left: Points, model: Model) -> None:
     """Put the errors of a model on the rows of these points in their places."""
-    rows = {
-        name: np.concatenate([left.rows[i] for i in np.flatnonzero(left.channel == c)])
-        for c, name in enumerate(left.channels)
-        if (left.channel == c).any()
-    }
+    rows = rows_of(left)
     for name, error in row_errors(left.measurements, model, rows).items():
         errors[name][rows[name]] = error[rows[name]]
 

@@ -137,16 +137,17 @@ def _single(driver: Driver) -> Iterator[Term]:
     def made(shape: Shape, constants: Sequence[float], bounds: tuple[float, float]) -> list[Term]:
         return [Term(((driver, shape),), float(c), bounds) for c in constants]
 
+    # A kink stays where there are settings on either side: at an edge it would fit a single one.
     inner = sorted(set(driver.quantiles))
-    yield from made(shapes.HINGE, inner, (low, high))
-    yield from made(shapes.FALLING_HINGE, inner, (low, high))
+    if inner[0] < inner[-1]:
+        for shape in (shapes.HINGE, shapes.FALLING_HINGE, shapes.step(_STEP * span)):
+            yield from made(shape, inner, (inner[0], inner[-1]))
     optima = np.linspace(low - 0.1 * span, high + 0.1 * span, 9)
     yield from made(shapes.OPTIMUM, optima.tolist(), (low - 0.3 * span, high + 0.3 * span))
     scales = [q * span for q in _SCALES]
     for shape in (shapes.SATURATION, shapes.DECAY, shapes.LOG_GROWTH):
         yield from made(shape, scales, (0.03 * span, 3.0 * span))
     yield from made(shapes.GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
-    yield from made(shapes.step(_STEP * span), inner, (low, high))
     for period in (_PERIODS * span).tolist():
         if period * driver.levels >= _A_WAVE * span:
             starts = low + _PHASES * period

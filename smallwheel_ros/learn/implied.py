@@ -75,11 +75,9 @@ def implied(fitter: Fitter, fit: Fit, place: Place) -> Implied:
         shift, slope = _solve(model, points.conditions, place, name, measured, far)
         with np.errstate(invalid="ignore"):
             says = (np.abs(slope) > dull * np.abs(measured)) & (np.abs(shift) < far)
-            if says.any():
-                value[name] = np.where(says, shift, np.nan)[rows]
-                std[name] = np.where(says, spread / np.where(says, np.abs(slope), 1.0), np.nan)[
-                    rows
-                ]
+        if says.any():
+            size = np.where(says, np.abs(slope), np.nan)
+            value[name], std[name] = np.where(says, shift, np.nan)[rows], (spread / size)[rows]
     return Implied(rows, value, std)
 
 
@@ -99,9 +97,8 @@ def _solve(
         now = at(shift)
         slope = (at(shift + step) - now) / step
         with np.errstate(all="ignore"):
-            move = np.clip(
-                np.nan_to_num((measured - now) / slope, posinf=0.0, neginf=0.0), -most, most
-            )
+            move = np.nan_to_num((measured - now) / slope, posinf=0.0, neginf=0.0)
+        move = np.clip(move, -most, most)
         shift = np.clip(shift + move, -far, far)
         if np.all(np.abs(move) < 1e-8 * np.maximum(np.abs(shift), 1.0)):
             break

@@ -20,7 +20,15 @@ from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.learn.chance import chance
 from smallwheel_ros.learn.drivers import drivers_of
-from smallwheel_ros.learn.folds import HeldOut, Judgement, add_errors, judge, nested, vault_of
+from smallwheel_ros.learn.folds import (
+    HeldOut,
+    Judgement,
+    add_errors,
+    judge,
+    nested,
+    rows_of,
+    vault_of,
+)
 from smallwheel_ros.learn.grammar import terms_of
 from smallwheel_ros.learn.law import places_for
 from smallwheel_ros.learn.refused import cannot_be_told, nothing_to_follow, too_little
@@ -177,14 +185,12 @@ def _opened(
     assert draft is not None
     add_errors(held_out.before, left, found.base.model)
     add_errors(held_out.after, left, draft.fit.model)
-    worse = []
-    for name in left.channels:
-        rows = np.concatenate(
-            [r for r, c in zip(left.rows, left.channel, strict=True) if left.channels[c] == name]
-        )
-        size = [float(np.mean(e[name][rows] ** 2)) for e in (held_out.before, held_out.after)]
-        worse += [name] if size[1] > size[0] else []
-    if verdict == "law" and len(worse) == len(left.channels):
+    rows = rows_of(left)
+    worse = [
+        np.mean(held_out.after[name][mine] ** 2) > np.mean(held_out.before[name][mine] ** 2)
+        for name, mine in rows.items()
+    ]
+    if verdict == "law" and all(worse):
         return "unstable", (*reasons, "on the settings in the vault the error does not fall")
     return verdict, reasons
 
