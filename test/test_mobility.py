@@ -43,7 +43,6 @@ def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: fl
         variety=Variety(),
         accepted=1,
         outliers=0,
-        refused={},
         soil_changes=0,
         distance=0.0,
     )

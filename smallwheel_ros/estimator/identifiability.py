@@ -76,8 +76,6 @@ class SoilEstimate:
         Of the accepted measurements.
     accepted, outliers
         Measurements that updated the estimate, and those that did not fit it.
-    refused
-        Measurements that could not be used, by reason.
     soil_changes
         How often a run of surprises was taken for another soil.
     distance
@@ -97,7 +95,6 @@ class SoilEstimate:
     variety: Variety
     accepted: int
     outliers: int
-    refused: Mapping[str, int]
     soil_changes: int
     distance: float
     missing_effect: MissingEffect | None = None

@@ -45,12 +45,12 @@ _AGAIN = (40, 120, 360)  # segments after which all are taken again about the ne
 
 
 class LawFilter:
-    """The bank for one vehicle on one soil."""
+    """The bank for one vehicle on one soil. wheels: how many have a place."""
 
     def __init__(self, model: LawModel, prior: SoilPrior, settings: EstimatorSettings) -> None:
         self.model = model
         self.scatter = Scatter(settings.soil_scatter)
-        self._wheels = 0
+        self.wheels = 0
         self._bank: list[Member] = []
         slow = max(settings.process_noise, 1e-6)
         for drift, share in ((slow, 1.0 - _QUICK_SHARE), (_FAST * slow, _QUICK_SHARE)):
@@ -75,25 +75,20 @@ class LawFilter:
             member.add_wheel()
             self._start[i] = member.with_wheel(self._start[i])
         self.model.mean = np.append(self.model.mean, np.zeros(EACH))
-        self._wheels += 1
+        self.wheels += 1
         self._mix()
-        return self._wheels - 1
+        return self.wheels - 1
 
     @property
     def prior_deviations(self) -> Array:
         """Standard deviations of the soil's numbers and the nuisances before any measurement."""
         common = np.sqrt(np.diag(self.model.soil_covariance))
-        return np.append(common, np.tile(self.model.wheel_deviations, self._wheels))
+        return np.append(common, np.tile(self.model.wheel_deviations, self.wheels))
 
     @property
     def most_likely(self) -> ExtendedKalmanFilter:
         """The filter of the greatest weight."""
         return self._bank[self._best].kalman
-
-    @property
-    def wheels(self) -> int:
-        """How many wheels have a place."""
-        return self._wheels
 
     def law(self) -> tuple[Array, Array]:
         """Ln pressure, n, m and their covariance, (3,) and (3, 3)."""

@@ -78,11 +78,9 @@ class Segment:
         given: SinkageMeasurement,
         load: float,
         load_variance: float,
-        index: int | None = None,
-        passes: float = 0.0,
-        side: float = 0.0,
+        of: SegmentCollector | None = None,
     ) -> Segment:
-        """One reading, to predict by. load: N; load_variance: of its logarithm."""
+        """One reading, to predict by. load: N; load_variance: of its logarithm. of: its wheel's."""
         return cls(
             given.wheel,
             given.time,
@@ -98,9 +96,9 @@ class Segment:
             given.diameter,
             given.width,
             given.contact,
-            index=index,
-            passes=passes,
-            side=side,
+            index=None if of is None else of.index,
+            passes=0.0 if of is None else of.passes,
+            side=0.0 if of is None else of.side,
         )
 
 
@@ -121,7 +119,7 @@ class SegmentCollector:
         passes: float = 0.0,
         side: float = 0.0,
     ) -> None:
-        self._length, self._ahead, self.index = length, ahead, index
+        self._length, self.ahead, self.index = length, ahead, index
         self.passes, self.side = passes, side
         self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
         self._load_noise = load_std**2  # of ln load
@@ -202,7 +200,7 @@ class SegmentCollector:
             wheel=last.wheel,
             time=float(time[-1]),
             distance=float(distance[-1]),
-            place=float(distance.mean()) + self._ahead,
+            place=float(distance.mean()) + self.ahead,
             # A mean of equal numbers may be off in its last digit.
             sinkage=middle if stuck else float(sinkage[kept].mean()),
             sinkage_variance=self.reading_variance / count,

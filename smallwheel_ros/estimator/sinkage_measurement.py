@@ -136,18 +136,6 @@ def find_problem(given: SinkageMeasurement, needs: tuple[str, ...]) -> tuple[str
 
     needs: covariates ('slip', 'speed') that the model's effects read.
     """
-    if (
-        abs(given.sinkage) <= 0.5 * given.diameter < math.inf
-        and 0.0 < given.load < math.inf
-        and 0.0 < given.width < math.inf
-        and 0.0 <= given.load_variance < math.inf
-        and given.diameter > 0.0
-        and abs(given.time) + abs(given.distance) + abs(given.own_path) < math.inf
-        and abs(given.pitch) < math.inf
-        and given.contact in (ROLLING, PRESSED)
-        and not needs
-    ):
-        return None  # what nearly every measurement is, told cheaply
     name = f"wheel '{given.wheel}'"
     for covariate in needs:
         if getattr(given, covariate) is None:

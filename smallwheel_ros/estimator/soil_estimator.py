@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,7 @@ from smallwheel_ros.estimator.missing_effect import (
 )
 from smallwheel_ros.estimator.point_sinkage import point_pressure
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.estimator.segment import Segment, SegmentCollector
+from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
@@ -124,7 +123,6 @@ class SoilEstimator:
         self._watch.reset()
         self._distance = 0.0
         self.outliers = 0
-        self.refused: dict[str, int] = {}
         self._said: tuple[object, tuple[Array, Array]] | None = None
 
     # -- in
@@ -142,11 +140,11 @@ class SoilEstimator:
                 (f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"),
             )
         if problem is not None:
-            return self._refuse(*problem)
+            return UpdateResult(Outcome.REFUSED, *problem)
         try:
             return self._use(given, wheel or self._arrive(given))
         except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-            return self._refuse("numerical", _no_sinkage(given, error))
+            return UpdateResult(Outcome.REFUSED, "numerical", _no_sinkage(given, error))
 
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
         """Give a wheel that was never measured its place; the first one is the reference wheel.
@@ -166,12 +164,9 @@ class SoilEstimator:
         if given.contact != ROLLING:
             length = min(length, _PRESSED * given.diameter)
         wheel = WheelTrack(
-            SegmentCollector(
-                *(length, noise, told, ahead, law.add_wheel()),
-                passes=math.log2(1.0 + len(runs_ahead)),
-                side=0.0 if known is None else float(np.sign(known.lateral_position)),
-            ),
-            ahead,
+            *(length, noise, told, ahead, law.add_wheel()),
+            passes=math.log2(1.0 + len(runs_ahead)),
+            side=0.0 if known is None else float(np.sign(known.lateral_position)),
         )
         self._wheels[given.wheel] = wheel
         return wheel
@@ -219,14 +214,11 @@ class SoilEstimator:
 
     def _law_under(self, wheel: WheelTrack) -> LawFilter:
         """The law of the soil under a wheel; one that came later has no place in the old one."""
-        found = self._soils.under(wheel)
-        assert found is not None
-        assert self._soils.law is not None
-        return found[0] if wheel.collector.index < found[0].wheels else self._soils.law
-
-    def _refuse(self, reason: str, message: str) -> UpdateResult:
-        self.refused[reason] = self.refused.get(reason, 0) + 1
-        return UpdateResult(Outcome.REFUSED, reason, message)
+        law, _ = self._soils.under(wheel)
+        if law is None or wheel.index >= law.wheels:
+            law = self._soils.law
+        assert law is not None
+        return law
 
     # -- out
 
@@ -275,15 +267,14 @@ class SoilEstimator:
     def load(self, wheel: str) -> tuple[float, float] | None:
         """Load of a wheel without its noise (N), and variance of its logarithm; None: not measured."""
         known = self._wheels.get(wheel)
-        return None if known is None else known.collector.load()
+        return None if known is None else known.load()
 
     def estimate(self, wheel: str | None = None) -> SoilEstimate:
         """Return the soil as it is believed now: the one that a wheel came to last.
 
         wheel: return the soil that this wheel is on, where it has been measured.
         """
-        found = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
-        law, variety = (None, self._soils.variety) if found is None else found
+        law, variety = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
         at = self.settings.reference_sinkage, self.settings.reference_diameter
         mean, covariance = self._at_the_reference(law)
         pressure, n, m = mean.tolist()
@@ -298,7 +289,6 @@ class SoilEstimator:
             variety,
             self._soils.accepted,
             self.outliers,
-            dict(self.refused),
             self._soils.changes,
             self._distance,
             self._watch.alarm,
@@ -349,14 +339,10 @@ class SoilEstimator:
         if problem is not None:
             raise EstimatorError(problem[1])
         known = self._wheels.get(wheel) if wheel is not None else None
-        now = Segment.of_reading(given, load, load_variance / load**2)
-        if known is not None:
-            own = known.collector
-            now = replace(now, index=own.index, passes=own.passes, side=own.side)
+        now = Segment.of_reading(given, load, load_variance / load**2, known)
         try:
-            if known is None:
-                law = self._soils.law or self._soils.new_law(self._reference(given))
-            else:
+            law = self._soils.law or self._soils.new_law(self._reference(given))
+            if known is not None:
                 law = self._law_under(known)
             value, variance = sinkage_of(law, now, self._watch.missed_variance)
         except (ArithmeticError, ValueError) as error:

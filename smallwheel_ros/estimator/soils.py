@@ -92,14 +92,14 @@ class Soils:
         """Whether a segment is of the newest soil alone, and no part of it behind the border."""
         return segment.place >= self._border + self._settings.scatter_length
 
-    def under(self, wheel: WheelTrack | None) -> tuple[LawFilter, Variety] | None:
-        """The filter of the soil under a wheel, and its excitation range; None before any wheel.
+    def under(self, wheel: WheelTrack | None) -> tuple[LawFilter | None, Variety]:
+        """The filter of the soil under a wheel, None before any, and the soil's excitation range.
 
         wheel: None: of the soil that a wheel came to last.
         """
         if self._old is not None and wheel is not None and self.is_behind(wheel):
             return self._old
-        return None if self.law is None else (self.law, self.variety)
+        return self.law, self.variety
 
     def drop(self, wheel: str) -> None:
         """Forget the waiting segments of a sensor that turns out to be stuck."""

@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_model import Shown
@@ -40,24 +40,21 @@ class Expected(NamedTuple):
     by_load: float
 
 
-@dataclass(eq=False)
-class WheelTrack:
-    """A wheel: its collector, and its newest reading.
+class WheelTrack(SegmentCollector):
+    """A wheel: the collector of its readings, its newest reading, and what is expected of the next.
 
-    ahead: m that it is ahead of the vehicle's middle. at: m along the vehicle's path. slip: the
-    newest that was known, at slip_at on the wheel's own path.
+    at: m along the vehicle's path. slip: the newest that was known, at slip_at on the wheel's own
+    path.
     """
 
-    collector: SegmentCollector
-    ahead: float
-    time: float = -math.inf
-    distance: float = -math.inf
-    path: float = -math.inf
-    at: float = 0.0
+    time = distance = path = -math.inf
+    at = slip_at = 0.0
     slip: float | None = None
-    slip_at: float = 0.0
-    recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
     expected: Expected | None = None
+
+    def __init__(self, *arguments: Any, **names: Any) -> None:
+        super().__init__(*arguments, **names)
+        self.recent: deque[float] = deque(maxlen=_RECENT)
 
     def out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
         """Reason and message if a reading is not behind the newest one."""
@@ -81,7 +78,7 @@ class WheelTrack:
 
     def follow(self, given: SinkageMeasurement) -> Segment | None:
         """Take a reading; return the segment that it closes, if any."""
-        closed = self.collector.add(given)
+        closed = self.add(given)
         self.time, self.distance, self.path = given.time, given.distance, given.own_path
         self.at = given.distance + self.ahead
         slip = known(given.slip)
@@ -98,7 +95,7 @@ class WheelTrack:
         missed: see `sinkage_of`. gate: squared normalised innovation from which on it is an outlier.
         Raises ArithmeticError or ValueError for one that the model has no sinkage for.
         """
-        load, load_variance = self.collector.load(given)
+        load, load_variance = self.load(given)
         log_load = math.log(load)
         steps = [
             round(value / _NEAR) if value is not None and math.isfinite(value) else None
@@ -106,14 +103,12 @@ class WheelTrack:
         ]
         of = law, law.version, missed, given.diameter, given.width, given.contact, *steps
         if self.expected is None or self.expected.of != of:
-            collector = self.collector
-            place = collector.index, collector.passes, collector.side
-            now = Segment.of_reading(given, load, load_variance, *place)
+            now = Segment.of_reading(given, load, load_variance, self)
             self.expected = Expected(of, log_load, *_expect(now, law, missed))
         expected = self.expected
         more = expected.by_load * (log_load - expected.log_load)
         true, variance = expected.sinkage + more, expected.sinkage_variance
-        noise = self.collector.reading_variance
+        noise = self.reading_variance
         spread = expected.shown_variance + noise + law.scatter.additive
         if not math.isfinite(true + variance + spread):
             raise ArithmeticError("its uncertainty has no bounds")
