@@ -69,7 +69,7 @@ def check(estimate: SoilEstimate) -> None:
     assert np.linalg.eigvalsh(estimate.log_covariance).min() > 0.0
 
 
-@settings(max_examples=examples(150))
+@settings(max_examples=examples(80))
 @given(st.lists(st.tuples(measurement, st.booleans()), max_size=25), st.booleans())
 def test_hostile_measurements_do_no_harm(
     rows: list[tuple[dict[str, object], bool]], with_effect: bool
@@ -94,7 +94,7 @@ def test_hostile_measurements_do_no_harm(
     assert estimate.accepted + estimate.outliers + refused <= len(rows)
 
 
-@settings(max_examples=examples(60))
+@settings(max_examples=examples(30))
 @given(
     st.floats(0.05, 2.9),
     st.floats(-2.5, 2.5),
