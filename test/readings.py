@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.result import Result
 
 
 class Given(Onboard):

@@ -13,8 +13,8 @@ from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.simulate.drive import EPOCH, DriveSettings, simulate_drive
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 

@@ -12,10 +12,10 @@ import pytest
 
 from smallwheel_ros.bags import message_type
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
@@ -185,14 +185,14 @@ class TestUsual:
         results = self.drive_mirrored(feed)
         assert results[5].instant.slip.value == pytest.approx(1.0, abs=0.01)
         assert results[-1].instant.slip is None
-        (words,) = feed.onboard.assessor.findings
+        (words,) = feed.onboard.findings
         assert "wheel 'front': its joint has turned against the travel" in words
         assert "front.joint_sign" in words
 
     def test_the_sign_of_the_joint_mends_it(self) -> None:
         feed = make(**{"front.joint_sign": -1})
         assert self.drive_mirrored(feed)[-1].instant.slip.value == pytest.approx(0.1, abs=0.01)
-        assert feed.onboard.assessor.findings == ()
+        assert feed.onboard.findings == ()
 
     def drive_mirrored(self, feed: Feed) -> list[Result]:
         results: list[Result] = []

@@ -18,10 +18,10 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilPrior,
     UpdateResult,
 )
-from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import WheelForces
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.watches import FilterHealth
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, Wheel

@@ -23,9 +23,9 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.node_process import NodeProcess
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from readings import Given as Onboard
 
-from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
 from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
@@ -509,5 +509,5 @@ def test_what_the_estimate_rests_on_lets_it_start_over(
     onboard = Onboard(settings_from(values).onboard)
     settings = settings_from(values | change).onboard
     assert onboard.apply(settings) is starts_over
-    assert onboard.assessor.settings == settings
+    assert onboard.settings == settings
     assert onboard.strength.strength == Onboard(settings).strength.strength

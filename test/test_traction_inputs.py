@@ -26,9 +26,9 @@ from test_feed import (
 
 from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.parameters import ParametersError
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.physics.wheel import Quantity
@@ -272,5 +272,5 @@ def test_a_slipping_vehicle_is_warned_of_with_its_risk() -> None:
 def test_no_warning_in_ordinary_driving() -> None:
     feed = make(**MASS)
     drive(feed, pose=0.05)
-    assert feed.onboard.assessor.stuck.warning == ""
-    assert feed.onboard.assessor.stuck.risk is not None
+    assert feed.onboard.stuck.warning == ""
+    assert feed.onboard.stuck.risk is not None

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import IntEnum
 from functools import partial
+from pathlib import Path
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
@@ -16,10 +15,12 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     UpdateResult,
 )
+from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces
 from smallwheel_ros.onboard.problems import ProblemLog
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
@@ -28,93 +29,78 @@ from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
+_OF_THE_ESTIMATE = ("prior", "estimator", "effects", "wheels", "strength", "mass")  # settings
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
-
-
-class Status(IntEnum):
-    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
-
-    OK = 0
-    PRIOR_ONLY = 1
-    SLIP_UNKNOWN = 2
-    REJECTED = 3
-    LOAD_MISSING = 4
-    SUNK_TO_AXLE = 5
-
-
-@dataclass(frozen=True)
-class Result:
-    """One wheel at one instant: what was measured, and what the model makes of it; SI units.
-
-    Attributes
-    ----------
-    status_text
-        All conditions that apply, in words.
-    sinkage_predicted, forces
-        Of the soil as estimated before this sinkage was used, and after; None where load is missing
-        or the wheel is sunk to its axle.
-    digging_in
-        Slip and sinkage grow while the wheel travels slower and slower.
-    risk
-        Probability that the vehicle gets stuck within the next metre (see `stuck_warning`); None
-        where no margin is known.
-    soil
-        After the instant: the one that a wheel came to last; the forces are those on the wheel's own.
-    rejected
-        Measured sinkages that were not used for the soil since the start or the last reset.
-    elsewhere
-        Wheels that are on another soil than this one, just before or after a border.
-    """
-
-    instant: Instant
-    status: Status
-    status_text: str
-    sinkage_predicted: Quantity | None
-    forces: WheelForces | None
-    digging_in: bool
-    risk: float | None
-    soil: SoilEstimate
-    rejected: int
-    elsewhere: tuple[str, ...]
-
-    @property
-    def wheel(self) -> str:
-        """Name of the wheel."""
-        return self.instant.wheel.name
 
 
 class Assessor:
     """The estimator together with what it is asked: one step per instant.
 
-    problems: where to note what could not be used.
+    Attributes
+    ----------
+    problems
+        What could not be used.
+    estimator, traction, stuck, health
+        What is believed of the law and the sensors, of the strength, of the risk, and whether the
+        filter's innovations are as expected; others after an `apply` that starts over.
     """
 
     def __init__(self, settings: OnboardSettings, problems: ProblemLog | None = None) -> None:
-        self.settings, self.problems = settings, problems or ProblemLog()
+        self.problems = problems or ProblemLog()
+        self._begin(settings)
+
+    def _begin(self, settings: OnboardSettings) -> None:
+        self.settings = settings
         self.estimator = SoilEstimator(
             settings.prior, settings.estimator, settings.effects, settings.wheels
         )
         self.traction = TractionEstimator(settings.strength, settings.wheels, settings.mass)
-        self._joints = JointWatch()
         self.stuck = StuckWarning()
         self.health = FilterHealth()
+        self._joints = JointWatch()
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
+        self.problems.rejected = 0
 
-    def apply(self, settings: OnboardSettings) -> None:
-        """Go on with other settings that leave the estimator as it is."""
+    def apply(self, settings: OnboardSettings) -> bool:
+        """Go on with other settings of the same wheels; return whether the soil starts over.
+
+        It does where anything else than the handling of messages is another: what was learnt under
+        the old settings does not hold under the new.
+        """
+        if any(getattr(self.settings, n) != getattr(settings, n) for n in _OF_THE_ESTIMATE):
+            self._begin(settings)
+            return True
         self.settings = settings
         for alarm in self._digging.values():
             alarm.rules = settings.digging_in
+        return False
 
     def reset(self) -> None:
         """Forget the soil, and what ordinary driving is like."""
-        self.estimator.reset()
-        self.traction.reset()
-        self.health.reset()
-        self._joints.reset()
-        self.stuck.reset()
-        for alarm in self._digging.values():
-            alarm.reset()
+        self._begin(self.settings)
+
+    def save(self, path: Path | str) -> None:
+        """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
+        self.estimator.save(path, self.traction.record())
+
+    def restore(self, path: Path | str) -> None:
+        """Begin anew from a saved soil.
+
+        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
+        under another prior or other effects.
+        """
+        self.estimator.restore(path, self.traction.restore)
+        self.problems.rejected = 0
+
+    @property
+    def soil(self) -> SoilEstimate:
+        """The soil as it is believed now."""
+        return self.estimator.estimate()
+
+    @property
+    def strength(self) -> StrengthEstimate:
+        """The soil's strength as it is believed now."""
+        return self.traction.estimate()
 
     @property
     def findings(self) -> tuple[str, ...]:

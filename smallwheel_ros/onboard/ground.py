@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.onboard.assessment import Result, Status
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.stuck_warning import STALE, mean_margin
 from smallwheel_ros.physics.wheel import Quantity
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.onboard.assessment import Result
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.physics.wheel import Quantity
 
 STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg

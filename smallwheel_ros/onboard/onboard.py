@@ -13,19 +13,16 @@ Results may come with any message: a measured sinkage waits for what belongs to 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 
-from smallwheel_ros.estimator.identifiability import SoilEstimate, before_driving
-from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.onboard.assessment import Assessor, Result
+from smallwheel_ros.estimator.identifiability import before_driving
+from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.synchroniser import Reading, Synchroniser
 
-_OF_THE_ESTIMATE = ("prior", "estimator", "effects", "wheels", "strength", "mass")
 
-
-class Onboard:
+class Onboard(Assessor):
     """Estimates soil and mobility from messages as they arrive.
 
     What is in a message never raises: what cannot be used is counted and said (`problems`).
@@ -37,10 +34,6 @@ class Onboard:
     received, counts
         How many messages have come, by stream, good and bad; and how many of them could not be
         used, by stream and reason.
-    problems
-        The same in words.
-    assessor
-        What is believed of the soil and of the sensors; another one after `apply`.
     time_jumps
         How often everything was forgotten because time went back.
     """
@@ -48,11 +41,11 @@ class Onboard:
     def __init__(
         self, settings: OnboardSettings, on_result: Callable[[Result], None] | None = None
     ) -> None:
-        self.settings, self._on_result = settings, on_result
+        self._on_result = on_result
         self._synchroniser = Synchroniser(settings, self._on_time_jump)
-        self.problems, self.received = self._synchroniser.problems, self._synchroniser.received
-        self.counts, self.take_problems = self.problems.counts, self.problems.take
-        self.assessor = Assessor(settings, self.problems)
+        super().__init__(settings, self._synchroniser.problems)
+        self.received, self.counts = self._synchroniser.received, self.problems.counts
+        self.take_problems = self.problems.take
         self.time_jumps = 0
 
     def add(self, stamp: int, readings: Iterable[Reading], now: int | None = None) -> list[Result]:
@@ -83,45 +76,15 @@ class Onboard:
     def reset(self) -> None:
         """Forget soil and measurements, and begin anew; the counts go on."""
         self._synchroniser.start_over("a reset was asked for")
-        self._forget_soil()
+        super().reset()
 
     def apply(self, settings: OnboardSettings) -> bool:
-        """Go on with other settings of the same wheels; return whether the soil starts over.
+        """Go on with other settings of the same wheels, see `Assessor.apply`.
 
-        It does where anything else than the handling of messages is another: what was learnt under
-        the old settings does not hold under the new. Measurements that wait are dropped.
+        Measurements that wait are dropped.
         """
-        before, self.settings = self.settings, settings
         self._synchroniser.apply(settings)
-        if all(getattr(before, name) == getattr(settings, name) for name in _OF_THE_ESTIMATE):
-            self.assessor.apply(settings)
-            return False
-        self.assessor = Assessor(settings, self.problems)
-        self.problems.rejected = 0
-        return True
-
-    def save(self, path: Path | str) -> None:
-        """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
-        self.assessor.estimator.save(path, self.assessor.traction.record())
-
-    def restore(self, path: Path | str) -> None:
-        """Begin anew from a saved soil.
-
-        Raises EstimatorError, and changes nothing, for a file that is missing, not whole, or saved
-        under another prior or other effects.
-        """
-        self.assessor.estimator.restore(path, self.assessor.traction.restore)
-        self.problems.rejected = 0
-
-    @property
-    def soil(self) -> SoilEstimate:
-        """The soil as it is believed now."""
-        return self.assessor.estimator.estimate()
-
-    @property
-    def strength(self) -> StrengthEstimate:
-        """The soil's strength as it is believed now."""
-        return self.assessor.traction.estimate()
+        return super().apply(settings)
 
     @property
     def lacking(self) -> dict[str, str]:
@@ -163,16 +126,12 @@ class Onboard:
 
     def _on_time_jump(self) -> None:
         self.time_jumps += 1
-        self._forget_soil()
-
-    def _forget_soil(self) -> None:
-        self.assessor.reset()
-        self.problems.rejected = 0
+        super().reset()
 
     def _results(self, instants: list[Instant]) -> list[Result]:
         results = []
         for instant in instants:
-            results.append(self.assessor.assess(instant))
+            results.append(self.assess(instant))
             if self._on_result is not None:
                 self._on_result(results[-1])
         return results

@@ -8,8 +8,8 @@ from types import SimpleNamespace as Message  # has a type's fields, as rosbags 
 from typing import Any
 
 from smallwheel_ros.bags.types import plain_fields
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.message_fields import VALID, mobility_fields, soil_fields
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.streams import SECOND
 
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"

@@ -11,9 +11,9 @@ from typing import Any
 from smallwheel_ros.bag_files import BagError, RawMessage, reason
 from smallwheel_ros.bags import BagReader, DefinitionError
 from smallwheel_ros.bags.storage import Key
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.output import write_bytes
@@ -32,7 +32,7 @@ from smallwheel_ros.replay.folder import (
 from smallwheel_ros.replay.inputs import check_enough, in_bag, inputs_of, missing_inputs
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.settings import check_parameters, read_settings
+from smallwheel_ros.replay.settings import read_settings
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
@@ -82,7 +82,6 @@ def replay(
         If nothing can be estimated from the bag, a file cannot be written, or another replay is
         at work in the folder.
     """
-    check_parameters(spec)
     check_folder(spec)
     stop, folder = Stop(), spec.folder
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():

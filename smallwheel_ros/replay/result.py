@@ -136,7 +136,7 @@ class Replayed(Result):
                 for name, counts in summary.wheels.items()
             },
             "soil": self._soil(),
-            "sensors": list(self.onboard.assessor.findings),
+            "sensors": list(self.onboard.findings),
             "events": [event._asdict() for event in summary.events],
             "unlisted_events": summary.unlisted_events,
             "inputs": [

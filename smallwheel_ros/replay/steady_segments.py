@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.onboard.assessment import Result
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.replay.passes import PassCounter

@@ -8,8 +8,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.streams import SECOND
 
 _MOST_EVENTS = 200

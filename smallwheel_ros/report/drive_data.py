@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from smallwheel_ros.costmap.cost import CostRules
-from smallwheel_ros.onboard.assessment import Status
+from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.replay.summary import Event
 
 Array = NDArray[np.float64]

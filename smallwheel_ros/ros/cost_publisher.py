@@ -12,9 +12,9 @@ from rclpy.lifecycle import LifecyclePublisher
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import CostMapError
-from smallwheel_ros.onboard.assessment import Result
 from smallwheel_ros.onboard.feed import yaw_and_pitch_of
 from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
 
 TERRAIN_CLASSES = "terrain_classes"

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.onboard.assessment import Result, Status
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
@@ -95,7 +95,7 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
 
 def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     """Whether the filter's innovations are what it expects them to be."""
-    soil, health = onboard.soil, onboard.assessor.health
+    soil, health = onboard.soil, onboard.health
     mean = health.mean_square
     values = {
         "accepted": str(soil.accepted),
@@ -112,7 +112,7 @@ def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
 
 def sensor_status(name: str, onboard: Onboard) -> DiagnosticStatus:
     """What seems wrong with sensors, joints or wheels, and what to check."""
-    findings = onboard.assessor.findings
+    findings = onboard.findings
     values = {f"finding {i + 1}": words for i, words in enumerate(findings)}
     text = "; ".join(findings) or "nothing seems wrong"
     return status(name, WARN if findings else OK, text, values)
@@ -121,7 +121,7 @@ def sensor_status(name: str, onboard: Onboard) -> DiagnosticStatus:
 def alarm_status(name: str, onboard: Onboard, newest: Iterable[Result]) -> DiagnosticStatus:
     """What somebody should act on now, and what that rests on."""
     digging = ", ".join(result.wheel for result in newest if result.digging_in)
-    missing, stuck = onboard.assessor.estimator.missing_effect, onboard.assessor.stuck
+    missing, stuck = onboard.estimator.missing_effect, onboard.stuck
     words = [f"{digging}: digging in (slip and sinkage up, speed down): stop"] if digging else []
     values = {
         "digging in": digging or "no",

@@ -10,7 +10,7 @@ import numpy as np
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from smallwheel_ros.onboard.assessment import Result
+from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.ros.conversions import time_message
 
 # A colour for each margin, from stuck to easy: dark red, orange, yellow-green. They differ in
