@@ -18,7 +18,7 @@ from smallwheel_ros.estimator.soil_estimator import (
 )
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model_file import read_model
-from smallwheel_ros.onboard.parameter_files import read_parameters, template
+from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.urdf import Urdf
 from smallwheel_ros.physics.soil import soil
@@ -171,7 +171,7 @@ class Parameters(Yaml):
     refusals = SmallwheelError
 
     def make_seeds(self) -> list[bytes]:
-        return [*super().make_seeds(), template().encode()]
+        return [*super().make_seeds(), (ROOT / "config" / "template.yaml").read_bytes()]
 
     def run(self, data: bytes) -> Iterator[float]:
         found = settings_from(read_parameters(self.written(data, "rover.yaml")))

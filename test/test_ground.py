@@ -149,7 +149,7 @@ class TestHealth:
         assert self.made([9.0] * 20).concern == ""
         health = self.made([9.0] * 100)
         assert health.concern
-        health.reset()
+        health = FilterHealth()
         assert health.concern == ""
         assert health.mean_square is None
         health.add(UpdateResult(Outcome.REFUSED, "not_finite", ""))

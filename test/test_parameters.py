@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from docs.parameter_pages import reference, template
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
@@ -14,7 +15,7 @@ from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
-from smallwheel_ros.onboard.parameter_files import read_parameters, reference, template
+from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
@@ -319,13 +320,11 @@ class TestModelFile:
 class TestFiles:
     @pytest.mark.parametrize(("name", "text"), [("config/template.yaml", template())])
     def test_template_is_up_to_date(self, repository: Path, name: str, text: str) -> None:
-        assert (repository / name).read_text() == text, (
-            "run python -m smallwheel_ros.onboard.parameter_files"
-        )
+        assert (repository / name).read_text() == text, "run python docs/parameter_pages.py"
 
     def test_reference_is_up_to_date(self, repository: Path) -> None:
         written = (repository / "docs" / "parameters.md").read_text()
-        assert written == reference(), "run python -m smallwheel_ros.onboard.parameter_files"
+        assert written == reference(), "run python docs/parameter_pages.py"
 
     def test_template_gives_the_defaults(self, tmp_path: Path) -> None:
         path = tmp_path / "template.yaml"

@@ -133,12 +133,7 @@ class MissingEffectWatch:
             # One that is made from another form differs from it in the forces only.
             and not any(issubclass(form, other) for other in forms if other is not form)
         ]
-        self._length = length
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self._pieces = SegmentChanges(self._length, WINDOW)
+        self._pieces = SegmentChanges(length, WINDOW)
         self._next: float | None = None
         self._over = 0
         self.scores: tuple[EffectScore, ...] = ()

@@ -112,7 +112,6 @@ class SoilEstimator:
         self._turn = to_reference(*at)
         self._prior_of_field = seen_as(self._turn, self._prior)
         self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
-        self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self.reset()
 
     def reset(self) -> None:
@@ -120,7 +119,7 @@ class SoilEstimator:
         self._soils = Soils(self.prior, self.settings, self.effects)
         self._wheels: dict[str, WheelTrack] = {}
         self._sensors = SensorWatch()
-        self._watch.reset()
+        self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self._distance = 0.0
         self.outliers = 0
         self._said: tuple[object, tuple[Array, Array]] | None = None

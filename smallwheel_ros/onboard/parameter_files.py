@@ -1,32 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters in files: read the node's YAML without ROS, and write template and documentation.
-
-`python -m smallwheel_ros.onboard.parameter_files` writes config/template.yaml and docs/parameters.md anew.
-"""
+"""The node's parameters in a YAML file, read without ROS."""
 
 from __future__ import annotations
 
 import math
 import re
-import textwrap
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value
-from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
+from smallwheel_ros.onboard.parameter import Value
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml
 
-_CHANGES = {"always": "", "unconfigured": " *Unconfigured.*", "at start": " *At start.*"}
 _SECTION = "ros__parameters"
-_EXAMPLE_WHEEL = "front_left"
-_EXAMPLES: dict[str, Value] = {
-    "wheels": [_EXAMPLE_WHEEL],
-    f"{_EXAMPLE_WHEEL}.diameter": 0.25,
-    f"{_EXAMPLE_WHEEL}.width": 0.10,
-}
 
 
 def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]:
@@ -73,86 +61,3 @@ def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
 def written(value: Value) -> str:
     """A value as YAML has it, on one line."""
     return str(yaml.safe_dump([value], default_flow_style=True, width=math.inf)).strip()[1:-1]
-
-
-def _span(parameter: Parameter) -> str:
-    """What a value may be, in words; empty: anything."""
-    if parameter.choices:
-        return " or ".join(map(str, parameter.choices))
-    if parameter.low is None or parameter.high is None:
-        return ""
-    return f"{parameter.low:g} to {parameter.high:g}"
-
-
-def template() -> str:
-    """Return a parameter file with every parameter, its meaning and its default."""
-    lines = [
-        "# All parameters of mobility_estimator. Made by python -m smallwheel_ros.onboard.parameter_files;",
-        "# copy it and keep what you change. A line that begins with # is a default or optional.",
-        "/**:",
-        f"  {_SECTION}:",
-    ]
-    table = parameters_for([_EXAMPLE_WHEEL])
-    needed = {p.name.split(".")[0] for p in table if p.required}
-    group = ""
-    for parameter in table:
-        *above, name = parameter.name.split(".")
-        indent = "    " + "  " * len(above)
-        if above and above[0] != group:
-            group = above[0]
-            lines += ["", f"    {'' if group in needed else '# '}{group}:"]
-        words, span = parameter.description, _span(parameter)
-        words += f" [{parameter.unit}]" if parameter.unit else ""
-        words += f" {span}." if span else ""
-        lines += [f"{indent}# {line}" for line in textwrap.wrap(words, 92 - len(indent))]
-        value = _EXAMPLES.get(parameter.name, parameter.default)
-        text = "" if value is None else f" {written(value)}"
-        lines.append(f"{indent}{'' if parameter.required else '# '}{name}:{text}")
-    return "\n".join(lines) + "\n"
-
-
-def reference() -> str:
-    """Return docs/parameters.md."""
-    lines = [
-        "# Parameters of `mobility_estimator`",
-        "",
-        "Made by `python -m smallwheel_ros.onboard.parameter_files` from the one table in",
-        "`smallwheel_ros/onboard/parameter_table.py`; [config/template.yaml](../config/template.yaml)",
-        "has the same as a file to start from. In ROS parameter files a number for a `double`",
-        "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
-        "and not used; one that is missing or wrong keeps the node from being configured.",
-        "A parameter can be changed while the node runs (`ros2 param set`): the change is checked",
-        "together with all other values, refused with a reason or applied at once. What the estimate",
-        "starts from and goes by lets the soil start over: `soil.*` but for `soil.file`,",
-        "`estimator.*`, `noise.sinkage`, `load.source`, `vehicle.mass`, and size, place and contact",
-        "of a wheel; `cost.*` lets the cost map start over. Those marked *Unconfigured* cannot be",
-        "changed while the node is configured; those marked *At start*, and `qos_overrides.*`, only",
-        "come from a file or the command line.",
-        "",
-    ]
-    for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):
-        lines += [f"## {title}", "", "| name | type | default | range | meaning |"]
-        lines.append("| --- | --- | --- | --- | --- |")
-        for p in table:
-            default = "*required*" if p.required else "*optional*"
-            if p.default is not None:
-                default = f"`{written(p.default)}`"
-            unit = f" [{p.unit}]" if p.unit else ""
-            row = (p.name, p.kind, default, _span(p), f"{p.description}{unit}{_CHANGES[p.changes]}")
-            lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))
-        lines.append("")
-    return "\n".join(lines)
-
-
-def main() -> None:
-    """Write template and documentation into the checkout."""
-    root = Path(__file__).resolve().parents[2]
-    for name, text in (("config/template.yaml", template()), ("docs/parameters.md", reference())):
-        path = root / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        print(path)
-
-
-if __name__ == "__main__":
-    main()

@@ -28,10 +28,6 @@ class JointWatch:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
         self._last: dict[str, float] = {}  # path of each wheel, m
         self._against: dict[str, float] = {}  # and of that against its travel, without a break
 
@@ -68,10 +64,6 @@ class DiggingInAlarm:
 
     def __init__(self, rules: DiggingInRules) -> None:
         self.rules = rules
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what ordinary driving is like; no alarm."""
         self.on = False
         self._sinkage: float | None = None
         self._speed: float | None = None
@@ -134,11 +126,6 @@ class FilterHealth:
         self._outliers.append(outlier)
         if not outlier:
             self._squares.append(update.normalised_innovation_squared)
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self._squares.clear()
-        self._outliers.clear()
 
     @property
     def count(self) -> int:
