@@ -8,6 +8,7 @@ the answers: it holds back while too many sinkages are without one.
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -160,8 +161,11 @@ class _Recorder:
         self._wait(player, lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
         # Topics that the node does not need may stay unheard.
         player.wait_for_listeners(_PATIENCE)
-        # The node has found us as well when its first soil has come.
+        # The node knows that we listen when its first soil has come, and that we publish when it misses
+        # nobody who does: what a stranger sends is lost.
         self._wait(player, lambda: bool(found.soil), lambda: "it published no soil")
+        self._wait(player, lambda: self._diagnosed > 0, None)
+        self._wait(player, lambda: self._missed().isdisjoint(player.topics), None)
 
         def silent() -> str:
             return f"{len(found.mobility)} answers until then"
@@ -207,6 +211,11 @@ class _Recorder:
                     f"the node {NODE_NAME} does not answer within {limit:.0f} s: {failure()}"
                 )
             player.spin(0.02)
+
+    def _missed(self) -> set[str]:
+        """Topics of which the node says that nobody publishes them; it says so once a second."""
+        inputs = self.recording.diagnostics.get(f"{NODE_NAME}: inputs", "")
+        return set(re.findall(r"waiting for (\S+) \([^)]*\): no publisher", inputs))
 
     def _on_mobility(self, message: Any) -> None:
         sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)
