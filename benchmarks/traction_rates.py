@@ -1,20 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull, margin, cost and warnings against the truth over the worlds of `traction_worlds`."""
+"""Pull, margin and warnings against the truth over the worlds of `traction_worlds`.
+
+    python benchmarks/traction_rates.py drive --first 100 --seeds 2 -o a.jsonl   # small samples, in parallel
+    python benchmarks/traction_rates.py table a.jsonl b.jsonl --picture docs/images/reliability.png
+
+A simulated drive is given to the pipeline's estimators, without ROS. One line a drive and kind of
+sensors goes to the file: sums, so that samples add up. Intervals (95 %) of the table are of the bootstrap
+over seeds, since readings of one drive, and worlds of one seed, are not independent.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
-from collections import defaultdict
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from itertools import product
+from pathlib import Path
 
 import numpy as np
+from _traction_table import KINDS, Row, draw, table
 from numpy.typing import NDArray
 from robot_worlds import VEHICLES
 from traction_worlds import GRAVITY, MASS, REFERENCE_SLIP, WORLDS, TractionDrive, make_drive
 
-from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.instant import Instant
@@ -24,8 +33,7 @@ from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 Array = NDArray[np.float64]
 
-_PAUSE, _EPISODE = 0.3, 0.5  # m
-KINDS = ("nothing", "balance", "torque", "balance and torque", "pull sensor")
+_PAUSE, _EPISODE, _WITHIN = 0.3, 0.5, 1.0  # m
 
 
 @dataclass
@@ -39,43 +47,44 @@ class Run:
     margin: list[float] = field(default_factory=list)
     margin_deviation: list[float] = field(default_factory=list)
     true_margin: list[float] = field(default_factory=list)
+    risk: list[float] = field(default_factory=list)
+    too_steep: list[bool] = field(
+        default_factory=list
+    )  # within a metre it needs more than its margin
     ahead: float | None = None  # m before it was stuck, that it was warned of without a pause
     false: int = 0  # warnings on ground where it came nowhere near
     needless: int = 0  # warnings after which it did not even come to the reference slip
     length: float = 0.0  # m
 
 
+def settings_of(vehicle: str, mass: float) -> OnboardSettings:
+    """A robot that takes its soil for dry sand."""
+    base = soil("dry_sand")
+    estimator = EstimatorSettings(sinkage_zero_std=1e-3)
+    prior, strength = SoilPrior.from_soil(base), usual_strength(base)
+    return OnboardSettings(VEHICLES[vehicle], prior, strength, estimator=estimator, mass=mass)
+
+
 def run(drive: TractionDrive, kind: str, settle: float = 2.0) -> tuple[Assessor, Run]:
     """Let the pipeline's estimators drive. settle: m, before which nothing is scored."""
-    base, wheels = soil("dry_sand"), VEHICLES[drive.world.vehicle]
-    settings = OnboardSettings(
-        wheels,
-        SoilPrior.from_soil(base),
-        usual_strength(base),
-        estimator=EstimatorSettings(sinkage_zero_std=1e-3),
-        mass=MASS if "balance" in kind else 0.0,
-    )
-    assessor, out = Assessor(settings), Run()
+    settings = settings_of(drive.world.vehicle, MASS if "balance" in kind else 0.0)
+    assessor, out, wheels = Assessor(settings), Run(), settings.wheels
     warned = np.zeros(len(drive.time), dtype=bool)
     speed = np.convolve(np.pad(drive.odometry, 2, mode="edge"), np.ones(5) / 5, mode="valid")
     acceleration = np.gradient(speed, drive.time)
     for i, time in enumerate(drive.time):
         margins = []
         for j, wheel in enumerate(wheels):
-            slip = wheel_slip(
-                Quantity(float(drive.odometry[i]), 0.01),
-                Quantity(float(drive.rim[i, j]), 0.01 * float(drive.rim[i, j])),
-                0.01,
-            )
+            rim, travel = float(drive.rim[i, j]), float(drive.odometry[i])
             force = GRAVITY * math.sin(-drive.pitch[i]) + acceleration[i]
             made = assessor.assess(
                 Instant(
                     wheel,
                     int(1e9 * time) + j,
                     Quantity(float(drive.weighed[i, j]), 1.2),
-                    slip,
+                    wheel_slip(Quantity(travel, 0.01), Quantity(rim, 0.01 * rim), 0.01),
                     Quantity(float(drive.shown_sinkage[i, j]), 1e-3),
-                    float(drive.odometry[i]),
+                    travel,
                     float(drive.path[i]),
                     float(drive.path[i]),
                     pitch=float(drive.pitch[i]),
@@ -95,6 +104,11 @@ def run(drive: TractionDrive, kind: str, settle: float = 2.0) -> tuple[Assessor,
             out.true_pull.append(float(drive.pull[i, j]))
             margins.append((forces.margin, float(drive.weighed[i, j])))
         warned[i] = bool(assessor.stuck.warning) and drive.path[i] >= settle
+        near = (drive.path >= drive.path[i]) & (drive.path <= drive.path[i] + _WITHIN)
+        whole = drive.stuck or drive.path[-1] - drive.path[i] >= _WITHIN
+        if drive.path[i] >= settle and whole and assessor.stuck.risk is not None:
+            out.risk.append(assessor.stuck.risk)
+            out.too_steep.append(bool(drive.reserve[near].min() < 0.0))
         if len(margins) == len(wheels):
             load = sum(w for _, w in margins)
             out.margin.append(sum(m.value * w for m, w in margins) / load)
@@ -129,73 +143,69 @@ def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -
             last = place
 
 
-def rates(runs: list[Run]) -> dict[str, object]:
-    """Rms, coverage, Brier score and reliability in fifths."""
-
-    def all_of(name: str) -> Array:
-        return np.concatenate([getattr(one, name) for one in runs])
-
-    off = all_of("pull") - all_of("true_pull")
-    stated, came = all_of("positive"), all_of("true_pull") > 0
-    fifths = []
-    for low in (0.0, 0.2, 0.4, 0.6, 0.8):
-        inside = (stated >= low) & (stated <= low + 0.2)
-        if inside.sum() > 30:
-            fifths.append(f"{stated[inside].mean():.2f}:{came[inside].mean():.2f}({inside.sum()})")
-    short = all_of("margin") - all_of("true_margin")
-    cost, stuck = CostRules().cost(all_of("margin"), all_of("margin_deviation")), []
-    lost = all_of("true_margin") < 0.0
-    for low in range(0, 100, 20):
-        inside = (cost >= low) & (cost < low + 20 + (low == 80))
-        if inside.sum() > 30:
-            stuck.append(
-                f"{cost[inside].mean():.0f}:{100 * lost[inside].mean():.0f}({inside.sum()})"
-            )
-    ahead = sorted(round(one.ahead, 2) for one in runs if one.ahead is not None)
-    return {
-        "pull rms": round(float(np.sqrt(np.mean(off**2))), 2),
-        "held": round(float(np.mean(np.abs(off) < 1.96 * all_of("deviation"))), 3),
-        "sd": round(float(np.mean(all_of("deviation"))), 2),
-        "Brier": round(float(np.mean((stated - came) ** 2)), 3),
-        "margin rms": round(float(np.sqrt(np.mean(short**2))), 3),
-        "margin bias": round(float(np.mean(short)), 3),
-        "margin held": round(float(np.mean(np.abs(short) < 1.96 * all_of("margin_deviation"))), 3),
-        "margin sd": round(float(np.mean(all_of("margin_deviation"))), 3),
-        "fifths": " ".join(fifths),
-        "cost": " ".join(stuck),
-        "warned ahead": ahead,
-        "needless warnings": sum(one.needless for one in runs),
-        "false warnings": f"{sum(one.false for one in runs)} in {sum(one.length for one in runs):.0f} m",
-    }
+def summed(world: str, seed: int, kind: str, made: Run) -> Row:
+    """Sums of a drive."""
+    pull, deviation, true, stated = map(
+        np.array, (made.pull, made.deviation, made.true_pull, made.positive)
+    )
+    came, off = true > 0.0, pull - true
+    short = np.array(made.margin) - made.true_margin
+    return Row(
+        world,
+        seed,
+        kind,
+        len(pull),
+        float(np.sum(off**2)),
+        int(np.sum(np.abs(off) < 1.96 * deviation)),
+        float(np.sum((stated - came) ** 2)),
+        _fifths(stated, came),
+        _fifths(np.array(made.risk), np.array(made.too_steep)),
+        len(short),
+        float(np.sum(short**2)),
+        int(np.sum(np.abs(short) < 1.96 * np.array(made.margin_deviation))),
+        made.ahead,
+        made.false,
+        made.needless,
+        made.length,
+    )
 
 
-def _drives(job: tuple[str, int, tuple[str, ...]]) -> list[Run]:
-    name, seed, kinds = job
-    drive = make_drive(WORLDS[name], seed)
-    return [run(drive, kind)[1] for kind in kinds]
+def _fifths(stated: Array, came: NDArray[np.bool_]) -> list[list[float]]:
+    """Readings in each fifth of what was stated, the sum of it, and how often it came."""
+    fifth = np.clip((5.0 * stated).astype(int), 0, 4)
+    return [
+        [int(np.sum(at)), float(np.sum(stated[at])), int(np.sum(came[at]))]
+        for at in (fifth == i for i in range(5))
+    ]
 
 
 def main() -> None:
-    """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--kinds", nargs="*", default=KINDS)
-    parser.add_argument("--worlds", nargs="*", default=list(WORLDS))
+    """Drive, or print what was driven."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    commands = parser.add_subparsers(dest="command", required=True)
+    driving = commands.add_parser("drive")
+    driving.add_argument("--seeds", type=int, default=6)
+    driving.add_argument("--first", type=int, default=0)
+    driving.add_argument("--kinds", nargs="*", default=KINDS)
+    driving.add_argument("--worlds", nargs="*", default=list(WORLDS))
+    driving.add_argument("-o", "--output", type=Path, required=True)
+    printing = commands.add_parser("table")
+    printing.add_argument("files", nargs="+", type=Path)
+    printing.add_argument("--picture", type=Path)
     given = parser.parse_args()
-    found: dict[str, list[Run]] = defaultdict(list)
-    jobs = [
-        (name, seed, tuple(given.kinds))
-        for name in given.worlds
-        for seed in range(given.first, given.first + given.seeds)
-    ]
-    with ProcessPoolExecutor() as pool:
-        for (name, _, kinds), runs in zip(jobs, pool.map(_drives, jobs), strict=True):
-            for kind, one in zip(kinds, runs, strict=True):
-                found[kind].append(one)
-                found[f"{kind} | {name}"].append(one)
-    for key, runs in found.items():
-        print(key, rates(runs))
+    if given.command == "drive":
+        for seed, name in product(range(given.first, given.first + given.seeds), given.worlds):
+            drive = make_drive(WORLDS[name], seed)
+            with given.output.open("a", encoding="utf-8") as file:
+                for kind in given.kinds:
+                    row = summed(name, seed, kind, run(drive, kind)[1])
+                    file.write(json.dumps(asdict(row)) + "\n")
+        return
+    lines = [line for file in given.files for line in file.read_text("utf-8").splitlines()]
+    rows = [Row(**json.loads(line)) for line in lines]
+    table(rows)
+    if given.picture:
+        draw(rows, given.picture)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,9 @@ class TractionWorld:
 
     patch: factors on grip between which that of one long patch is drawn; slope: rad that it rises
     to, over a ramp between these lengths (m); lowered: factor on k at half way; firmness: added to ln
-    pressure.
+    pressure. rolling: share of the displacement by rolling that shears soil, as a tread yields; residual:
+    what is left of the shear stress far behind its peak (Wong 1979), over that; dragging: resistance
+    that no law of sinkage gives, over load.
     """
 
     name: str
@@ -55,6 +57,9 @@ class TractionWorld:
     grip_varies: float = 0.18
     torque_scale: float = 0.03
     friction: float = 0.05  # N m in the drive
+    rolling: float = 1.0
+    residual: float = 1.0
+    dragging: float = 0.0
 
 
 WORLDS = {
@@ -69,6 +74,7 @@ WORLDS = {
         TractionWorld("soft ahead", lowered=0.5),
         TractionWorld("firm", firmness=1.5),
         TractionWorld("bad motors", torque_scale=0.12, friction=0.15),
+        TractionWorld("other shear", slope=0.4, rolling=0.3, residual=0.8, dragging=0.015),
     )
 }
 
@@ -117,13 +123,14 @@ def _blocks(rng: np.random.Generator, way: Array, spread: float) -> Array:
     return np.convolve(np.pad(plain, 2, mode="edge"), kernel, mode="valid")
 
 
-def _forces(
-    sinkage: Array, diameter: float, width: float, modulus: Array, n: float, strength: Array
-) -> tuple[Array, Array]:
+def _forces(  # type: ignore[no-untyped-def]
+    world: TractionWorld, sinkage: Array, wheel, modulus: Array, n: float, strength: Array
+) -> tuple[Array, Array, Array]:
     """Net traction (N) and torque (N m) for each place and slip, without the factor of grip.
 
     Returns thrust (places, slips), resistance (places,), torque (places, slips).
     """
+    diameter, width = wheel.diameter, wheel.width
     contact = Contact.at(np.full(len(sinkage), diameter), sinkage)
     stress = modulus[:, None] * np.maximum(contact.depth, 0.0) ** n
     cohesion, friction, shear = strength
@@ -133,8 +140,11 @@ def _forces(
     for slip in _SLIPS:
         # A skidding wheel turns slower than it travels: 1 - r omega / v as rim over travel.
         ratio = 1.0 - slip if slip >= 0 else 1.0 / (1.0 + slip)
-        moved = radius * ((entry - contact.angle) - ratio * (np.sin(entry) - np.sin(contact.angle)))
+        lower = np.sin(entry) - np.sin(contact.angle)
+        by_rolling = world.rolling * (entry - contact.angle - lower)
+        moved = radius * (by_rolling + (1.0 - ratio) * lower)
         shown = -np.expm1(-np.abs(moved) / shear) * np.sign(moved)
+        shown *= world.residual + (1.0 - world.residual) * np.exp(-np.abs(moved) / (5.0 * shear))
         tangential = (cohesion + stress * math.tan(friction)) * shown
         area = width * radius * contact.weight
         thrusts.append(np.sum(tangential * np.cos(contact.angle) * area, axis=1))
@@ -220,7 +230,8 @@ def _truth(world, rng, wheels, way, law, strength):  # type: ignore[no-untyped-d
         if not np.isfinite(z[inside]).all() or z[inside].max() > 0.3 * wheel.diameter:
             return None
         z = np.nan_to_num(z, nan=0.1)
-        thrust, resistance, torque = _forces(z, wheel.diameter, wheel.width, modulus, n, strength)
+        thrust, resistance, torque = _forces(world, z, wheel, modulus, n, strength)
+        resistance = resistance + world.dragging * load
         factor = np.exp(own)[:, None]
         loads.append(load)
         sinkages.append(z)
