@@ -185,26 +185,15 @@ def observation(
     """Describe a wheel's sinkage under a load, with the covariates that the effects need."""
     if not effects:
         return _Plain(load, diameter, width, contact)
-    conditions = _conditions(load, diameter, width, contact, slip, speed)
-    if any(type(e).pressure_factor is not Effect.pressure_factor for e in effects):
-        return _Layered(effects, conditions)
-    return _WithEffects(effects, conditions)
-
-
-def _conditions(
-    load: float,
-    diameter: float,
-    width: float,
-    contact: str,
-    slip: float | None,
-    speed: float | None,
-) -> Conditions:
-    given = {"slip": slip, "speed": speed}
-    return Conditions(
+    covariates = {"slip": slip, "speed": speed}
+    conditions = Conditions(
         np.array([load]),
         np.array([diameter]),
         np.array([width]),
         np.array([contact]),
         None,
-        {name: np.array([value]) for name, value in given.items() if value is not None},
+        {name: np.array([value]) for name, value in covariates.items() if value is not None},
     )
+    if any(type(e).pressure_factor is not Effect.pressure_factor for e in effects):
+        return _Layered(effects, conditions)
+    return _WithEffects(effects, conditions)
