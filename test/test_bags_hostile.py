@@ -25,6 +25,8 @@ from smallwheel_ros.bags import (
     message_type,
     typestore,
 )
+from smallwheel_ros.bags.definitions import DefinitionError, Definitions
+from smallwheel_ros.bags.storage import StoredTopic
 from smallwheel_ros.bags.unpack import LARGEST, zstd
 from smallwheel_ros.cli import main
 from smallwheel_ros.interfaces import message_definitions
@@ -128,6 +130,13 @@ def test_a_definition_beyond_all_measure_costs_its_topic_alone(tmp_path, name):
         assert len(list(reader.messages())) == 10
         with pytest.raises(BagError, match=re.escape(expected)):
             list(reader.messages({"/odd"}))
+
+
+def test_a_type_that_only_the_bag_knows_is_not_one_of_here() -> None:
+    topic = StoredTopic("ros2msg", "float64 x")
+    assert Definitions(ros2=True).decoder("other/msg/Kind", topic)
+    with pytest.raises(DefinitionError, match="only the bag knows the type"):
+        Definitions(ros2=True).decoder("other/msg/Kind", topic, as_here=True)
 
 
 def test_many_large_definitions_have_a_limit_together(tmp_path, monkeypatch):

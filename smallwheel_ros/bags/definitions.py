@@ -65,6 +65,8 @@ class Definitions:
             If nobody knows the type, its definition is beyond all measure, or another than here.
         """
         store = self._store(kind, topic)
+        if as_here and kind not in typestore().fielddefs:
+            raise DefinitionError("only the bag knows the type, expected one that is known here")
         problem = next(_differences(kind, store, ""), "") if as_here else ""
         if problem:
             raise DefinitionError(f"the bag defines it otherwise than here: {problem}")
