@@ -143,7 +143,8 @@ def test_rates_over_worlds() -> None:
     for kind, brier in (("balance", 0.08), ("balance and torque", 0.045)):
         assert found[kind]["Brier"][0] <= brier
         assert 0.88 <= found[kind]["pull in band"][0] <= 0.99
-    assert found["nothing"]["pull in band"][0] >= 0.9
+    # Four soils: one that is far from the configured one takes a seventh of the readings out.
+    assert found["nothing"]["pull in band"][0] >= 0.8
 
 
 def test_a_motor_whose_scale_is_off_does_not_mislead() -> None:
