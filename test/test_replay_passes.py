@@ -49,7 +49,7 @@ class Path:
         ahead, left = one.longitudinal_position, one.lateral_position
         place = (self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left)
         return SimpleNamespace(
-            mobility=SimpleNamespace(wheel=one.name),
+            wheel=one.name,
             soil=SimpleNamespace(distance=self.travel),
             instant=SimpleNamespace(place=place if self.known else None, speed=sign * 0.2),
         )
