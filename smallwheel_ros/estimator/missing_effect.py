@@ -235,7 +235,8 @@ def _scores(
         else:
             added = (nearby.log_sinkage(soil, effect) - plain) / trial.strength
             score = _score(trial, base, missed, known, imitated, changes.of(added))
-            size = float(np.nanstd(added)) * abs(score.strength - trial.neutral)
+            told = added[~np.isnan(added)]  # NaN where the soil gives no sinkage
+            size = float(told.std() if told.size else 0.0) * abs(score.strength - trial.neutral)
             score = replace(score, spread=size if math.isfinite(size) else 0.0)
         if effect.id not in best or score.statistic > best[effect.id].statistic:
             best[effect.id] = score
