@@ -158,7 +158,9 @@ class Messages(Target):
         elif isinstance(value, float):
             setattr(owner, name, self.values[how % len(self.values)])
         elif isinstance(value, np.ndarray):
-            bad = np.full(max(len(value) + how % 3 - 1, 0), self.values[how % len(self.values)])
+            # A covariance has a fixed size: the middleware and rosbags deliver no other.
+            change = 0 if "covariance" in name else how % 3 - 1
+            bad = np.full(max(len(value) + change, 0), self.values[how % len(self.values)])
             setattr(owner, name, bad)
         elif isinstance(value, list):
             setattr(owner, name, [value[:1], [], value * 2, ["x"] * 40][how % 4])
