@@ -201,7 +201,7 @@ def _draw_parameter(
         centre = np.median(value)
         axes.set_ylim(centre - 0.9, centre + 0.9)
     if truth is not None:
-        times, index = _stretch_of_time(truth)
+        times, index = stretch_of_time(truth)
         true = np.array([stretch[name] for stretch in truth["stretches"]])[index]
         axes.plot(times, true, "--", color=INK, linewidth=1.2, label="true")
     unit = " [Pa/m^(n+m)]" if name == "k" else ""
@@ -209,7 +209,7 @@ def _draw_parameter(
     key(axes)
 
 
-def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]:
+def stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]:
     """Say which stretch of soil the middle of the rover is on, over time."""
     starts = [stretch["start"] for stretch in truth["stretches"]]
     way = np.array(truth["rover"]["way"])
@@ -218,7 +218,7 @@ def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]
 
 
 def _draw_ground(axes: Axes, truth: Mapping[str, Any], end: float) -> None:
-    time, index = _stretch_of_time(truth)
+    time, index = stretch_of_time(truth)
     names: list[str] = []
     for i, stretch in enumerate(truth["stretches"]):
         inside = time[index == i]

@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
+from smallwheel_ros.pictures.drive import stretch_of_time
 from smallwheel_ros.pictures.house import COLOURS, INK, band, key, new_figure, style, wheel_colours
 
 _BAND = 1.96  # standard deviations: 95 %
@@ -86,8 +87,6 @@ def _draw_exponent(axes: Axes, soil: pd.DataFrame, truth: Mapping[str, Any], end
     value = np.append(rows["n"], rows["n"].iloc[-1])
     deviation = np.append(rows["n_standard_deviation"], rows["n_standard_deviation"].iloc[-1])
     _draw(axes, time, value, deviation, COLOURS[2])
-    starts = [stretch["start"] for stretch in truth["stretches"]]
-    way = np.array(truth["rover"]["way"])
-    index = np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
+    times, index = stretch_of_time(truth)
     true = np.array([stretch["n"] for stretch in truth["stretches"]])[index]
-    axes.plot(truth["rover"]["time"], true, "--", color=INK, linewidth=1.2, label="true")
+    axes.plot(times, true, "--", color=INK, linewidth=1.2, label="true")
