@@ -60,7 +60,9 @@ class Rover:
         self.sent = self.answered = self.unusable = 0
         self.sent_at: dict[tuple[str, int], float] = {}  # by wheel and stamp, until it is answered
         self.waited = array("f")  # s, from each sinkage to its answer
-        node.create_subscription(MobilityEstimate, f"/{NODE}/mobility", self._on_answer, 2000)
+        self.answers = node.create_subscription(
+            MobilityEstimate, f"/{NODE}/mobility", self._on_answer, 2000
+        )
         self.pose, self.turning = Odometry(), JointState(name=[f"{n}_joint" for n in WHEELS])
         self.pose.header.frame_id = "odom"
         self.pose.pose.pose.orientation.w = 1.0
@@ -76,6 +78,14 @@ class Rover:
     def heard(self) -> bool:
         publishers = (*self.loads, *self.sinkages, self.odometry, self.joints)
         return all(p.get_subscription_count() > 0 for p in publishers)
+
+    def take_answers(self) -> bool:
+        """Take what has come, without the executor's wait and task for each; whether any has."""
+        before = self.answered
+        with self.answers.handle:
+            while taken := self.answers.handle.take_message(self.answers.msg_type, False):
+                self._on_answer(taken[0])
+        return self.answered > before
 
     def _on_answer(self, message: Any) -> None:
         stamp = message.header.stamp
@@ -133,7 +143,8 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
             while (late := rover.sent - rover.answered > MOST_UNANSWERED) or (
                 time.monotonic() < due
             ):
-                peer.rclpy.spin_once(peer.node, timeout_sec=0.001)
+                if not rover.take_answers():
+                    time.sleep(0.0005)
                 assert not late or node.death() is None, node.death()
                 assert time.monotonic() < deadline, f"{rover.answered} of {rover.sent} answered"
             held += max(0.0, time.monotonic() - due)

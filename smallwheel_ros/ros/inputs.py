@@ -55,8 +55,8 @@ class Inputs:
     the same turn. The executor's own way, a wait and a task for each message, costs more processor
     time than the message: vehicles send a dozen of them at one instant.
 
-    take, take_classes, take_transforms: called with a topic and its message, with a grid of terrain
-    classes, and with what comes by /tf where tf2_msgs is installed.
+    take, take_classes, take_transforms: called with a topic, its message and what the clock says
+    (ns), with a grid of terrain classes, and with what comes by /tf where tf2_msgs is installed.
     on: whether it listens.
     """
 
@@ -64,7 +64,7 @@ class Inputs:
         self,
         node: Node,
         onboard: Onboard,
-        take: Callable[[Topic, Any], None],
+        take: Callable[[Topic, Any, int], None],
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
     ) -> None:
@@ -146,19 +146,20 @@ class Inputs:
 
     def _take_all(self, first: int, message: Any) -> None:
         """Handle a message of one topic, then what has come by any topic until then."""
-        self._take(self._topics[first], message)
-        if self._node.get_clock().ros_time_is_active:
+        clock = self._node.get_clock()
+        self._take(self._topics[first], message, clock.now().nanoseconds)
+        if clock.ros_time_is_active:
             # /clock comes by the executor as well: what is taken before it looks like the future.
             return
         for _ in range(_MOST_OF_A_TOPIC):
-            more = False
+            more, now = False, clock.now().nanoseconds
             for topic, subscription in zip(self._topics, self._subscriptions, strict=False):
                 with subscription.handle:
                     taken = subscription.handle.take_message(
                         subscription.msg_type, subscription.raw
                     )
                 if taken is not None:
-                    self._take(topic, taken[0])
+                    self._take(topic, taken[0], now)
                     more = True
             if not more:
                 return

@@ -219,15 +219,15 @@ class Session:
 
     # --- Messages: feed them, publish what comes of it
 
-    def _take(self, topic: Topic, message: Any) -> None:
+    def _take(self, topic: Topic, message: Any, now: int) -> None:
         self._last_arrival = time.monotonic()
-        self._safely(topic.name, self._handle, topic, message)
+        self._safely(topic.name, self._handle, topic, message, now)
         self._log_problems()
 
-    def _handle(self, topic: Topic, message: Any) -> None:
+    def _handle(self, topic: Topic, message: Any, now: int) -> None:
         if topic.name == self._settings.velocity_topic:
             self.velocity_frame = message.header.frame_id
-        self._keep(topic.handle(message, self._node.get_clock().now().nanoseconds))
+        self._keep(topic.handle(message, now))
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
         """Do something of which a defect must not take a robot's node down; it is loud all the same.
