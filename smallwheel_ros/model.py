@@ -29,7 +29,7 @@ from smallwheel_ros.physics.sinkage import (
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.physics.soil import Soil, effective_modulus, nearest, soil
+from smallwheel_ros.physics.soil import Soil, nearest, soil
 from smallwheel_ros.physics.traction import ThrustForm, compaction_resistance, thrust
 from smallwheel_ros.results import Result, Writer
 from smallwheel_ros.stages import Stages, guarded
@@ -292,20 +292,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
     conditions = stages.conditions  # with the load itself
     soil = _soil_columns(model, conditions)
     rolling = stages.rolling
-    load = stages.change("normal_load", conditions.load)
-    diameter = stages.change("wheel_diameter", conditions.diameter)
-    for name, column in (("load", load), ("diameter", diameter)):
-        bad = np.flatnonzero(~(column > 0.0))
-        if bad.size:
-            raise ModelError(
-                f"the effects make the {name} {column[bad[0]]:.4g} in row {bad[0] + 1}, "
-                "expected a number over 0"
-            )
-    modulus, n = effective_modulus(soil["k"], soil["m"], diameter), soil["n"]
-    for effect in stages.acting_at("modulus_factor"):
-        modulus = modulus * stages.call(effect, "modulus_factor", 1.0)
-    for effect in stages.acting_at("exponent_shift"):
-        n = n + stages.call(effect, "exponent_shift", 0.0)
+    load, diameter, modulus, n = stages.loaded(soil["k"], soil["n"], soil["m"])
     static, sunk = _static_sinkage(model, stages, load, diameter, modulus, n)
     z = stages.change_rolling("sinkage", static)
     compacted = z

@@ -5,17 +5,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import effective_modulus
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+
+
+class Loaded(NamedTuple):
+    """Load (N), diameter (m), modulus K (Pa/m^n) and n of which the contact is solved, each (rows,)."""
+
+    load: Array
+    diameter: Array
+    modulus: Array
+    exponent: Array
 
 
 class Stages:
@@ -56,6 +66,27 @@ class Stages:
             return value
         return np.where(~self.rolling & np.isnan(value), neutral, value)
 
+    def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> Loaded:
+        """What the effects make of load, wheel and soil (k, n, m) before the contact is solved.
+
+        Raises EffectError where they make a load or a diameter that no wheel has.
+        """
+        conditions = self.conditions
+        diameter = _positive("diameter", self.change("wheel_diameter", conditions.diameter))
+        modulus = effective_modulus(np.asarray(k), np.asarray(m), diameter)
+        exponent = np.broadcast_to(np.asarray(n), modulus.shape)
+        return self.on_soil(Loaded(conditions.load, diameter, modulus, exponent))
+
+    def on_soil(self, before: Loaded) -> Loaded:
+        """What the effects make of the load that reaches the soil, and of the soil itself."""
+        load = _positive("load", self.change("normal_load", before.load))
+        modulus, exponent = before.modulus, before.exponent
+        for effect in self.acting_at("modulus_factor"):
+            modulus = modulus * self.call(effect, "modulus_factor", 1.0)
+        for effect in self.acting_at("exponent_shift"):
+            exponent = exponent + self.call(effect, "exponent_shift", 0.0)
+        return Loaded(load, before.diameter, modulus, exponent)
+
     @property
     def layered(self) -> bool:
         """Whether pressure is no power of depth any more."""
@@ -83,6 +114,16 @@ class Stages:
         for effect in self.acting_at(stage):
             value = np.where(self.rolling, self.call(effect, stage, value, value), value)
         return value
+
+
+def _positive(name: str, column: Array) -> Array:
+    bad = np.flatnonzero(~(column > 0.0))
+    if bad.size:
+        raise EffectError(
+            f"the effects make the {name} {column[bad[0]]:.4g} in row {bad[0] + 1}, "
+            "expected a number over 0"
+        )
+    return column
 
 
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:

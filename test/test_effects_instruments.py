@@ -11,8 +11,9 @@ import pytest
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
 from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
-from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.estimator.point_sinkage import Law
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions
@@ -187,18 +188,12 @@ class TestInTheEstimator:
     ROW = Conditions.of(60.0, 0.2, 0.1, slip=0.3)
     STRENGTH = (SAND.cohesion, SAND.friction_angle, float(np.log(SAND.shear_displacement)))
 
-    @staticmethod
-    def log_pressure() -> float:
-        from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
-
-        return float(np.log(SAND.k * 0.2**SAND.m * REFERENCE_SINKAGE**SAND.n))
-
     def test_sinkage(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
-        seen = observation(self.FAULTS, 60.0, 0.2, 0.1, "rolling", 0.3, None)
-        assert seen(self.log_pressure(), SAND.n).value == pytest.approx(
-            expected.sinkage[0], rel=1e-9
-        )
+        law = Law(SoilPrior.from_soil(SAND).log_modulus(0.2), SAND.n, SAND.m)
+        wheel = LoadedWheel(60.0, 0.2, 0.1, "rolling", slip=0.3)
+        seen = wheel_sinkage(law, wheel, self.FAULTS)
+        assert seen.value == pytest.approx(expected.sinkage[0], rel=1e-9)
 
     def test_forces_are_the_true_ones(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
+from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.soil_estimator import (
+    EstimatorError,
     EstimatorSettings,
     Outcome,
     SinkageMeasurement,
@@ -21,6 +24,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     SoilPrior,
 )
+from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 
 GOOD = SinkageMeasurement(1.0, "left", 0.012, 1e-6, 60.0, 1.0, 0.2, 0.1, 5.0, 0.1, 0.2)
@@ -67,6 +71,38 @@ def check(estimate: SoilEstimate) -> None:
         assert np.isfinite(covariance).all()
         np.testing.assert_array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(estimate.log_covariance).min() > 0.0
+
+
+class Failing(Effect):
+    """An effect of the user's own that fails at small loads."""
+
+    id: ClassVar[str] = "failing"
+
+    def modulus_factor(self, conditions: Conditions) -> np.ndarray:
+        if conditions.load.min() < 30.0:
+            raise KeyError("no such load")
+        return np.ones(len(conditions))
+
+
+class Lifting(Effect):
+    """An effect of the user's own that takes more load than there may be."""
+
+    id: ClassVar[str] = "lifting"
+
+    def normal_load(self, load: np.ndarray, conditions: Conditions) -> np.ndarray:
+        return load - 30.0
+
+
+@pytest.mark.parametrize("failing", [Failing(), Lifting()])
+def test_an_effect_that_fails_or_leaves_no_load_refuses_the_reading(failing: Effect) -> None:
+    e = SoilEstimator(PRIOR, effects=(failing,))
+    assert e.update(GOOD).outcome is Outcome.ACCEPTED
+    result = e.update(replace(GOOD, time=2.0, distance=6.0, load=20.0))
+    assert (result.outcome, result.reason) == (Outcome.REFUSED, "numerical")
+    assert failing.id in result.message or "the effects make the load -10" in result.message
+    assert e.update(replace(GOOD, time=3.0, distance=6.0)).outcome is Outcome.ACCEPTED
+    with pytest.raises(EstimatorError, match="under 20 N"):
+        e.predict(20.0, 0.2, 0.1, slip=0.1, wheel="left")
 
 
 @settings(max_examples=examples(80))

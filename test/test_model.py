@@ -177,7 +177,7 @@ class TestRefusals:
 
     def test_wheel_that_is_no_more(self) -> None:
         model = Model(SAND) + effect("grouser", "effective_radius", share=-1.0)
-        with pytest.raises(ModelError, match=r"diameter -0\.04 in row 1"):
+        with pytest.raises(EffectError, match=r"diameter -0\.04 in row 1"):
             predict(model, Conditions.of(60, 0.2, 0.1, grouser_height=0.12))
 
     def test_failing_effect_is_named(self) -> None:

@@ -12,8 +12,7 @@ from wheel_drives import READING, STEP, follow, rolled, varied
 
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.effects.slip_sinkage import Exponential
-from smallwheel_ros.estimator.point_sinkage import point_sinkage
-from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.estimator.point_sinkage import Law, point_sinkage
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
     EstimatorSettings,
@@ -21,6 +20,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     SoilPrior,
 )
+from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
@@ -69,27 +69,25 @@ def test_point_sinkage_is_the_contact_integral() -> None:
 
 @pytest.mark.parametrize("contact", ["rolling", "pressed"])
 @pytest.mark.parametrize("effect_class", [None, *USABLE], ids=str)
-def test_observation_is_the_model(effect_class: type | None, contact: str) -> None:
-    """With any effect: what the filter expects is what `model.predict` says, slopes included."""
+def test_wheel_sinkage_is_the_model(effect_class: type | None, contact: str) -> None:
+    """With any effect: what the filter expects is what `model.predict` says, slopes by the law included."""
     effects = () if effect_class is None else (effect_class(),)
-    slip, speed = 0.2, 0.15
-    one = Soil("one", 1.6e6, 0.8, 0.39)
-    wheel = {"load": 70.0, "diameter": 0.25, "width": 0.08}
-    observe = observation(effects, *wheel.values(), contact, slip, speed)
-    conditions = Conditions.of(**wheel, contact=contact, slip=slip, speed=speed)
+    wheel = LoadedWheel(70.0, 0.25, 0.08, contact, slip=0.2, speed=0.15)
+    conditions = Conditions.of(
+        wheel.load, wheel.diameter, wheel.width, contact=contact, slip=0.2, speed=0.15
+    )
+    law = Law(math.log(1.6e6), 0.8, 0.39)
 
-    def shown(s: float, n: float) -> float:
-        k = math.exp(s - n * math.log(0.01) - 0.39 * observe.diameter_log - 0.39 * math.log(0.2))
-        return float(predict(Model(replace(one, k=k, n=n), effects=effects), conditions).sinkage[0])
+    def shown(numbers: np.ndarray) -> float:
+        log_modulus, n, m = numbers.tolist()
+        one = Soil("one", math.exp(log_modulus - m * math.log(0.2)), n, m)
+        return float(predict(Model(one, effects=effects), conditions).sinkage[0])
 
-    s = one.log_reference_pressure + 0.39 * observe.diameter_log
-    got = observe(s, one.n)
-    step = 1e-4
-    assert got.value == pytest.approx(shown(s, one.n), rel=1e-8)
-    by_pressure = (shown(s + step, one.n) - shown(s - step, one.n)) / (2 * step)
-    by_exponent = (shown(s, one.n + step) - shown(s, one.n - step)) / (2 * step)
-    assert got.by_pressure == pytest.approx(by_pressure, rel=1e-5)
-    assert got.by_exponent == pytest.approx(by_exponent, rel=1e-4, abs=1e-8)
+    got = wheel_sinkage(law, wheel, effects)
+    assert got.value == pytest.approx(shown(np.array(law)), rel=1e-8)
+    for slope, step in zip(got.slopes, 1e-4 * np.eye(3), strict=False):
+        either = shown(law + step) - shown(law - step)
+        assert slope == pytest.approx(either / 2e-4, rel=1e-4, abs=1e-8)
     assert not got.sunk_to_axle
 
 

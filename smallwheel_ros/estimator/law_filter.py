@@ -32,6 +32,7 @@ from smallwheel_ros.estimator.law_model import EACH, LawModel, N, Shown
 from smallwheel_ros.estimator.scatter import Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
 
 Array = NDArray[np.float64]
 
@@ -102,14 +103,13 @@ class LawFilter:
     def absorb(self, segment: Segment) -> None:
         """Use a segment for the soil.
 
-        Raises ArithmeticError, ValueError or LinAlgError, with nothing changed, where the law cannot
-        be computed.
+        Raises one of `NO_SINKAGE`, with nothing changed, where the law cannot be computed.
         """
         states, weights = self._states(), [member.log_weight for member in self._bank]
         scatter, stored = copy(self.scatter), len(self._store)
         try:
             self._use(segment)
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        except NO_SINKAGE:
             for member, state, weight in zip(self._bank, states, weights, strict=True):
                 member.begin(state)
                 member.log_weight = weight

@@ -44,10 +44,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
+from smallwheel_ros.estimator.point_sinkage import Law, point_pressure, point_sinkage
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.estimator.sinkage_observation import observation
+from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -187,8 +187,7 @@ class LawModel:
         reference = self.reference[0]
         weight = max(segment.load - off * reference, _LEAST_SHARE * segment.load)
         load = weight * math.exp(-scale - delay * segment.load_rate - segment.side * sides)
-        observe = observation(
-            self.effects,
+        wheel = LoadedWheel(
             load,
             segment.diameter,
             segment.width,
@@ -197,17 +196,17 @@ class LawModel:
             segment.speed,
         )
         log_modulus, by_sinkage, by_exponent = point_pressure(*self.reference, u, n)
-        across = observe.diameter_log - self._across
-        static = observe(log_modulus + n * _LOG_REFERENCE_SINKAGE + across * m, n)
+        law = Law(log_modulus - m * self._across, n, m)
+        static = wheel_sinkage(law, wheel, self.effects)
+        by_modulus, by_n, by_m, by_log_load = static.slopes
         slip = 0.0 if segment.slip is None else max(segment.slip, 0.0)
         rut = math.exp(segment.passes * passed)
         factor = rut * max(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
-        value, by_load = static.value * factor, static.by_load * factor
-        by_pressure = static.by_pressure * factor
+        value, by_load = static.value * factor, by_log_load * factor
         row = np.zeros(len(y))
-        row[U] = by_pressure * by_sinkage
-        row[N] = static.by_exponent * factor + by_pressure * (by_exponent + _LOG_REFERENCE_SINKAGE)
-        row[M] = by_pressure * across
+        row[U] = factor * by_modulus * by_sinkage
+        row[N] = factor * (by_n + by_modulus * by_exponent)
+        row[M] = factor * (by_m - by_modulus * self._across)
         row[LOAD_SCALE] = -by_load
         row[SIDE] = -by_load * segment.side
         row[LOAD_ZERO] = -by_load * reference / weight

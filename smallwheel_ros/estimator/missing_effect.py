@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
 from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.segment_changes import Changes, SegmentChanges
+from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
 
@@ -158,7 +158,7 @@ class MissingEffectWatch:
             k, n, m = law
             soil = replace(soil, k=k, n=n, m=m)
             self.scores = _scores(soil, self._effects, self._trials, changes)
-        except (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        except NO_SINKAGE:
             return  # a soil in which the wheels have no sinkage: nothing to compare
         best = self.scores[0]
         if best.statistic >= _RAISE:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +19,10 @@ from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import ContactSinkage, contact_sinkage
 from smallwheel_ros.physics.sinkage import loads_by_depth
-from smallwheel_ros.physics.soil import Soil, effective_modulus
+from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.stages import Stages
 
 Array = NDArray[np.float64]
-
-
-class _Statics(NamedTuple):
-    """What the wheels stand on before they dig; arrays of shape (rows,)."""
-
-    load: Array
-    modulus: Array
-    exponent: Array
 
 
 class NearbySinkage:
@@ -43,15 +34,11 @@ class NearbySinkage:
     def __init__(self, soil: Soil, effects: Sequence[Effect], conditions: Conditions) -> None:
         self._soil, self._effects, self._conditions = soil, tuple(effects), conditions
         self._stages = Stages(self._effects, conditions)
-        self._load = self._stages.conditions.load
-        self._diameter = self._stages.change("wheel_diameter", conditions.diameter)
-        self._at = self._statics(soil)
+        self._at = self._stages.loaded(soil.k, soil.n, soil.m)
         self._solved: ContactSinkage | None = None
         if not self._stages.layered:
-            load, modulus, exponent = self._at
-            self._solved = contact_sinkage(
-                load, self._diameter, conditions.width, modulus, exponent
-            )
+            load, diameter, modulus, exponent = self._at
+            self._solved = contact_sinkage(load, diameter, conditions.width, modulus, exponent)
             self._log_z = np.log(self._solved.sinkage)
 
     def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
@@ -69,8 +56,8 @@ class NearbySinkage:
             return _log(predict(model, self._conditions).sinkage)
         here = self._at
         more_stages = Stages(added, self._stages.conditions)
-        there = here if soil is self._soil else self._statics(soil)
-        there = _acted_on(there, more_stages)
+        there = here if soil is self._soil else self._stages.loaded(soil.k, soil.n, soil.m)
+        there = more_stages.on_soil(there)
         more = np.log(there.load / here.load) - np.log(there.modulus / here.modulus)
         if more_stages.layered:
             depth, borne = self._loads_by_depth
@@ -89,26 +76,9 @@ class NearbySinkage:
     def _loads_by_depth(self) -> tuple[Array, Array]:
         """What bears the wheels at which depth: all layered effects are told from it."""
         assert self._solved is not None
-        _, modulus, exponent = self._at
+        _, diameter, modulus, exponent = self._at
         width = self._conditions.width
-        return loads_by_depth(self._solved.sinkage, self._diameter, width, modulus, exponent)
-
-    def _statics(self, soil: Soil) -> _Statics:
-        """Let the model's effects act as `model.predict` does, up to where the contact is solved."""
-        load = self._load
-        modulus = effective_modulus(np.array(soil.k), np.array(soil.m), self._diameter)
-        statics = _Statics(load, modulus, np.full(load.shape, soil.n))
-        return _acted_on(statics, self._stages)
-
-
-def _acted_on(statics: _Statics, stages: Stages) -> _Statics:
-    load = stages.change("normal_load", statics.load)
-    modulus, exponent = statics.modulus, statics.exponent
-    for effect in stages.acting_at("modulus_factor"):
-        modulus = modulus * stages.call(effect, "modulus_factor", 1.0)
-    for effect in stages.acting_at("exponent_shift"):
-        exponent = exponent + stages.call(effect, "exponent_shift", 0.0)
-    return _Statics(load, modulus, exponent)
+        return loads_by_depth(self._solved.sinkage, diameter, width, modulus, exponent)
 
 
 def _log(sinkage: Array) -> Array:

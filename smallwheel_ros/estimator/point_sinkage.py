@@ -16,10 +16,35 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import digamma
 
+from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.contact import AXLE_RATIO
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
+
+Slopes = tuple[float, float, float, float]
 
 _NEWTON_STEPS = 40
 _LOG_HALF_ROOT_PI = 0.5 * math.log(math.pi) - math.log(2.0)
+
+
+class Law(NamedTuple):
+    """The soil's law: ln of K = k D^m (Pa/m^n) under a wheel of `REFERENCE_DIAMETER`, n and m."""
+
+    log_modulus: float
+    n: float
+    m: float
+
+    @property
+    def k(self) -> float:
+        """Pa/m^(n+m)."""
+        return math.exp(self.log_modulus - self.m * math.log(REFERENCE_DIAMETER))
+
+
+class WheelSinkage(NamedTuple):
+    """What the instrument would show (m), and its slopes by the three of `Law` and by ln load."""
+
+    value: float
+    slopes: Slopes
+    sunk_to_axle: bool
 
 
 class PointSinkage(NamedTuple):
@@ -77,6 +102,19 @@ def terms(shape: Shape, exponent: float) -> tuple[tuple[float, float], ...]:
 
 
 _terms = lru_cache(maxsize=64)(terms)
+
+
+def static_sinkage(
+    law: Law, load: float, diameter: float, width: float, contact: str
+) -> WheelSinkage:
+    """Sinkage of a wheel that rolls or is pressed under a load (N), without any effects."""
+    # A pressed wheel meets the soil on both sides of its lowest point: each carries half.
+    carried = 0.5 * load if contact == PRESSED else load
+    across = math.log(diameter / REFERENCE_DIAMETER)
+    found = point_sinkage(carried, diameter, width, law.log_modulus + law.m * across, law.n)
+    z = math.exp(found.log_sinkage)
+    by_load, by_n = z * found.slope_load, z * found.slope_exponent
+    return WheelSinkage(z, (-by_load, by_n, -by_load * across, by_load), found.sunk_to_axle)
 
 
 def point_sinkage(

@@ -48,8 +48,8 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.sinkage_observation import observation
 from smallwheel_ros.estimator.soils import Soils
+from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
 from smallwheel_ros.estimator.wheel_track import WheelTrack, sinkage_of, wheels_ahead
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
@@ -142,13 +142,13 @@ class SoilEstimator:
             return UpdateResult(Outcome.REFUSED, *problem)
         try:
             return self._use(given, wheel or self._arrive(given))
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        except NO_SINKAGE as error:
             return UpdateResult(Outcome.REFUSED, "numerical", _no_sinkage(given, error))
 
     def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
         """Give a wheel that was never measured its place; the first one is the reference wheel.
 
-        Raises ArithmeticError or ValueError, and changes nothing, where it has no sinkage.
+        Raises one of `NO_SINKAGE`, and changes nothing, where it has none.
         """
         relative = given.load_variance / given.load**2
         with np.errstate(over="raise", divide="raise", invalid="raise"):
@@ -201,12 +201,9 @@ class SoilEstimator:
         A wheel that is pressed begins without load, so its reference is the load under which the
         prior's soil lets it sink to the reference sinkage.
         """
-        plain = observation(
-            (), given.load, given.diameter, given.width, given.contact, None, None
-        ).wheel
-        if given.contact == ROLLING:
-            return plain
         diameter, width = given.diameter, given.width
+        if given.contact == ROLLING:
+            return given.load, diameter, width
         depth = math.log(REFERENCE_SINKAGE)
         unit = point_pressure(1.0, diameter, width, depth, self.prior.n).log_modulus
         return math.exp(self.prior.log_modulus(diameter) - unit), diameter, width
@@ -344,7 +341,7 @@ class SoilEstimator:
             if known is not None:
                 law = self._law_under(known)
             value, variance = sinkage_of(law, now, self._watch.missed_variance)
-        except (ArithmeticError, ValueError) as error:
+        except NO_SINKAGE as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return SinkagePrediction(value, math.sqrt(max(variance, 0.0)), value > 0.5 * diameter)
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.scatter import MODEL_ERROR
-from smallwheel_ros.estimator.segment import Segment, SegmentCollector, known
+from smallwheel_ros.estimator.segment import Segment, SegmentCollector
 from smallwheel_ros.estimator.sinkage_measurement import Outcome, SinkageMeasurement, UpdateResult
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
@@ -81,9 +81,8 @@ class WheelTrack(SegmentCollector):
         closed = self.add(given)
         self.time, self.distance, self.path = given.time, given.distance, given.own_path
         self.at = given.distance + self.ahead
-        slip = known(given.slip)
-        if slip is not None:
-            self.slip, self.slip_at = slip, self.path
+        if given.slip is not None and math.isfinite(given.slip):
+            self.slip, self.slip_at = given.slip, self.path
         self.recent.append(given.sinkage)
         return closed
 
@@ -93,7 +92,7 @@ class WheelTrack(SegmentCollector):
         """Compare a reading with what was expected of it, before it counts.
 
         missed: see `sinkage_of`. gate: squared normalised innovation from which on it is an outlier.
-        Raises ArithmeticError or ValueError for one that the model has no sinkage for.
+        Raises one of `NO_SINKAGE` where the model has none for it.
         """
         load, load_variance = self.load(given)
         log_load = math.log(load)
@@ -152,8 +151,8 @@ def wheels_ahead(wheel: Wheel, wheels: Iterable[Wheel]) -> list[Wheel]:
 def sinkage_of(law: LawFilter, now: Segment, missed: float) -> tuple[float, float]:
     """The sinkage of a wheel (m) and its variance: of the law, the place and the load.
 
-    missed: variance of ln k that an effect takes which the model lacks. Raises ArithmeticError or
-    ValueError where the model has no sinkage.
+    missed: variance of ln k that an effect takes which the model lacks. Raises one of
+    `NO_SINKAGE` where the model has none.
     """
     shown = law.model.sinkage(law.mean, now)
     if not shown.value > _LEAST_SINKAGE:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sinkage and motion resistance of one wheel on the soil as it is estimated, and how sure they are.
 
-Without effects their slopes by the law are worked out by hand, in plain floats, since this runs for
-every measurement; with effects they are differences of the model itself.
+Without effects their slopes by the law are worked out by hand, since this runs for every measurement;
+with effects they are differences of the model itself.
 """
 
 from __future__ import annotations
@@ -18,20 +18,23 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.point_sinkage import point_sinkage
+from smallwheel_ros.estimator.point_sinkage import Law, static_sinkage
 from smallwheel_ros.estimator.traction_samples import RollingContact
-from smallwheel_ros.model import Model, predict
-from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
+from smallwheel_ros.estimator.wheel_sinkage import (
+    LoadedWheel,
+    neighbours,
+    slopes,
+)
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
-from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
 # the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
 REFERENCE_SLIP = 0.4
 Array = NDArray[np.float64]
-_STEP = 1e-5  # of central differences: about the cube root of the rounding error
-# Sinkage and resistances, the slopes of `WheelOnSoil`, and the factor on thrust.
+# Sinkage and resistances, their slopes and that of ln load by the law and ln load, and the factor on thrust.
 _Found = tuple[tuple[float, float, float], Array, float]
 _BY_LOAD = (0.0, 0.0, 0.0, 1.0)  # slopes of ln load itself
 
@@ -44,8 +47,7 @@ class MobilityError(SmallwheelError):
 class WheelOnSoil:
     """Sinkage (m), compaction and other resistance (N) of a wheel under a load (N).
 
-    slopes: of these three and of ln load (the rows) by ln reference pressure, n, m and ln load, shape
-    (4, 4). covariance: of the same four rows, by law, the place's deviation of ln k, and load.
+    covariance: of these three and of ln load, by law, the place's deviation of ln k, and load.
     thrust_factor: of the effects on thrust, 1 without.
     """
 
@@ -55,7 +57,6 @@ class WheelOnSoil:
     sinkage: float
     compaction: float
     other: float
-    slopes: Array
     covariance: list[list[float]]
     thrust_factor: float = 1.0
 
@@ -123,64 +124,45 @@ def wheel_on_soil(
         raise MobilityError(
             f"wheel {wheel.name}: contact is {wheel.contact!r}, expected {ROLLING} or {PRESSED}"
         )
-    if effects:
-        found = _by_differences(wheel, soil, load, slip, speed, effects, strength)
-    else:
-        found = _by_hand(wheel, soil, load)
+    depth, size = soil.reference_sinkage, soil.reference_diameter / REFERENCE_DIAMETER
+    by_n, by_m = -math.log(depth), -math.log(size)  # slopes of ln modulus, for the law's pressure
+    log_modulus = soil.log_reference_pressure + by_n * soil.n + by_m * soil.m
+    law = Law(log_modulus, soil.n, soil.m)
+    at = LoadedWheel(load.value, wheel.diameter, wheel.width, wheel.contact, slip, speed)
+    found = _by_differences(law, at, effects, strength) if effects else _by_hand(law, at)
     if found is None:
         return None
-    law = np.zeros((4, 4))
-    law[:3, :3] = soil.log_covariance
-    law[0, 0] += scatter**2
-    law[3, 3] = (load.standard_deviation / load.value) ** 2
-    (sinkage, compaction, other), slopes, thrust_factor = found
-    covariance = (slopes @ law @ slopes.T).tolist()
-    return WheelOnSoil(
-        wheel, soil, load, sinkage, compaction, other, slopes, covariance, thrust_factor
-    )
+    (sinkage, compaction, other), by_law, thrust_factor = found
+    by_law[:, 1:3] += by_law[:, :1] * (by_n, by_m)  # from here on by ln pressure, n, m and ln load
+    spread = np.zeros((4, 4))
+    spread[:3, :3] = soil.log_covariance
+    spread[0, 0] += scatter**2
+    spread[3, 3] = (load.standard_deviation / load.value) ** 2
+    covariance = (by_law @ spread @ by_law.T).tolist()
+    return WheelOnSoil(wheel, soil, load, sinkage, compaction, other, covariance, thrust_factor)
 
 
-def _by_hand(wheel: Wheel, soil: SoilEstimate, load: Quantity) -> _Found | None:
-    n, log_depth = soil.n, math.log(soil.reference_sinkage)
-    log_size = math.log(wheel.diameter / soil.reference_diameter)
-    log_modulus = soil.log_reference_pressure - n * log_depth + soil.m * log_size
-    # A pressed wheel meets the soil on both sides: each carries half.
-    carried = 0.5 * load.value if wheel.contact == PRESSED else load.value
-    point = point_sinkage(carried, wheel.diameter, wheel.width, log_modulus, n)
-    if point.sunk_to_axle:
+def _by_hand(law: Law, at: LoadedWheel) -> _Found | None:
+    sinkage, by_law, sunk = static_sinkage(law, *at[:4])
+    if sunk:
         return None
-    sinkage, by_load = math.exp(point.log_sinkage), point.slope_load
-    by_exponent = point.slope_exponent + by_load * log_depth
-    by_log = (-by_load, by_exponent, -by_load * log_size, by_load)  # of ln sinkage
-    compaction, by_compaction = 0.0, (0.0, 0.0, 0.0, 0.0)
-    if wheel.contact == ROLLING:
-        # R = b p(z) z/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
-        power = n + 1.0
-        compaction = wheel.width * math.exp(log_modulus + power * point.log_sinkage) / power
-        by_compaction = (
-            compaction * (1.0 + power * by_log[0]),
-            compaction * (point.log_sinkage - log_depth - 1.0 / power + power * by_log[1]),
-            compaction * (log_size + power * by_log[2]),
-            compaction * power * by_log[3],
-        )
-    slopes = np.array((by_log, by_compaction, (0.0, 0.0, 0.0, 0.0), _BY_LOAD))
-    slopes[0] *= sinkage
-    return (sinkage, compaction, 0.0), slopes, 1.0
+    compaction, by_compaction = 0.0, [0.0] * 4
+    if at.contact == ROLLING:
+        # R = b K z^(n + 1)/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
+        power, log_z = law.n + 1.0, math.log(sinkage)
+        across = math.log(at.diameter / REFERENCE_DIAMETER)
+        log_work = law.log_modulus + law.m * across + power * log_z
+        compaction = at.width * math.exp(log_work) / power
+        direct = np.array([1.0, log_z - 1.0 / power, across, 0.0])
+        along = direct + power / sinkage * np.array(by_law)
+        by_compaction = (compaction * along).tolist()
+    by_all = np.array((by_law, by_compaction, (0.0, 0.0, 0.0, 0.0), _BY_LOAD))
+    return (sinkage, compaction, 0.0), by_all, 1.0
 
 
 def _by_differences(
-    wheel: Wheel,
-    soil: SoilEstimate,
-    load: Quantity,
-    slip: float | None,
-    speed: float | None,
-    effects: Sequence[Effect],
-    strength: Strength | None,
+    law: Law, at: LoadedWheel, effects: Sequence[Effect], strength: Strength | None
 ) -> _Found | None:
-    centre = np.array([soil.log_reference_pressure, soil.n, soil.m, math.log(load.value)])
-    step = _STEP * np.maximum(np.abs(centre), 1.0)
-    rows = np.concatenate([centre[None], centre + np.diag(step), centre - np.diag(step)])
-    depth, size = math.log(soil.reference_sinkage), math.log(soil.reference_diameter)
     shear = (
         ()
         if strength is None
@@ -190,39 +172,19 @@ def _by_differences(
             strength.shear_displacement.value,
         )
     )
-    soils = [
-        Soil(str(i), math.exp(p - n * depth - m * size), n, m, *shear)
-        for i, (p, n, m, _) in enumerate(rows.tolist())
-    ]
-    covariates = {"slip": slip, "speed": speed}
-    found = predict(
-        Model(soils, effects=effects),
-        Conditions.of(
-            np.exp(rows[:, 3]),
-            wheel.diameter,
-            wheel.width,
-            contact=wheel.contact,
-            soil=[one.name for one in soils],
-            **{name: value for name, value in covariates.items() if value is not None},
-        ),
-    )
+    found = neighbours(law, at, effects, shear)
     if found.immobilised[0]:
         return None
-    table = np.stack(
-        [
-            found.sinkage,
-            found.compaction_resistance,
-            found.true_resistance - found.compaction_resistance,
-        ]
-    )
-    if wheel.contact != ROLLING:
-        table[1:] = 0.0
-    slopes = np.vstack([(table[:, 1:5] - table[:, 5:]) / (2.0 * step), _BY_LOAD])
+    compaction = found.compaction_resistance
+    table = np.stack([found.sinkage, compaction, found.true_resistance - compaction])
     factor = 1.0
-    if found.thrust is not None and slip and shear and wheel.contact == ROLLING:
-        length, _ = point_contact_length(float(found.true_sinkage[0]), wheel.diameter)
-        plain = point_thrust(load.value, slip, length, wheel.width, *shear).value
+    if at.contact != ROLLING:
+        table[1:] = 0.0
+    elif found.thrust is not None and at.slip and shear:
+        length, _ = point_contact_length(float(found.true_sinkage[0]), at.diameter)
+        plain = point_thrust(at.load, at.slip, length, at.width, *shear).value
         if plain:
             factor = float(found.thrust[0]) / plain
-    sinkage, compaction, other = table[:, 0].tolist()
-    return (sinkage, compaction, other), slopes, factor
+    by_law = np.array([*map(slopes, table), _BY_LOAD])
+    sinkage, resistance, other = table[:, 0].tolist()
+    return (sinkage, resistance, other), by_law, factor

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sinkage of one wheel under the law, with the model's effects, and its derivatives by the law and load.
+
+This is what the filter, the predictions and mobility go by. Without effects it is one solution of the
+contact integral; with effects that leave pressure a power of depth, that solution between what they
+make of load, wheel and soil and what they make of the sinkage; with any others `model.predict` itself
+and its differences, a hundred times slower.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.estimator.point_sinkage import Law, Slopes, WheelSinkage, static_sinkage
+from smallwheel_ros.model import Model, Prediction, predict
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.stages import Stages
+
+Array = NDArray[np.float64]
+Shear = tuple[()] | tuple[float, float, float]
+
+# What comes of a soil in which a wheel has no sinkage, an effect that fails, or a filter that does.
+NO_SINKAGE = (ArithmeticError, ValueError, np.linalg.LinAlgError, SmallwheelError)
+_STEP = 1e-4  # of the law, ln load and ln sinkage in central differences: error 1e-8
+_LOG_DEPTH = math.log(REFERENCE_SINKAGE)
+
+
+class LoadedWheel(NamedTuple):
+    """A wheel under a load: N, m; slip 1 and speed m/s, None where not known."""
+
+    load: float
+    diameter: float
+    width: float
+    contact: str
+    slip: float | None = None
+    speed: float | None = None
+
+    def conditions(self, loads: Array) -> Conditions:
+        """It under each of these loads (N), one row each; soils are named 0, 1, .."""
+        rows = loads.size
+        known = {"slip": self.slip, "speed": self.speed}
+        return Conditions(
+            loads,
+            np.full(rows, self.diameter),
+            np.full(rows, self.width),
+            np.full(rows, self.contact),
+            np.array([str(i) for i in range(rows)]),
+            {name: np.full(rows, value) for name, value in known.items() if value is not None},
+        )
+
+
+def wheel_sinkage(law: Law, wheel: LoadedWheel, effects: Sequence[Effect] = ()) -> WheelSinkage:
+    """Sinkage of a wheel in a soil.
+
+    Raises one of `NO_SINKAGE` where the model has none.
+    """
+    if not effects:
+        return static_sinkage(law, *wheel[:4])
+    stages = Stages(effects, wheel.conditions(np.full(3, wheel.load)))
+    if stages.layered:
+        found = neighbours(law, wheel, effects)
+        by_law = slopes(found.sinkage)
+        return WheelSinkage(float(found.sinkage[0]), by_law, bool(found.immobilised[0]))
+    loaded = stages.loaded(law.k, law.n, law.m)
+    load, diameter, modulus, n = (float(column[0]) for column in loaded)
+    acted_on = Law(math.log(modulus) - law.m * math.log(diameter / REFERENCE_DIAMETER), n, law.m)
+    static = static_sinkage(acted_on, load, diameter, wheel.width, wheel.contact)
+    if not (stages.acting_at("sinkage") or stages.acting_at("measured_sinkage")):
+        return static
+    z = static.value * np.array([1.0 - _STEP, 1.0, 1.0 + _STEP])
+    dug = stages.change_rolling("sinkage", z)
+    before, shown, after = stages.change("measured_sinkage", dug).tolist()
+    slope = (after - before) / (2.0 * _STEP * static.value)
+    by_modulus, by_n, by_m, by_load = static.slopes
+    by_law = by_modulus * slope, by_n * slope, by_m * slope, by_load * slope
+    return WheelSinkage(shown, by_law, static.sunk_to_axle or shown > 0.5 * diameter)
+
+
+def neighbours(
+    law: Law,
+    wheel: LoadedWheel,
+    effects: Sequence[Effect],
+    shear: Shear = (),
+) -> Prediction:
+    """What `model.predict` says of a wheel, and beside it for `slopes`; nine rows.
+
+    shear: cohesion, friction angle and shear displacement, for the thrust.
+    """
+    steps = _STEP * np.eye(4)
+    steps[1, 0] = -_STEP * _LOG_DEPTH  # n turns about the reference sinkage
+    at = np.array([*law, math.log(wheel.load)])
+    rows = np.concatenate([at[None], at - steps, at + steps])
+    soils = [
+        Soil(str(i), Law(log_modulus, n, m).k, n, m, *shear)
+        for i, (log_modulus, n, m) in enumerate(rows[:, :3].tolist())
+    ]
+    return predict(Model(soils, effects=effects), wheel.conditions(np.exp(rows[:, 3])))
+
+
+def slopes(column: Array) -> Slopes:
+    """Slopes of a column of `neighbours` by the three of `Law` and by ln load."""
+    by_modulus, turned, by_m, by_load = ((column[5:] - column[1:5]) / (2.0 * _STEP)).tolist()
+    return by_modulus, turned + _LOG_DEPTH * by_modulus, by_m, by_load
