@@ -16,7 +16,8 @@ import sys
 import time
 import warnings
 from collections import Counter
-from contextlib import nullcontext, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -129,11 +130,17 @@ def fuzz(target: Target, inputs: int, seconds: float) -> dict[str, Any]:
     return counts
 
 
-def limit_memory() -> None:
+@contextmanager
+def limited_memory() -> Iterator[None]:
     """Let the system refuse what is beyond the limit, so that it is seen as a MemoryError."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + _MOST_MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+    unlimited = resource.RLIM_INFINITY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, unlimited))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (unlimited, unlimited))
 
 
 def main() -> int:
@@ -157,14 +164,14 @@ def main() -> int:
             target = known[name](folder)
             for seed in target.seeds:  # what is valid is taken, and loads the libraries
                 assert check(target, seed), f"{name}: a seed is refused"
-            limit_memory()
             began = time.perf_counter()
             counts: Counter[str] = Counter()
             try:
-                with coverage.collect() if coverage else nullcontext():
-                    counts.update(fuzz(target, asked.inputs // _COUNTED, 60.0 * asked.minutes))
-                rest = 60.0 * asked.minutes - (time.perf_counter() - began)
-                counts.update(fuzz(target, asked.inputs - counts["inputs"], rest))
+                with limited_memory():
+                    with coverage.collect() if coverage else nullcontext():
+                        counts.update(fuzz(target, asked.inputs // _COUNTED, 60.0 * asked.minutes))
+                    rest = 60.0 * asked.minutes - (time.perf_counter() - began)
+                    counts.update(fuzz(target, asked.inputs - counts["inputs"], rest))
             except Exception as error:  # whatever it is, the next target is tried too
                 failures += 1
                 print(f"{name}: FAILED: {type(error).__name__}: {error}")

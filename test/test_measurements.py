@@ -290,6 +290,8 @@ def test_damaged_parquet(tmp_path: Path) -> None:
         (HEADER, '"1,234",0.2,0.1,8,0.1', "'1,234' found, expected a number: can be read in two ways"),
         (HEADER, "60,0.2,0.1,x,0.1", "line 3, column 'sinkage': 'x' found, expected a number"),
         (HEADER, "60,0.2,0.1,1_000,0.1", "'1_000' found, expected a number"),
+        (HEADER, "E35,0.2,0.1,8,0.1", "line 3, column 'load': 'E35' found, expected a number"),
+        (HEADER, '60,0.2,0.1,"8,0",",e1"', "line 3, column 'slip': ',e1' found, expected a number"),
         (HEADER, "60,0.2,0.1,nan,0.1", "line 3, column 'sinkage': nan found, expected a finite"),
         (HEADER, "inf,0.2,0.1,8,0.1", "column 'load': inf found, expected a finite number"),
         (HEADER, "60,0.2,0.1,8,-Infinity", "column 'slip': -Infinity found, expected a finite"),

@@ -146,9 +146,9 @@ def _spellings(cells: Sequence[Cell], rows: Sequence[int]) -> Spellings:
 def _spelling(cell: str) -> Spelling | None:
     text = cell.translate(_PLAIN).strip().removesuffix("%").rstrip()
     found = _NUMBER.fullmatch(text)
-    if found is None or not re.search("[0-9]", text) or (
-        found["sep"] is not None and found["sep"] == found["mark"]
-    ):  # fmt: skip
+    if found is None or not any(found[name] for name in ("int", "groups", "part")):
+        return None  # no digit before an exponent
+    if found["sep"] is not None and found["sep"] == found["mark"]:
         return None
     return Spelling(found, _kind(found))
 
