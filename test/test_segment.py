@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from wheel_drives import READING, STEP, rolled, varied
 
-from smallwheel_ros.estimator.segment import Segment, SegmentCollector
+from smallwheel_ros.estimator.segment import Position, Segment
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+from smallwheel_ros.estimator.wheel_track import WheelTrack
 
 
-def collector(sinkage_std: float = 0.001, load_std: float = 0.02) -> SegmentCollector:
-    return SegmentCollector(0.2, sinkage_std, load_std, ahead=0.3)
+def collector(sinkage_std: float = 0.001, load_std: float = 0.02) -> WheelTrack:
+    return WheelTrack(0.2, sinkage_std, load_std, Position(ahead=0.3))
 
 
 def segments(
-    readings: Sequence[SinkageMeasurement], made: SegmentCollector | None = None
+    readings: Sequence[SinkageMeasurement], made: WheelTrack | None = None
 ) -> list[Segment]:
     made = made or collector()
     return [found for one in readings if (found := made.add(one)) is not None]
@@ -95,7 +96,9 @@ def test_noise_of_loads_does_not_dilute_their_spread() -> None:
         # Slope of the truth by what is given to the filter: 1 where nothing is diluted.
         assert np.polyfit(shown, true, 1)[0] == pytest.approx(1.0, abs=0.1)
         error = float(np.std(shown - true))
-        assert math.sqrt(np.mean([s.load_variance for s in found])) == pytest.approx(error, rel=0.3)
+        assert math.sqrt(np.mean([s.log_load_variance for s in found])) == pytest.approx(
+            error, rel=0.3
+        )
 
 
 def test_a_load_cell_without_variation_is_its_mean() -> None:

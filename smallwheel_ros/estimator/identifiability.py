@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.missing_effect import MissingEffect
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
@@ -171,14 +170,6 @@ def seen_as(slopes: Array, covariance: Array) -> Array:
     whole = slopes @ covariance @ slopes.T
     found: Array = 0.5 * (whole + whole.T)
     return found
-
-
-def to_reference(sinkage: float, diameter: float) -> Array:
-    """Turn (ln pressure, n, m) of the soil's reference into those of another (m), a matrix (3, 3)."""
-    turn = np.eye(3)
-    turn[0, 1] = math.log(sinkage / REFERENCE_SINKAGE)
-    turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
-    return turn
 
 
 def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:

@@ -42,11 +42,16 @@ _WIDE_SHARE = 0.3  # that a nuisance is there at all
 _TIGHT = 0.1
 _FORGET = 0.002  # share of the first weights that comes back at each segment
 _LOWEST = -15.0  # ln of a weight: a filter can come back
+_LEAST_SINKAGE = 1e-9  # m: the model's of a wheel that has no weight to speak of
 _AGAIN = (40, 120, 360)  # segments after which all are taken again about the newest estimate
 
 
 class LawFilter:
-    """The bank for one vehicle on one soil. wheels: how many have a place."""
+    """The bank for one vehicle on one soil.
+
+    wheels: how many have a place. mean, covariance: of the soil's numbers (`LawModel.soil`). law: of ln
+    pressure at the soil's reference, n and m. version: rises with every change of them.
+    """
 
     def __init__(self, model: LawModel, prior: SoilPrior, settings: EstimatorSettings) -> None:
         self.model = model
@@ -62,8 +67,7 @@ class LawFilter:
                 odds = math.log(share * (_WIDE_SHARE if wide else 1.0 - _WIDE_SHARE))
                 self._bank.append(Member(model, fade, wide, _TIGHT, odds))
         self.used = 0
-        self.version = 0  # rises with every change of the state
-        self._law_of = -1  # version that the law was worked out for
+        self.version = 0
         self._border = Border()
         self._remember()
         self._mix()
@@ -91,13 +95,6 @@ class LawFilter:
         """The filter of the greatest weight."""
         return self._bank[self._best].kalman
 
-    def law(self) -> tuple[Array, Array]:
-        """Ln pressure, n, m and their covariance, (3,) and (3, 3)."""
-        if self._law_of != self.version:
-            law, jacobian = self.model.law(self.mean)
-            self._law, self._law_of = (law, jacobian @ self.covariance @ jacobian.T), self.version
-        return self._law
-
     # -- filter
 
     def absorb(self, segment: Segment) -> None:
@@ -120,13 +117,12 @@ class LawFilter:
         self.used += 1
 
     def _use(self, segment: Segment) -> None:
-        found: list[tuple[float, ...]] = []
+        found = []
         for member in self._bank:
             member.travel(segment.distance, self._border)
-            of, base = member.update(segment, self.scatter)
-            found.append((of.value, of.state_variance, of.variance, of.by_load, base))
-        *innovation, base = np.average(np.array(found), axis=0, weights=self._weights).tolist()
-        self.scatter.learn(Innovation(*innovation), base, segment.wheel)
+            found.append(member.update(segment, self.scatter))
+        mean = np.average(np.array(found), axis=0, weights=self._weights).tolist()
+        self.scatter.learn(Innovation(*mean), segment.wheel)
         self._level()
         if len(self._store) < _AGAIN[-1]:
             self._store.append(segment)
@@ -143,9 +139,28 @@ class LawFilter:
         """What a segment would say to the most likely filter. about: as linearised lately."""
         kalman, (x, shown) = self.most_likely, about
         expected = shown.value + float(shown.row @ (self.model.mean + kalman.x - x))
-        state = float(shown.row @ kalman.P @ shown.row)
-        single = self.scatter.noise(segment, shown.by_load, shown.value)[0]
-        return Innovation(segment.sinkage - expected, state, state + single, shown.by_load)
+        state = shown.variance(kalman.P)
+        alone, _, base = self.scatter.noise(segment, shown)
+        miss = segment.sinkage - expected
+        return Innovation(miss, state, state + alone, base, shown.by_load)
+
+    def shown(self, now: Segment) -> tuple[float, float, float]:
+        """What a sensor should show (m), its variance but for its own noise, and slope by ln load."""
+        _, shown = self.linearised(now)
+        variance = shown.variance(self.most_likely.P) + self.scatter.at_a_place(now, shown)
+        return shown.value, variance, shown.by_load
+
+    def sinkage(self, now: Segment, missed: float) -> tuple[float, float]:
+        """The sinkage of a wheel (m) and its variance: of the law, the place and the load.
+
+        missed: variance of ln k that an effect takes which the model lacks. Raises one of
+        `NO_SINKAGE` where the model has none.
+        """
+        shown = self.model.sinkage(self.mean, now)
+        if not shown.value > _LEAST_SINKAGE:
+            raise ArithmeticError(f"it is {shown.value:g} m")
+        spread = shown.variance(self.covariance) + shown.by_load**2 * missed
+        return shown.value, spread + self.scatter.at_a_place(now, shown)
 
     def _again(self) -> None:
         """Take all segments of this soil again, linearised about the newest estimate."""
@@ -193,6 +208,8 @@ class LawFilter:
                 self.covariance += share * (
                     jacobian @ member.kalman.P @ jacobian.T + np.outer(off, off)
                 )
+        law, jacobian = model.law(self.mean)
+        self.law = law, jacobian @ self.covariance @ jacobian.T
 
     # -- another soil
 
@@ -218,8 +235,8 @@ class LawFilter:
         for segment in segments:
             x = self.model.mean + kalman.x
             shown = self.model.h(x, segment)
-            state = float(shown.row @ kalman.P @ shown.row)
-            alone, counts, _ = self.scatter.noise(segment, shown.by_load, shown.value)
+            state = shown.variance(kalman.P)
+            alone, counts, _ = self.scatter.noise(segment, shown)
             # In ln of sinkage: under a wide prior the sinkage itself is far from normal.
             value = max(shown.value, 1e-4)
             miss = math.log(max(segment.sinkage, 1e-4) / value)

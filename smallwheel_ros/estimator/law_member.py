@@ -94,10 +94,8 @@ class Member:
         if not distance < self.travelled:
             self.travelled = distance
 
-    def update(
-        self, segment: Segment, scatter: Scatter, about: Array | None = None
-    ) -> tuple[Innovation, float]:
-        """Use a segment; return its innovation, and the variance of sensors and law (m^2).
+    def update(self, segment: Segment, scatter: Scatter, about: Array | None = None) -> Innovation:
+        """Use a segment; return its innovation.
 
         about: where to linearise instead of at the newest x.
         """
@@ -107,10 +105,10 @@ class Member:
         for step in range(_ITERATIONS if about is None else 1):
             shown = model.h(x, segment)
             miss = segment.sinkage - shown.value - float(shown.row @ (mean - x))
-            state = float(shown.row @ kalman.P @ shown.row)
+            state = shown.variance(kalman.P)
             if step == 0:
-                alone, counts, base = scatter.noise(segment, shown.by_load, shown.value)
-                first = Innovation(miss, state, state + alone, shown.by_load)
+                alone, counts, base = scatter.noise(segment, shown)
+                first = Innovation(miss, state, state + alone, base, shown.by_load)
                 square = miss * miss / first.variance
                 counts *= _huber(square)
                 self.log_weight -= 0.5 * TEMPER * (min(square, LARGEST) + math.log(first.variance))
@@ -125,7 +123,7 @@ class Member:
         )
         kalman.x = model.bounded(model.mean + kalman.x) - model.mean
         kalman.P = 0.5 * (kalman.P + kalman.P.T)
-        return first, base
+        return first
 
     def with_law(self, law: tuple[Array, Array] | None) -> tuple[Array, Array]:
         """Its x - x0 and P with another law, None: the prior's; the nuisances stay.

@@ -47,7 +47,9 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.point_sinkage import Law, point_pressure, point_sinkage
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
 from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
@@ -74,11 +76,28 @@ class Shown(NamedTuple):
     row: Array
     by_load: float
 
+    def variance(self, covariance: Array) -> float:
+        """By that of x, m^2."""
+        return float(self.row @ covariance @ self.row)
+
+
+def reference_wheel(given: SinkageMeasurement, prior: SoilPrior) -> tuple[float, float, float]:
+    """Load (N), diameter and width (m) of the reference wheel: the one measured first.
+
+    A wheel that is pressed begins without load, so its reference is the load under which the prior's
+    soil lets it sink to the reference sinkage.
+    """
+    load, diameter, width = given.load, given.diameter, given.width
+    if given.contact != ROLLING:
+        unit = point_pressure(1.0, diameter, width, _LOG_REFERENCE_SINKAGE, prior.n).log_modulus
+        load = math.exp(prior.log_modulus(diameter) - unit)
+    return load, diameter, width
+
 
 class LawModel:
     """The state's prior and h for the wheels of one vehicle.
 
-    reference: load (N), diameter, width (m) of the plain rolling wheel that u is of.
+    reference: of the wheel that u is of (`reference_wheel`).
     """
 
     def __init__(
@@ -108,10 +127,9 @@ class LawModel:
             settings.pitch_std,
             settings.sinkage_zero_std,
         )
-        law = np.diag(np.square([prior.log_reference_pressure_std, prior.n_std, prior.m_std]))
         back = np.linalg.inv(self.law(self.mean)[1][:, :LAW])
         soil = np.diag(np.square([0.0] * LAW + [max(std, _TINY) for std in nuisances]))
-        soil[:LAW, :LAW] = back @ law @ back.T
+        soil[:LAW, :LAW] = back @ prior.law[1] @ back.T
         self.soil_covariance = soil
 
     def prior(self, factor: float) -> Array:
@@ -165,8 +183,8 @@ class LawModel:
         row[PITCH] = segment.pitch
         row[ZERO] += 1.0
         value = shown.value + x[PITCH] * segment.pitch + x[ZERO]
-        if segment.index is not None:
-            zero = WHEELS + EACH * segment.index
+        if segment.position.index is not None:
+            zero = WHEELS + EACH * segment.position.index
             row[zero] = 1.0
             value += x[zero]
         return Shown(value, row, shown.by_load)
@@ -181,12 +199,13 @@ class LawModel:
 
     def _of_soil(self, y: Array, segment: Segment) -> Shown:
         u, n, m, passed, sides, scale, off, digs, delay = y[: DELAY + 1].tolist()
-        own = None if segment.index is None else WHEELS + EACH * segment.index + 1
+        position = segment.position
+        own = None if position.index is None else WHEELS + EACH * position.index + 1
         if own is not None:
             scale += float(y[own])
         reference = self.reference[0]
         weight = max(segment.load - off * reference, _LEAST_SHARE * segment.load)
-        load = weight * math.exp(-scale - delay * segment.load_rate - segment.side * sides)
+        load = weight * math.exp(-scale - delay * segment.load_rate - position.side * sides)
         wheel = LoadedWheel(
             load,
             segment.diameter,
@@ -200,7 +219,7 @@ class LawModel:
         static = wheel_sinkage(law, wheel, self.effects)
         by_modulus, by_n, by_m, by_log_load = static.slopes
         slip = 0.0 if segment.slip is None else max(segment.slip, 0.0)
-        rut = math.exp(segment.passes * passed)
+        rut = math.exp(position.passes * passed)
         factor = rut * max(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
         value, by_load = static.value * factor, by_log_load * factor
         row = np.zeros(len(y))
@@ -208,12 +227,12 @@ class LawModel:
         row[N] = factor * (by_n + by_modulus * by_exponent)
         row[M] = factor * (by_m - by_modulus * self._across)
         row[LOAD_SCALE] = -by_load
-        row[SIDE] = -by_load * segment.side
+        row[SIDE] = -by_load * position.side
         row[LOAD_ZERO] = -by_load * reference / weight
         if own is not None:
             row[own] = -by_load
         row[DELAY] = -by_load * segment.load_rate
-        row[PASS] = segment.passes * value
+        row[PASS] = position.passes * value
         row[SLIP] = static.value * rut * slip
         return Shown(value, row, by_load)
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.identifiability import Variety
+from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.law_model import WHEELS
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
 from smallwheel_ros.text_file import read_text_file
@@ -79,10 +79,17 @@ def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
 
 
 def write_state(
-    path: Path, state: SavedState, prior: SoilPrior, effects: Sequence[Effect], summary: str
+    path: Path, state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
 ) -> None:
-    """Write a file whole or not at all. Raises EstimatorError where it cannot be written."""
+    """Write a file whole or not at all. Raises EstimatorError where it cannot be written.
+
+    now: for people who look into the file.
+    """
     soil = state.soil
+    summary = (
+        f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
+        f"{state.accepted} measurements"
+    )
     content = {
         "format": FORMAT,
         "version": _VERSION,

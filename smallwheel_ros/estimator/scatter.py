@@ -4,26 +4,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.law_model import Shown
 from smallwheel_ros.estimator.segment import Segment
 
 Array = NDArray[np.float64]
 
-MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
+_MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
 LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
 
 
-@dataclass(frozen=True)
-class Innovation:
-    """Shown less expected (m), its variance by the state alone and in all (m^2), and by."""
+class Innovation(NamedTuple):
+    """Shown less expected (m), and variances (m^2): by the state, in all, and of sensors and law alone.
+
+    by_load: slope of what is shown by ln load.
+    """
 
     value: float
     state_variance: float
     variance: float
+    base: float
     by_load: float
 
 
@@ -49,39 +53,43 @@ class Scatter:
         self._alike: dict[str, float] = {}
         self._products = np.array([0.0, 1.0])  # of neighbours, and squares
 
-    def noise(self, segment: Segment, by_load: float, value: float) -> tuple[float, float, float]:
+    def noise(self, segment: Segment, shown: Shown) -> tuple[float, float, float]:
         """Variance of a segment alone, of it as it counts among its neighbours, and its base.
 
-        by_load: slope of the sinkage `value` (m) by ln load. Base: of sensors and law.
+        Base: of sensors and law.
         """
+        by_load = shown.by_load**2
         base = (
-            segment.sinkage_variance
-            + by_load**2 * segment.load_variance
-            + (MODEL_ERROR * value) ** 2
+            segment.variance
+            + by_load * segment.log_load_variance
+            + (_MODEL_ERROR * shown.value) ** 2
         )
-        soil = by_load**2 * self.soil
+        soil = by_load * self.soil
         alone = base + self.share * soil + self.additive
         counts = base + self.together * soil + self.additive_together * self.additive
         return alone, counts, base
 
-    def learn(self, innovation: Innovation, base: float, wheel: str) -> None:
-        """Take an innovation. base: variance (m^2) of the sensors and the law."""
+    def at_a_place(self, segment: Segment, shown: Shown) -> float:
+        """Variance of the sinkage at one place (m^2) by soil, load and what the law misses."""
+        by_place = shown.by_load**2 * (self.soil + segment.log_load_variance)
+        return by_place + (_MODEL_ERROR * shown.value) ** 2
+
+    def learn(self, innovation: Innovation, wheel: str) -> None:
+        """Take an innovation of a wheel."""
         size = innovation.variance
         square = min(innovation.value**2, LARGEST * size)
         weight = 1.0 / size**2
         features = np.array([1.0, innovation.by_load**2 * self.share])
         keep = 1.0 - 1.0 / self._MEMORY
         self._normal = keep * self._normal + weight * np.outer(features, features)
-        self._moment = (
-            keep * self._moment + weight * (square - innovation.state_variance - base) * features
-        )
+        excess = square - innovation.state_variance - innovation.base
+        self._moment = keep * self._moment + weight * excess * features
         self._solve(weight * features[1] ** 2)
-        now = innovation.value / math.sqrt(size)
         before = self._alike.get(wheel, 0.0)
+        now = innovation.value / math.sqrt(size)
         now = math.copysign(min(abs(now), 3.0), now)
-        self._products = keep * self._products + np.array(
-            [now * before, 0.5 * (now**2 + before**2)]
-        )
+        products = np.array([now * before, 0.5 * (now**2 + before**2)])
+        self._products = keep * self._products + products
         self._alike[wheel] = now
 
     @property

@@ -1,269 +1,102 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of one wheel on one stretch of its own path become one measurement.
-
-Within a stretch as long as the soil's deviations are correlated, readings are of one piece of soil:
-their mean is what the filter is given. Two things are learnt from the readings themselves, so that
-what the user says of the sensors hardly matters: the noise of a single reading, from second
-differences (a trend over the stretch does not count as noise), and how much of the spread of the
-loads is noise.
-"""
+"""The mean of a wheel's readings on one stretch of its own path: what the filters are given."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
-
-Array = NDArray[np.float64]
-
-_SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
-_NOISE_MEMORY = 200.0  # readings that the learnt noise rests on
-_TOLD_READINGS = 20.0  # readings that what the user told of the noise counts for
-# A squared second difference counts at most so often, so that wild readings in every third stretch
-# do not raise the noise; and the mean of a chi-square of one degree of freedom that is cut there.
-_WORST_NOISE, _CUT_MEAN = 2.0, 0.742
-_KEPT = 3.0  # readings so many deviations from the median are left out of the mean
-_MOST_ROWS = 256  # of a wheel that stands; then every second one is dropped
-_LOAD_MEMORY = 100  # stretches
-_LEAST_LOAD_SPREAD = 0.02  # of ln load between stretches, before it is measured
-_STUCK_READINGS = 5  # exactly alike, on a stretch on which the wheel rolled
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Wheel
 
 
 @dataclass(frozen=True)
-class Segment:
-    """The mean of a wheel's readings on one stretch of its path; SI units.
+class Position:
+    """Where a wheel is: in the state (None: it has no place there) and on the vehicle.
 
-    distance: that the vehicle had travelled at the end. place: of the wheel along the vehicle's path.
-    sinkage_variance: of the mean, from the sensor's noise. load_variance: of ln load, from the
-    sensor's. load_rate: d ln load / d time, 1/s. slip, speed: None where not known. count: readings
-    in the mean; dropped: left out as outliers. stuck: the sensor showed one number throughout.
-    index: of the wheel in the state, None: it has no place. passes: log2(1 + wheels ahead in its rut).
-    side: 1 of a wheel on the left, -1 on the right, 0 in the middle or not known.
+    passes: log2(1 + wheels ahead in its rut). side: 1 on the left, -1 on the right, 0 in the middle or
+    not known. ahead: of the vehicle's middle, m.
     """
 
-    wheel: str
-    time: float
-    distance: float
-    place: float
-    sinkage: float
-    sinkage_variance: float
-    load: float
-    load_variance: float
-    slip: float | None
-    speed: float | None
-    pitch: float
-    diameter: float
-    width: float
-    contact: str
-    load_rate: float = 0.0
-    count: int = 1
-    dropped: int = 0
-    stuck: bool = False
     index: int | None = None
     passes: float = 0.0
     side: float = 0.0
+    ahead: float = 0.0
+
+    @classmethod
+    def of(cls, index: int, name: str, wheels: Mapping[str, Wheel]) -> Position:
+        """The position of a wheel among those of a vehicle."""
+        wheel = wheels.get(name)
+        if wheel is None:
+            return cls(index)
+        ahead = [
+            other
+            for other in wheels.values()
+            if other.contact == ROLLING == wheel.contact
+            and other.longitudinal_position > wheel.longitudinal_position
+            and abs(other.lateral_position - wheel.lateral_position)
+            < 0.5 * (wheel.width + other.width)
+        ]
+        side = math.copysign(1.0, wheel.lateral_position) if wheel.lateral_position else 0.0
+        return cls(index, math.log2(1.0 + len(ahead)), side, wheel.longitudinal_position)
 
     @property
     def leads(self) -> bool:
         """Whether the wheel runs in nobody's rut."""
         return self.passes == 0.0
 
-    @classmethod
-    def of_reading(
-        cls,
-        given: SinkageMeasurement,
-        load: float,
-        load_variance: float,
-        of: SegmentCollector | None = None,
-    ) -> Segment:
-        """One reading, to predict by. load: N; load_variance: of its logarithm. of: its wheel's."""
-        return cls(
-            given.wheel,
-            given.time,
-            given.distance,
-            given.distance,
-            given.sinkage,
-            0.0,
-            load,
-            load_variance,
-            known(given.slip),
-            known(given.speed),
-            given.pitch,
-            given.diameter,
-            given.width,
-            given.contact,
-            index=None if of is None else of.index,
-            passes=0.0 if of is None else of.passes,
-            side=0.0 if of is None else of.side,
-        )
+
+NOWHERE = Position()
 
 
-class SegmentCollector:
-    """Collects the readings of one wheel.
+@dataclass(frozen=True)
+class Segment(SinkageMeasurement):
+    """A mean of readings; time and distance are those of the last one.
 
-    length: m of a segment. sinkage_std: m, noise of one reading until it is learnt. ahead: m that
-    the wheel is ahead of the vehicle's middle. index, passes, side: see `Segment`.
+    variance: of the mean sinkage, from the sensor's noise. log_load_variance: of ln load, from the
+    sensor's. load_rate: d ln load / d time, 1/s. place: of the wheel along the vehicle's path, m.
+    count: readings in the mean; dropped: left out as outliers. stuck: the sensor showed one number
+    throughout.
     """
 
-    def __init__(
-        self,
-        length: float,
-        sinkage_std: float,
-        load_std: float,
-        ahead: float,
-        index: int = 0,
-        passes: float = 0.0,
-        side: float = 0.0,
-    ) -> None:
-        self._length, self.ahead, self.index = length, ahead, index
-        self.passes, self.side = passes, side
-        self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
-        self._load_noise = load_std**2  # of ln load
-        self._noise_readings = _TOLD_READINGS
-        self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
-        self._rows: list[tuple[float, ...]] = []
-        self._log_loads = 0.0  # sum over the rows
-        self._start = 0.0
-        self._last: SinkageMeasurement | None = None
+    log_load_variance: float = 0.0
+    load_rate: float = 0.0
+    place: float = 0.0
+    count: int = 1
+    dropped: int = 0
+    stuck: bool = False
+    position: Position = NOWHERE
 
-    def add(self, given: SinkageMeasurement) -> Segment | None:
-        """Take a reading; return the segment that it closes, if any."""
-        closed, path = None, given.own_path
-        if self._closes(path):
-            closed = self._close()
-            self._rows, self._log_loads = [], 0.0
-        if not self._rows:
-            self._start = path
-        elif len(self._rows) >= _MOST_ROWS:
-            del self._rows[1::2]
-            self._log_loads = sum(row[3] for row in self._rows)
-        log_load = math.log(given.load)
-        self._log_loads += log_load
-        slip = math.nan if given.slip is None else given.slip
-        speed = math.nan if given.speed is None else given.speed
-        self._rows.append(
-            (
-                given.time,
-                given.distance,
-                given.sinkage,
-                log_load,
-                slip,
-                speed,
-                given.pitch,
-            )
+    @classmethod
+    def of(cls, reading: SinkageMeasurement, **means: Any) -> Segment:
+        """What a reading says, but for these means."""
+        return cls(**{name: getattr(reading, name) for name in _OF_READINGS} | means)
+
+    @classmethod
+    def single(
+        cls,
+        reading: SinkageMeasurement,
+        load: float,
+        log_load_variance: float,
+        position: Position = NOWHERE,
+    ) -> Segment:
+        """One reading, to predict by. load: N, without its noise."""
+        slip, speed = (
+            None if value is None or not math.isfinite(value) else value
+            for value in (reading.slip, reading.speed)
         )
-        self._last = given
-        return closed
-
-    def load(self, new: SinkageMeasurement | None = None) -> tuple[float, float]:
-        """Load (N) without its noise, and variance of its logarithm, from this stretch's readings.
-
-        new: a reading that is not added yet, and counts too.
-        """
-        total, count = self._log_loads, len(self._rows)
-        if new is not None:
-            if self._closes(new.own_path):
-                total, count = 0.0, 0
-            total, count = total + math.log(new.load), count + 1
-        return self._calibrated(total / count, count)
-
-    def _closes(self, path: float) -> bool:
-        """Whether a reading there is behind the end of this stretch."""
-        return bool(self._rows) and path - self._start >= self._length
-
-    def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
-        """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""
-        noise = self._load_noise / count
-        if self._segments == 0:
-            return math.exp(mean), noise
-        share = min(noise / max(self._load_spread, 1e-8), 1.0)
-        return math.exp(mean - share * (mean - self._load_mean)), noise * (1.0 - share)
-
-    def _close(self) -> Segment:
-        last = self._last
-        assert last is not None
-        time, distance, sinkage, log_load, slip, speed, pitch = np.array(self._rows).T
-        self._learn_noise(sinkage, log_load)
-        middle = float(np.median(sinkage))
-        deviation = math.sqrt(self.reading_variance) + float(np.median(np.abs(sinkage - middle)))
-        kept = np.abs(sinkage - middle) <= _KEPT * deviation
-        count = int(kept.sum())
-        mean_log_load = float(log_load.mean())
-        self._learn_loads(mean_log_load, len(self._rows))
-        load, load_variance = self._calibrated(mean_log_load, len(self._rows))
-        stuck = count >= _STUCK_READINGS and float(np.ptp(sinkage)) == 0.0
-        return Segment(
-            wheel=last.wheel,
-            time=float(time[-1]),
-            distance=float(distance[-1]),
-            place=float(distance.mean()) + self.ahead,
-            # A mean of equal numbers may be off in its last digit.
-            sinkage=middle if stuck else float(sinkage[kept].mean()),
-            sinkage_variance=self.reading_variance / count,
+        return cls.of(
+            reading,
+            variance=0.0,
             load=load,
-            load_variance=load_variance,
-            slip=_known_mean(slip),
-            speed=_known_mean(speed),
-            pitch=float(pitch.mean()),
-            diameter=last.diameter,
-            width=last.width,
-            contact=last.contact,
-            load_rate=_slope(time, log_load),
-            count=count,
-            dropped=len(self._rows) - count,
-            stuck=stuck,
-            index=self.index,
-            passes=self.passes,
-            side=self.side,
+            log_load_variance=log_load_variance,
+            slip=slip,
+            speed=speed,
+            position=position,
         )
 
-    def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
-        if sinkage.size < 3:
-            return
-        weight = min(1.0, sinkage.size / (self._noise_readings + sinkage.size))
-        self.reading_variance += weight * (
-            _noise(sinkage, self.reading_variance) - self.reading_variance
-        )
-        self._load_noise += weight * (_noise(log_load, self._load_noise) - self._load_noise)
-        # A sensor that shows whole steps, or one number, is not for that without noise.
-        self.reading_variance = max(self.reading_variance, 1e-10)
-        self._noise_readings = min(self._noise_readings + sinkage.size, _NOISE_MEMORY)
 
-    def _learn_loads(self, mean: float, count: int) -> None:
-        """Mean and spread of ln load from stretch to stretch, noise included."""
-        self._segments += 1
-        gain = max(1.0 / self._segments, 1.0 / _LOAD_MEMORY)
-        if self._segments == 1:
-            self._load_mean = mean
-            self._load_spread += self._load_noise / count
-            return
-        off = mean - self._load_mean
-        self._load_mean += gain * off
-        self._load_spread += gain * ((1.0 - gain) * off * off - self._load_spread)
-
-
-def _noise(values: Array, believed: float) -> float:
-    """Variance of one reading from second differences, a few wild ones cut."""
-    squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
-    return float(np.minimum(squares, _WORST_NOISE * believed).mean()) / _CUT_MEAN
-
-
-def _slope(time: Array, values: Array) -> float:
-    """Slope of values over time, 0 for too few."""
-    centred = time - time.mean()
-    square = float(centred @ centred)
-    return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
-
-
-def known(value: float | None) -> float | None:
-    """Give a number, None where there is none."""
-    return None if value is None or not math.isfinite(value) else value
-
-
-def _known_mean(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else None
+_OF_READINGS = tuple(field.name for field in fields(SinkageMeasurement))

@@ -80,7 +80,7 @@ class SegmentChanges:
             [
                 (
                     s.sinkage,
-                    s.sinkage_variance,
+                    s.variance,
                     s.load,
                     s.diameter,
                     s.width,

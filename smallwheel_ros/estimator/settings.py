@@ -5,10 +5,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 from smallwheel_ros.physics.wheel import Quantity, Strength
+
+Array = NDArray[np.float64]
 
 
 class EstimatorError(SmallwheelError):
@@ -71,6 +77,13 @@ class SoilPrior:
         for name in ("log_reference_pressure_std", "n_std", "m_std"):
             value = getattr(self, name)
             _require(what, name, value, 0 < value <= 3, "a number over 0, 3 at most")
+
+    @cached_property
+    def law(self) -> tuple[Array, Array]:
+        """Ln pressure (Pa) at the soil's reference, n and m, and their covariance, (3,) and (3, 3)."""
+        deviations = [self.log_reference_pressure_std, self.n_std, self.m_std]
+        mean = np.array([self.log_reference_pressure, self.n, self.m])
+        return mean, np.diag(np.square(deviations))
 
     def log_modulus(self, diameter: float) -> float:
         """Ln of K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""

@@ -88,7 +88,7 @@ class ChangeTest:
         if law.used < _SETTLED:
             return None
         rows = sorted(
-            (one for one in self.waiting if one.segment.leads and not one.segment.stuck),
+            (one for one in self.waiting if one.segment.position.leads and not one.segment.stuck),
             key=lambda one: -one.segment.place,
         )
         best: Shift | None = None
@@ -115,7 +115,7 @@ class ChangeTest:
 
     def _agree(self, wheels: dict[str, list[float]], size: float) -> bool:
         """Whether every wheel that is ahead of the border shows it; two at least, where there are."""
-        leading = {one.segment.wheel for one in self.waiting if one.segment.leads}
+        leading = {one.segment.wheel for one in self.waiting if one.segment.position.leads}
         if len(wheels) < min(2, len(leading)):
             return False
         return all(sum(shifts) / len(shifts) / size > _SHARE for shifts in wheels.values())

@@ -5,11 +5,23 @@ estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=vehicle.
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-The way of a reading:
+The algorithm (symbols as in `law_model` and `law_filter`):
 
-    reading -> its wheel's stretch of path (`segment`) -> is it another soil? (`soil_change`)
-            -> the law k, n, m with what may be wrong with the sensors (`law_filter`, `law_model`)
-            -> what the model misses (`missing_effect`)
+    x     law (u, n', m) and what may be wrong with sensors and ground; prior N(x0, P0)
+    at each reading (sinkage z_i, load W_i) of wheel w:
+        refuse it if it cannot be one, or is not behind the wheel's last one         `find_problem`
+        expect h(x) +- sqrt(H P H' + S^2 by^2 + r^2 + A); far from it: an outlier    `ReadingJudge`
+        collect it; where w has gone 0.2 m of its own path since the stretch began:
+            z = mean of z_i within 3 (r + MAD) of their median; W = calibrated mean  `WheelTrack`
+            r^2, var W = noise of one reading, from second differences
+            a sensor that shows one number throughout is stuck: leave it out         `SensorWatch`
+            every 2 m: does d ln z follow slip, speed or load beyond n and m?        `MissingEffectWatch`
+            wait until the vehicle is 0.6 m on; meanwhile, of the wheels that lead:
+                shift of ln k behind any border over 4.75 sigma and ln 1.25:         `ChangeTest`
+                    law <- prior, or a remembered soil that is likelier              `Soils`
+                    nuisances stay; stretches behind the border are the old soil's
+            predict and update the bank of four filters by (z, W)                    `LawFilter`
+    report ln p, n, m and covariance, and what of them the data has determined       `SoilEstimate`
 """
 
 from __future__ import annotations
@@ -20,25 +32,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.identifiability import (
-    Identifiable,
-    SoilEstimate,
-    seen_as,
-    to_reference,
-)
-from smallwheel_ros.estimator.law_filter import LawFilter
+from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.law_model import reference_wheel
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
     MissingEffectWatch,
 )
-from smallwheel_ros.estimator.point_sinkage import point_pressure
+from smallwheel_ros.estimator.reading_judge import ReadingJudge
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.estimator.segment import NOWHERE, Position, Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
@@ -48,29 +53,23 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     UpdateResult,
     find_problem,
 )
-from smallwheel_ros.estimator.soils import Soils
+from smallwheel_ros.estimator.soils import Reported, Soils
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
-from smallwheel_ros.estimator.wheel_track import WheelTrack, sinkage_of, wheels_ahead
+from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
 
 __all__ = [
-    "EffectScore",
     "EstimatorError",
     "EstimatorSettings",
-    "Identifiable",
     "MissingEffect",
     "Outcome",
     "SinkageMeasurement",
-    "SinkagePrediction",
     "SoilEstimate",
     "SoilEstimator",
     "SoilPrior",
     "UpdateResult",
 ]
-
-Array = NDArray[np.float64]
 
 _COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
@@ -105,24 +104,19 @@ class SoilEstimator:
                     f"is: {', '.join(_COVARIATES)}"
                 )
         self._needs = tuple(name for name in ("slip", "speed") if name in needs)
-        start = [prior.log_reference_pressure, prior.n, prior.m]
-        deviations = [prior.log_reference_pressure_std, prior.n_std, prior.m_std]
-        self._prior_mean, self._prior = np.array(start), np.diag(np.square(deviations))
         at = self.settings.reference_sinkage, self.settings.reference_diameter
-        self._turn = to_reference(*at)
-        self._prior_of_field = seen_as(self._turn, self._prior)
-        self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
+        self._reported = Reported(*at, prior)
         self.reset()
 
     def reset(self) -> None:
         """Forget every measurement and count: the prior again."""
-        self._soils = Soils(self.prior, self.settings, self.effects)
-        self._wheels: dict[str, WheelTrack] = {}
         self._sensors = SensorWatch()
+        self._soils = Soils(self.prior, self.settings, self.effects, self._sensors)
+        self._wheels: dict[str, WheelTrack] = {}
+        self._judge = ReadingJudge(self.settings.gate_probability)
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self._distance = 0.0
         self.outliers = 0
-        self._said: tuple[object, tuple[Array, Array]] | None = None
 
     # -- in
 
@@ -150,32 +144,28 @@ class SoilEstimator:
 
         Raises one of `NO_SINKAGE`, and changes nothing, where it has none.
         """
-        relative = given.load_variance / given.load**2
+        now = Segment.single(given, given.load, given.load_variance / given.load**2)
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            law = self._soils.law or self._soils.new_law(self._reference(given))
-            sinkage_of(law, Segment.of_reading(given, given.load, relative), 0.0)
+            law = self._soils.law or self._soils.new_law(reference_wheel(given, self.prior))
+            law.sinkage(now, 0.0)
         self._soils.law = law
-        known = self._known_wheels.get(given.wheel)
-        runs_ahead = [] if known is None else wheels_ahead(known, self._known_wheels.values())
-        ahead = 0.0 if known is None else known.longitudinal_position
+        index = self._soils.add_wheel()
+        position = Position.of(index, given.wheel, self._known_wheels)
         told = math.sqrt(given.load_variance) / given.load or _TOLD_LOAD
-        length, noise = self.settings.scatter_length, self.settings.sinkage_std
+        length = self.settings.scatter_length
         if given.contact != ROLLING:
             length = min(length, _PRESSED * given.diameter)
-        wheel = WheelTrack(
-            *(length, noise, told, ahead, law.add_wheel()),
-            passes=math.log2(1.0 + len(runs_ahead)),
-            side=0.0 if known is None else float(np.sign(known.lateral_position)),
-        )
+        wheel = WheelTrack(length, self.settings.sinkage_std, told, position)
         self._wheels[given.wheel] = wheel
         return wheel
 
     def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         changes = self._soils.changes
+        law, _ = self._soils.under(wheel)
+        assert law is not None
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            law, missed = self._law_under(wheel), self._watch.missed_variance
-            result = wheel.judge(given, law, missed, self._gate)
-        closed = wheel.follow(given)
+            result = self._judge.judge(given, wheel, law, self._watch.missed_variance)
+        closed = wheel.add(given)
         self._distance = max(self._distance, given.distance)
         if closed is not None:
             self._take(closed)
@@ -193,28 +183,7 @@ class SoilEstimator:
         if segment.contact == ROLLING and self._watch.add(segment):
             law = self.estimate()
             self._watch.test(self.prior.soil, (law.k, law.n, law.m), segment.distance)
-        self._soils.take(segment, self._sensors)
-
-    def _reference(self, given: SinkageMeasurement) -> tuple[float, float, float]:
-        """Load (N), diameter and width (m) of the reference wheel: the one measured first.
-
-        A wheel that is pressed begins without load, so its reference is the load under which the
-        prior's soil lets it sink to the reference sinkage.
-        """
-        diameter, width = given.diameter, given.width
-        if given.contact == ROLLING:
-            return given.load, diameter, width
-        depth = math.log(REFERENCE_SINKAGE)
-        unit = point_pressure(1.0, diameter, width, depth, self.prior.n).log_modulus
-        return math.exp(self.prior.log_modulus(diameter) - unit), diameter, width
-
-    def _law_under(self, wheel: WheelTrack) -> LawFilter:
-        """The law of the soil under a wheel; one that came later has no place in the old one."""
-        law, _ = self._soils.under(wheel)
-        if law is None or wheel.index >= law.wheels:
-            law = self._soils.law
-        assert law is not None
-        return law
+        self._soils.take(segment)
 
     # -- out
 
@@ -271,34 +240,16 @@ class SoilEstimator:
         wheel: return the soil that this wheel is on, where it has been measured.
         """
         law, variety = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
-        at = self.settings.reference_sinkage, self.settings.reference_diameter
-        mean, covariance = self._at_the_reference(law)
-        pressure, n, m = mean.tolist()
-        return SoilEstimate(
-            math.exp(pressure - n * math.log(at[0]) - m * math.log(at[1])),
-            n,
-            m,
-            pressure,
-            covariance,
-            self._prior_of_field,
-            *at,
-            variety,
-            self._soils.accepted,
-            self.outliers,
-            self._soils.changes,
-            self._distance,
-            self._watch.alarm,
+        return self._reported.estimate(
+            self.prior.law if law is None else law.law,
+            self._watch.missed_variance,
+            variety=variety,
+            accepted=self._soils.accepted,
+            outliers=self.outliers,
+            soil_changes=self._soils.changes,
+            distance=self._distance,
+            missing_effect=self._watch.alarm,
         )
-
-    def _at_the_reference(self, law: LawFilter | None) -> tuple[Array, Array]:
-        """Ln pressure at the reference to report at, n and m; anew only where a law has changed."""
-        missed = self._watch.missed_variance
-        state = law, 0 if law is None else law.version, missed
-        if self._said is None or self._said[0] != state:
-            mean, covariance = (self._prior_mean, self._prior) if law is None else law.law()
-            more = np.diag([missed, 0.0, 0.0])
-            self._said = state, (self._turn @ mean, seen_as(self._turn, covariance + more))
-        return self._said[1]
 
     def predict(
         self,
@@ -335,12 +286,12 @@ class SoilEstimator:
         if problem is not None:
             raise EstimatorError(problem[1])
         known = self._wheels.get(wheel) if wheel is not None else None
-        now = Segment.of_reading(given, load, load_variance / load**2, known)
+        position = NOWHERE if known is None else known.position
+        now = Segment.single(given, load, load_variance / load**2, position)
+        law, _ = self._soils.under(known)
         try:
-            law = self._soils.law or self._soils.new_law(self._reference(given))
-            if known is not None:
-                law = self._law_under(known)
-            value, variance = sinkage_of(law, now, self._watch.missed_variance)
+            law = law or self._soils.new_law(reference_wheel(given, self.prior))
+            value, variance = law.sinkage(now, self._watch.missed_variance)
         except NO_SINKAGE as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return SinkagePrediction(value, math.sqrt(max(variance, 0.0)), value > 0.5 * diameter)
@@ -352,14 +303,9 @@ class SoilEstimator:
 
         strength: see `TractionEstimator.record`.
         """
-        now = self.estimate()
-        summary = (
-            f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
-            f"{self.accepted} measurements"
-        )
         soils = self._soils
         state = SavedState(soils.record(), soils.variety, self.accepted, strength)
-        write_state(Path(path), state, self.prior, self.effects, summary)
+        write_state(Path(path), state, self.prior, self.effects, self.estimate())
 
     def restore(self, path: str | Path, strength: Callable[[Any], None] = lambda _: None) -> None:
         """Begin anew from a saved soil instead of the prior.

@@ -7,12 +7,13 @@ import math
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.identifiability import Variety
+from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety, seen_as
 from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_model import LAW, WHEELS, LawModel
 from smallwheel_ros.estimator.saved_state import SoilRecord
@@ -22,6 +23,7 @@ from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_change import ChangeTest, Shift, Waiting
 from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,33 @@ class KnownSoil:
     number: int
 
 
+class Reported:
+    """Reports the soil at a sinkage and a diameter (m), the prior's covariance as well."""
+
+    def __init__(self, sinkage: float, diameter: float, prior: SoilPrior) -> None:
+        self._at = sinkage, diameter
+        self._turn = np.eye(3)  # of (ln pressure, n, m)
+        self._turn[0, 1] = math.log(sinkage / REFERENCE_SINKAGE)
+        self._turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
+        self._prior = seen_as(self._turn, prior.law[1])
+        self._last: tuple[tuple[Array, Array], float, Array, Array] | None = None
+
+    def estimate(self, law: tuple[Array, Array], missed: float, **found: Any) -> SoilEstimate:
+        """The soil of a law: mean and covariance as in `SoilPrior.law`.
+
+        missed: variance of ln k besides. found: what else a `SoilEstimate` says.
+        """
+        if self._last is None or self._last[0] is not law or self._last[1] != missed:
+            more = np.diag([missed, 0.0, 0.0])
+            turned = self._turn @ law[0], seen_as(self._turn, law[1] + more)
+            self._last = law, missed, *turned
+        _, _, mean, covariance = self._last
+        pressure, n, m = mean.tolist()
+        sinkage, diameter = self._at
+        k = math.exp(pressure - n * math.log(sinkage) - m * math.log(diameter))
+        return SoilEstimate(k, n, m, pressure, covariance, self._prior, *self._at, **found)
+
+
 class Soils:
     """Uses segments for the soil that they are of.
 
@@ -52,9 +81,14 @@ class Soils:
     """
 
     def __init__(
-        self, prior: SoilPrior, settings: EstimatorSettings, effects: Sequence[Effect]
+        self,
+        prior: SoilPrior,
+        settings: EstimatorSettings,
+        effects: Sequence[Effect],
+        sensors: SensorWatch,
     ) -> None:
         self._prior, self._settings, self._effects = prior, settings, tuple(effects)
+        self._sensors = sensors
         self._test = ChangeTest(settings.scatter_length)
         self._border = -math.inf  # m along the vehicle's path: what is behind is the old soil
         self._old: tuple[LawFilter, Variety] | None = None  # of the soil behind the border
@@ -68,6 +102,13 @@ class Soils:
         """Return a filter at the prior. reference: see `LawModel`."""
         model = LawModel(self._prior, self._settings, self._effects, reference)
         return LawFilter(model, self._prior, self._settings)
+
+    def add_wheel(self) -> int:
+        """Give a wheel a place in the state."""
+        assert self.law is not None
+        if self._old is not None:
+            self._old[0].add_wheel()
+        return self.law.add_wheel()
 
     def resume(self, record: SoilRecord, variety: Variety, accepted: int) -> None:
         """Go on from a saved soil."""
@@ -105,7 +146,7 @@ class Soils:
         """Forget the waiting segments of a sensor that turns out to be stuck."""
         self._test.drop(lambda segment: segment.wheel == wheel and segment.stuck)
 
-    def take(self, segment: Segment, watch: SensorWatch) -> None:
+    def take(self, segment: Segment) -> None:
         """A segment has closed: it waits, may show another soil, and then is used."""
         law = self.law
         if law is None or not self._is_clear(segment):
@@ -113,26 +154,26 @@ class Soils:
         about = law.linearised(segment)
         if segment.contact != ROLLING:
             # A rig presses into one place: there is no border on the way down.
-            self._absorb(Waiting(segment, about), law, watch)
+            self._absorb(Waiting(segment, about), law)
             return
         self._test.waiting.append(Waiting(segment, about))
-        shift = self._test.find(law) if segment.leads else None
+        shift = self._test.find(law) if segment.position.leads else None
         if shift is not None:
-            self._change(shift, law, watch)
+            self._change(shift, law)
             return
         settled = law.used >= _SETTLED
         for one in self._test.ready(segment.distance if settled else math.inf):
-            self._absorb(one, law, watch)
+            self._absorb(one, law)
 
-    def _absorb(self, one: Waiting, law: LawFilter, watch: SensorWatch) -> None:
+    def _absorb(self, one: Waiting, law: LawFilter) -> None:
         segment = one.segment
         before = law.innovation(segment, one.about)
         law.absorb(segment)
-        watch.judge(segment, before.value / math.sqrt(before.variance))
+        self._sensors.judge(segment, before.value / math.sqrt(before.variance))
         self.accepted += segment.count
         self.variety = self.variety.with_wheel(segment.diameter, segment.load / segment.width)
 
-    def _change(self, shift: Shift, law: LawFilter, watch: SensorWatch) -> None:
+    def _change(self, shift: Shift, law: LawFilter) -> None:
         """Close the old soil, and go on with the prior or with a soil that is remembered.
 
         Segments nearer to the border than a length may lie on both soils: they are used for neither.
@@ -141,7 +182,7 @@ class Soils:
         self._test.waiting.clear()
         for one in waiting:
             if one.segment.place < shift.place - self._settings.scatter_length:
-                self._absorb(one, law, watch)
+                self._absorb(one, law)
         new = [one for one in waiting if one.segment.place >= shift.place]
         self._old = deepcopy(law), self.variety
         if law.used >= _SETTLED:
@@ -158,7 +199,7 @@ class Soils:
         self.changes += 1
         for one in new:
             if self._is_clear(one.segment):
-                self._absorb(one, law, watch)
+                self._absorb(one, law)
 
     def _like(self, new: Sequence[Waiting], law: LawFilter) -> KnownSoil | None:
         """Return the remembered soil that these segments are more likely of than of the prior."""

@@ -1,167 +1,213 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wheel of the vehicle as the estimator follows it, and what is expected of its readings."""
+"""A wheel as the estimator follows it: its readings on one stretch of its own path become one measurement.
+
+Within a stretch as long as the soil's deviations are correlated, readings are of one piece of soil:
+their mean is what the filter is given. Two things are learnt from the readings themselves, so that
+what the user says of the sensors hardly matters: the noise of a single reading, from second
+differences (a trend over the stretch does not count as noise), and how much of the spread of the
+loads is noise.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import replace
-from statistics import median
-from typing import Any, NamedTuple
 
-from smallwheel_ros.estimator.law_filter import LawFilter
-from smallwheel_ros.estimator.law_model import Shown
-from smallwheel_ros.estimator.scatter import MODEL_ERROR
-from smallwheel_ros.estimator.segment import Segment, SegmentCollector
-from smallwheel_ros.estimator.sinkage_measurement import Outcome, SinkageMeasurement, UpdateResult
-from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Wheel
+import numpy as np
+from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.segment import Position, Segment
+from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+
+Array = NDArray[np.float64]
+
+_SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
+_NOISE_MEMORY = 200.0  # readings that the learnt noise rests on
+_TOLD_READINGS = 20.0  # readings that what the user told of the noise counts for
+# A squared second difference counts at most so often, so that wild readings in every third stretch
+# do not raise the noise; and the mean of a chi-square of one degree of freedom that is cut there.
+_WORST_NOISE, _CUT_MEAN = 2.0, 0.742
+_KEPT = 3.0  # readings so many deviations from the median are left out of the mean
+_MOST_ROWS = 256  # of a wheel that stands; then every second one is dropped
+_LOAD_MEMORY = 100  # stretches
+_LEAST_LOAD_SPREAD = 0.02  # of ln load between stretches, before it is measured
+_STUCK_READINGS = 5  # exactly alike, on a stretch on which the wheel rolled
 _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
-# Of ln load, slip, speed (m/s) and pitch: sinkage is a straight line over so little.
-_NEAR = 0.02
 _RECENT = 9  # readings, for the median that an outlier is far from
-_LEAST_SINKAGE = 1e-9  # m: the model's of a wheel that has no weight to speak of
 
 
-class Expected(NamedTuple):
-    """What a wheel was last expected to show (`shown`) and to sink (`sinkage`), m, and variances.
+class WheelTrack:
+    """The readings of one wheel.
 
-    of: what for, in steps of `_NEAR`. by_load: slope of both by ln load.
+    length: m of a stretch. sinkage_std: m, noise of one reading until it is learnt; load_std: of ln load.
+    at: m along the vehicle's path. recent: the newest sinkages (m).
     """
 
-    of: tuple[object, ...]
-    log_load: float
-    shown: float
-    shown_variance: float
-    sinkage: float
-    sinkage_variance: float
-    by_load: float
-
-
-class WheelTrack(SegmentCollector):
-    """A wheel: the collector of its readings, its newest reading, and what is expected of the next.
-
-    at: m along the vehicle's path. slip: the newest that was known, at slip_at on the wheel's own
-    path.
-    """
-
-    time = distance = path = -math.inf
-    at = slip_at = 0.0
-    slip: float | None = None
-    expected: Expected | None = None
-
-    def __init__(self, *arguments: Any, **names: Any) -> None:
-        super().__init__(*arguments, **names)
+    def __init__(
+        self, length: float, sinkage_std: float, load_std: float, position: Position
+    ) -> None:
+        self._length, self.position = length, position
+        self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
+        self._load_noise = load_std**2  # of ln load
+        self._noise_readings = _TOLD_READINGS
+        self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
+        self._rows: list[tuple[float, ...]] = []
+        self._log_loads = 0.0  # sum over the rows
+        self._start = 0.0
+        self._last: SinkageMeasurement | None = None
+        self._slip: tuple[float, float] | None = None  # the newest that was known, and where
         self.recent: deque[float] = deque(maxlen=_RECENT)
-
-    def out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
-        """Reason and message if a reading is not behind the newest one."""
-        if given.time <= self.time:
-            return "time_backwards", (
-                f"wheel '{given.wheel}': time {given.time:.6f} s is not after the last one, "
-                f"{self.time:.6f} s"
-            )
-        if given.distance < self.distance or given.own_path < self.path:
-            return "distance_backwards", (
-                f"wheel '{given.wheel}': distance {given.distance:g} m is less than the last one, "
-                f"{self.distance:g} m"
-            )
-        return None
+        self.at = 0.0
 
     def in_its_rut(self, given: SinkageMeasurement) -> SinkageMeasurement:
         """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
-        if given.slip is not None or self.slip is None or given.own_path - self.slip_at > _STANDS:
+        if given.slip is not None or self._slip is None:
             return given
-        return replace(given, slip=self.slip)
+        slip, where = self._slip
+        return given if given.own_path - where > _STANDS else replace(given, slip=slip)
 
-    def follow(self, given: SinkageMeasurement) -> Segment | None:
+    def out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
+        """Reason and message if a reading is not behind the newest one."""
+        last = self._last
+        if last is not None and given.time <= last.time:
+            return "time_backwards", (
+                f"wheel '{given.wheel}': time {given.time:.6f} s is not after the last one, "
+                f"{last.time:.6f} s"
+            )
+        if last is not None and (given.distance < last.distance or given.own_path < last.own_path):
+            return "distance_backwards", (
+                f"wheel '{given.wheel}': distance {given.distance:g} m is less than the last one, "
+                f"{last.distance:g} m"
+            )
+        return None
+
+    def add(self, given: SinkageMeasurement) -> Segment | None:
         """Take a reading; return the segment that it closes, if any."""
-        closed = self.add(given)
-        self.time, self.distance, self.path = given.time, given.distance, given.own_path
-        self.at = given.distance + self.ahead
-        if given.slip is not None and math.isfinite(given.slip):
-            self.slip, self.slip_at = given.slip, self.path
+        closed, path = None, given.own_path
+        if self._closes(path):
+            closed = self._close()
+            self._rows, self._log_loads = [], 0.0
+        if not self._rows:
+            self._start = path
+        elif len(self._rows) >= _MOST_ROWS:
+            del self._rows[1::2]
+            self._log_loads = sum(row[3] for row in self._rows)
+        log_load = math.log(given.load)
+        self._log_loads += log_load
+        slip = math.nan if given.slip is None else given.slip
+        speed = math.nan if given.speed is None else given.speed
+        self._rows.append(
+            (
+                given.time,
+                given.distance,
+                given.sinkage,
+                log_load,
+                slip,
+                speed,
+                given.pitch,
+            )
+        )
+        if math.isfinite(slip):
+            self._slip = slip, path
         self.recent.append(given.sinkage)
+        self.at = given.distance + self.position.ahead
+        self._last = given
         return closed
 
-    def judge(
-        self, given: SinkageMeasurement, law: LawFilter, missed: float, gate: float
-    ) -> UpdateResult:
-        """Compare a reading with what was expected of it, before it counts.
+    def load(self, new: SinkageMeasurement | None = None) -> tuple[float, float]:
+        """Load (N) without its noise, and variance of its logarithm, from this stretch's readings.
 
-        missed: see `sinkage_of`. gate: squared normalised innovation from which on it is an outlier.
-        Raises one of `NO_SINKAGE` where the model has none for it.
+        new: a reading that is not added yet, and counts too.
         """
-        load, load_variance = self.load(given)
-        log_load = math.log(load)
-        steps = [
-            round(value / _NEAR) if value is not None and math.isfinite(value) else None
-            for value in (given.slip, given.speed, given.pitch, log_load)
-        ]
-        of = law, law.version, missed, given.diameter, given.width, given.contact, *steps
-        if self.expected is None or self.expected.of != of:
-            now = Segment.of_reading(given, load, load_variance, self)
-            self.expected = Expected(of, log_load, *_expect(now, law, missed))
-        expected = self.expected
-        more = expected.by_load * (log_load - expected.log_load)
-        true, variance = expected.sinkage + more, expected.sinkage_variance
-        noise = self.reading_variance
-        spread = expected.shown_variance + noise + law.scatter.additive
-        if not math.isfinite(true + variance + spread):
-            raise ArithmeticError("its uncertainty has no bounds")
-        shown = expected.shown + more
-        miss = given.sinkage - shown
-        square = miss * miss / spread
-        outcome, reason, message = Outcome.ACCEPTED, "accepted", ""
-        if square > gate:
-            recent = median([*self.recent, given.sinkage])
-            if abs(given.sinkage - recent) > 3.0 * math.sqrt(noise):
-                outcome, reason = Outcome.OUTLIER, "gate"
-                message = (
-                    f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
-                    f"{1e3 * shown:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
-                )
-        return UpdateResult(outcome, reason, message, true, variance, miss, spread, square)
+        total, count = self._log_loads, len(self._rows)
+        if new is not None:
+            if self._closes(new.own_path):
+                total, count = 0.0, 0
+            total, count = total + math.log(new.load), count + 1
+        return self._calibrated(total / count, count)
+
+    def _closes(self, path: float) -> bool:
+        """Whether a reading there is behind the end of this stretch."""
+        return bool(self._rows) and path - self._start >= self._length
+
+    def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
+        """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""
+        noise = self._load_noise / count
+        if self._segments == 0:
+            return math.exp(mean), noise
+        share = min(noise / max(self._load_spread, 1e-8), 1.0)
+        return math.exp(mean - share * (mean - self._load_mean)), noise * (1.0 - share)
+
+    def _close(self) -> Segment:
+        last = self._last
+        assert last is not None
+        time, distance, sinkage, log_load, slip, speed, pitch = np.array(self._rows).T
+        self._learn_noise(sinkage, log_load)
+        middle = float(np.median(sinkage))
+        deviation = math.sqrt(self.reading_variance) + float(np.median(np.abs(sinkage - middle)))
+        kept = np.abs(sinkage - middle) <= _KEPT * deviation
+        count = int(kept.sum())
+        mean_log_load = float(log_load.mean())
+        self._learn_loads(mean_log_load, len(self._rows))
+        load, load_variance = self._calibrated(mean_log_load, len(self._rows))
+        stuck = count >= _STUCK_READINGS and float(np.ptp(sinkage)) == 0.0
+        return Segment.of(
+            last,
+            # A mean of equal numbers may be off in its last digit.
+            sinkage=middle if stuck else float(sinkage[kept].mean()),
+            variance=self.reading_variance / count,
+            load=load,
+            log_load_variance=load_variance,
+            slip=_known_mean(slip),
+            speed=_known_mean(speed),
+            pitch=float(pitch.mean()),
+            load_rate=_slope(time, log_load),
+            place=float(distance.mean()) + self.position.ahead,
+            count=count,
+            dropped=len(self._rows) - count,
+            stuck=stuck,
+            position=self.position,
+        )
+
+    def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
+        if sinkage.size < 3:
+            return
+        weight = min(1.0, sinkage.size / (self._noise_readings + sinkage.size))
+        self.reading_variance += weight * (
+            _noise(sinkage, self.reading_variance) - self.reading_variance
+        )
+        self._load_noise += weight * (_noise(log_load, self._load_noise) - self._load_noise)
+        # A sensor that shows whole steps, or one number, is not for that without noise.
+        self.reading_variance = max(self.reading_variance, 1e-10)
+        self._noise_readings = min(self._noise_readings + sinkage.size, _NOISE_MEMORY)
+
+    def _learn_loads(self, mean: float, count: int) -> None:
+        """Mean and spread of ln load from stretch to stretch, noise included."""
+        self._segments += 1
+        gain = max(1.0 / self._segments, 1.0 / _LOAD_MEMORY)
+        if self._segments == 1:
+            self._load_mean = mean
+            self._load_spread += self._load_noise / count
+            return
+        off = mean - self._load_mean
+        self._load_mean += gain * off
+        self._load_spread += gain * ((1.0 - gain) * off * off - self._load_spread)
 
 
-def _expect(
-    now: Segment, law: LawFilter, missed: float
-) -> tuple[float, float, float, float, float]:
-    """The last five of `Expected`."""
-    _, shown = law.linearised(now)
-    P = law.most_likely.P
-    spread = float(shown.row @ P @ shown.row) + _place_variance(law, shown, now)
-    sinkage, variance = sinkage_of(law, now, missed)
-    return shown.value, spread, sinkage, variance, shown.by_load
+def _noise(values: Array, believed: float) -> float:
+    """Variance of one reading from second differences, a few wild ones cut."""
+    squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
+    return float(np.minimum(squares, _WORST_NOISE * believed).mean()) / _CUT_MEAN
 
 
-def wheels_ahead(wheel: Wheel, wheels: Iterable[Wheel]) -> list[Wheel]:
-    """Wheels that run ahead and whose tracks overlap with this one's."""
-    return [
-        other
-        for other in wheels
-        if other.contact == ROLLING == wheel.contact
-        and other.longitudinal_position > wheel.longitudinal_position
-        and abs(other.lateral_position - wheel.lateral_position) < 0.5 * (wheel.width + other.width)
-    ]
+def _slope(time: Array, values: Array) -> float:
+    """Slope of values over time, 0 for too few."""
+    centred = time - time.mean()
+    square = float(centred @ centred)
+    return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
 
 
-def sinkage_of(law: LawFilter, now: Segment, missed: float) -> tuple[float, float]:
-    """The sinkage of a wheel (m) and its variance: of the law, the place and the load.
-
-    missed: variance of ln k that an effect takes which the model lacks. Raises one of
-    `NO_SINKAGE` where the model has none.
-    """
-    shown = law.model.sinkage(law.mean, now)
-    if not shown.value > _LEAST_SINKAGE:
-        raise ArithmeticError(f"it is {shown.value:g} m")
-    spread = float(shown.row @ law.covariance @ shown.row) + shown.by_load**2 * missed
-    return shown.value, spread + _place_variance(law, shown, now)
-
-
-def _place_variance(law: LawFilter, shown: Shown, now: Segment) -> float:
-    """Variance of the sinkage at one place (m^2) by soil, load and what the law misses."""
-    by_place = shown.by_load**2 * (law.scatter.soil + now.load_variance)
-    return by_place + (MODEL_ERROR * shown.value) ** 2
+def _known_mean(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else None
