@@ -23,7 +23,6 @@ from scipy.stats import binomtest
 
 from benchmarks.learn_worlds import LAWS, OUTSIDE, hidden, table
 from smallwheel_ros.learn import learn
-from smallwheel_ros.learn.draft import formula
 from smallwheel_ros.learn.folds import VAULT_FROM
 from smallwheel_ros.learn.law import Law
 from smallwheel_ros.measurements.table import Measurements
@@ -84,13 +83,13 @@ def one(world: str, seed: int, runs: int, noise: float, channels: tuple[str, ...
     quiet = read(world, seed, 1, runs=60, rows=1, **how | {"noise": 0.0})
     matched = all(_is_of_one(law, world) for law in drafted) and len(drafted) == len(laws)
     return found | {
-        "formula": [formula(b.law.law, b.law.numbers) for b in best],
+        "formula": [b.law.law.formula(b.law.numbers) for b in best],
         "tied": len(best[0].tied),
         "driver_right": matched,
         "right": matched and all(_is_of_one(law, world, stage=True) for law in drafted)
         and len({law.columns for law in drafted}) == len(laws),
         "battery": any("battery" in law.columns for law in drafted),
-        "gone": share_gone(best[0].base.model, best[-1].law.fit.model, fresh, quiet),
+        "gone": share_gone(best[0].problem.fit.model, best[-1].law.fit.model, fresh, quiet),
     }  # fmt: skip
 
 

@@ -189,8 +189,13 @@ def table(
     noise: float = 0.03,
     scatter: float = 0.05,
     channels: tuple[str, ...] = ("sinkage", "resistance"),
+    within: str = "repeats",
 ) -> pd.DataFrame:
-    """A table of a world. part: 0 to learn from, 1 fresh settings. noise 0: the truth itself."""
+    """A table of a world. part: 0 to learn from, 1 fresh settings. noise 0: the truth itself.
+
+    within: what the rows of a run are: `repeats` of one setting; `settings`, of which each has its own
+    load, slip, speed and pass; a `curve`, along which slip rises.
+    """
     laws = hidden(world)
     own_columns = {name: limits for law in laws for name, limits in law.columns.items()}
     own = np.random.default_rng([seed, 77])
@@ -219,6 +224,13 @@ def table(
         if len(kept) == runs:
             break
     c = {name: np.repeat([run[name] for run in kept], rows) for name in kept[0]}
+    if within == "settings":
+        for name in ("load", "slip"):
+            c[name] = rng.uniform(*LIMITS[name], runs * rows)
+        c["speed"] = np.exp(rng.uniform(np.log(0.01), np.log(0.5), runs * rows))
+        c["pass_number"] = rng.integers(1, 6, runs * rows).astype(float)
+    elif within == "curve":
+        c["slip"] = np.tile(np.linspace(*LIMITS["slip"], rows), runs)
     quiet = noise == 0.0
     firm = np.exp(rng.normal(0.0, 0.0 if quiet else scatter, runs))
     true = respond(soil, laws, c, np.repeat(firm, rows))

@@ -24,13 +24,14 @@ from smallwheel_ros.fitting import FittingError, Problem
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.chance import chance
-from smallwheel_ros.learn.draft import Number, class_text, file_text, formula
+from smallwheel_ros.learn.draft import Number, class_text, file_text
 from smallwheel_ros.learn.drivers import DEPTH, drivers_of
 from smallwheel_ros.learn.grammar import Term, terms_of
-from smallwheel_ros.learn.law import PLACES, Law, effect_of, places_for
-from smallwheel_ros.learn.pipeline import SURE
-from smallwheel_ros.learn.search import Grid, Search
+from smallwheel_ros.learn.grid import Grid
+from smallwheel_ros.learn.law import PLACES, Law
+from smallwheel_ros.learn.search import Search
 from smallwheel_ros.learn.shapes import SATURATION
+from smallwheel_ros.learn.verdict import SURE
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
@@ -182,11 +183,9 @@ def test_every_place_and_shape_is_written_as_it_is_searched(
     classes, effects = [], []
     for i, law in enumerate(laws):
         values = {n: 1e-3 if n[0] == "a" else law.terms[int(n[1]) - 1].constant for n in law.names}
-        numbers = [
-            Number(n, v, None, "1", (v - 1.0, v + 1.0), n[0] == "a") for n, v in values.items()
-        ]
-        classes.append(class_text(law, numbers, f"law_{i}", data, 24, 1, formula(law, values)))
-        effects.append(effect_of(law, values))
+        numbers = [Number(n, v, None, "1", (v - 1.0, v + 1.0)) for n, v in values.items()]
+        classes.append(class_text(law, numbers, f"law_{i}", data, 24, 1, law.formula(values)))
+        effects.append(law.effect(values))
     path = tmp_path / "laws.py"
     path.write_text(file_text(classes))
     written = load_effects(path)
@@ -318,12 +317,10 @@ def test_runs_are_permuted_whole(data: Measurements) -> None:
 
 
 def _small_grid(problem: Problem) -> Grid:
-    points = problem.points
-    depth = predict(problem.fit.model, points.conditions).true_sinkage
-    drivers = [d for d in drivers_of(points, depth)[0] if d.name == "slip"]
-    terms = terms_of(drivers, 24)
-    values = np.column_stack([t.at(points.conditions, depth) for t in terms])
-    return Grid(tuple(terms), places_for(points.channels), depth, values)
+    """What follows slip."""
+    grid = Grid.of(problem.points, problem.fit.model)
+    own = [i for i, term in enumerate(grid.terms) if term.drivers == {"slip"}]
+    return replace(grid, terms=tuple(grid.terms[i] for i in own), values=grid.values[:, own])
 
 
 @pytest.mark.slow
@@ -354,7 +351,7 @@ def test_where_it_was_learnt_a_law_has_no_p(law: Path, path: Path, tmp_path: Pat
     [
         ("version = 1", "version = 7", "a file of version 7, expected 1: learn it again"),
         ("version = 1\n", "\n", "a file of version 0, expected 1"),
-        ('valid = {"slip"', 'valid = {"slip": 3, "load"', "expected a lowest and a highest value"),
+        ("valid = {'slip'", "valid = {'slip': 3, 'load'", "expected a lowest and a highest value"),
         ("parameter(0.", "parameter(-90.", "expected"),
         ("return sinkage", "return sink age", "line"),
         ("parameter(0.", "parameter('much', 0.", "line"),
@@ -436,10 +433,10 @@ def test_a_column_of_any_name_makes_no_code(data: Measurements, tmp_path: Path) 
     points = Problem.of(hostile).judged.points
     drivers, _ = drivers_of(points, np.full(len(points.conditions), 0.02))
     driver = next(d for d in drivers if d.name == name)
-    law = Law(places_for(points.channels)[0], "exponential", (Term(((driver, SATURATION),), 0.5),))
+    law = Law(PLACES[0], "exponential", (Term(((driver, SATURATION),), 0.5),))
     numbers = [
-        Number("a1", 0.2, 0.1, "1", (0.0, 1.0), True),
-        Number("c1", 0.5, 0.1, "1", (0.1, 1.0), False),
+        Number("a1", 0.2, 0.1, "1", (0.0, 1.0)),
+        Number("c1", 0.5, 0.1, "1", (0.1, 1.0)),
     ]
     path = tmp_path / "law.py"
     path.write_text(file_text([class_text(law, numbers, "odd", hostile, 24, 3, name)]))

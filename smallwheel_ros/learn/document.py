@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.fitting.result import expected_error
-from smallwheel_ros.learn.draft import Number, formula, numbers_of
-from smallwheel_ros.learn.drivers import Driver
+from smallwheel_ros.learn.candidate import Candidate
+from smallwheel_ros.learn.draft import Number, numbers_of
 from smallwheel_ros.learn.implied import disagreements, implied
 from smallwheel_ros.learn.law import SOUGHT
 from smallwheel_ros.learn.pipeline import PERMUTATIONS, Judged, Sought
 from smallwheel_ros.learn.refused import settings_in
-from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
@@ -69,7 +68,7 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
         "stage_disagreement": {},
         "measure_next": None,
         "file": None,
-        "notes": [*sought.notes, *measurements.notes],
+        "notes": [*(sought.grid.notes if sought.grid else ()), *measurements.notes],
         "warnings": list(measurements.warnings),
     }
     best = sought.best
@@ -83,20 +82,17 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
         "tied": [_tied(c, best.tied[0]) for c in best.tied[:_SHOWN]],
         "implied": _implied(best),
         "shape": shape and {k: v for k, v in asdict(shape).items() if k != "tied"},
-        "stage_disagreement": disagreements(best.fitter, best.tied, best.law),
+        "stage_disagreement": disagreements(best.problem.fitter, best.tied, best.law),
     }
     return dict(plain(found))
 
 
 def _search(sought: Sought) -> Entry:
     grid, best = sought.grid, sought.best
-    drivers: dict[str, Driver] = {}
-    if grid is not None:
-        drivers = {d.name: d for t in grid.terms for d, _ in t.factors}
     return {
         "formulas": 0 if grid is None else sum(grid.allowed(p).size for p in grid.places),
         "stages": [] if grid is None else list(dict.fromkeys(p.stage for p in grid.places)),
-        "drivers": list(drivers),
+        "drivers": [] if grid is None else [d.name for d in grid.drivers],
         "p": sought.p,
         "permutations": PERMUTATIONS if sought.p is not None else 0,
         "folds": 0 if best is None else len(best.held_out.choices),
@@ -107,7 +103,7 @@ def _search(sought: Sought) -> Entry:
 
 def held_out(best: Judged) -> Entry:
     """Held-out error of each channel without and with the law, and what the noise leaves; SI."""
-    floors = expected_error(best.fitter, best.law.fit)
+    floors = expected_error(best.problem.fitter, best.law.fit)
     found = {}
     for name in best.held_out.before:
         before, after = (
@@ -121,7 +117,7 @@ def held_out(best: Judged) -> Entry:
 def _law(best: Judged, name: str) -> Entry:
     law = best.law.law
     constants = []
-    for n in numbers_of(best.fitter, best.law):
+    for n in numbers_of(best.problem.fitter, best.law):
         low, high = _interval(n, best)
         known = {"name": n.name, "value": n.value, "std": n.std, "unit": n.unit}
         constants.append(known | {"low": low, "high": high})
@@ -129,7 +125,7 @@ def _law(best: Judged, name: str) -> Entry:
         "id": name,
         "stage": law.place.stage,
         "drivers": list(law.drivers),
-        "formula": formula(law, best.law.numbers),
+        "formula": law.formula(best.law.numbers),
         "constants": constants,
         "range": {
             d.name: [d.reference + d.low, d.reference + d.high] for d in law.by_name.values()
@@ -164,7 +160,7 @@ def _places(best: Judged) -> list[Entry]:
 
 def _tied(candidate: Candidate, best: Candidate) -> Entry:
     return {
-        "formula": formula(candidate.law, candidate.numbers),
+        "formula": candidate.law.formula(candidate.numbers),
         "stage": candidate.law.place.stage,
         "drivers": list(candidate.law.drivers),
         "nats": candidate.score - best.score,
@@ -173,8 +169,8 @@ def _tied(candidate: Candidate, best: Candidate) -> Entry:
 
 def _implied(best: Judged) -> list[Entry]:
     """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
-    law, points = best.law, best.fitter.points
-    asks = implied(best.fitter, law.fit, law.law.place)
+    law, points = best.law, best.problem.fitter.points
+    asks = implied(best.problem.fitter, law.fit, law.law.place)
     driver = law.law.first_driver
     x: Array = np.zeros(len(points.conditions))
     if driver is not None and driver.columns:
@@ -187,7 +183,7 @@ def _implied(best: Judged) -> list[Entry]:
             entry[channel] = entry[key] = None
             if channel in asks.value and np.isfinite(asks.value[channel][i]):
                 value, std = asks.value[channel][i], asks.std[channel][i]
-                if not law.law.place.shifts:
+                if not law.law.place.added:
                     value = np.exp(value)
                     std = value * std
                 entry[channel], entry[key] = float(value), float(std)
@@ -197,7 +193,7 @@ def _implied(best: Judged) -> list[Entry]:
 
 def shape_of(best: Judged) -> Shape | None:
     """The law over its driver; None where it follows nothing, several, or the depth itself."""
-    law, points = best.law.law, best.fitter.points
+    law, points = best.law.law, best.problem.fitter.points
     driver = law.first_driver
     if len(law.drivers) != 1 or driver is None or not driver.columns:
         return None
@@ -210,7 +206,7 @@ def shape_of(best: Judged) -> Shape | None:
             ends += [curve - _TWO * std, curve + _TWO * std]
             curves.append(curve)
     mine = _curve(best.law, u)[0]
-    shown: Callable[[Array], Array] = np.asarray if law.place.shifts else np.exp
+    shown: Callable[[Array], Array] = np.asarray if law.place.added else np.exp
     return Shape(
         u + driver.reference, shown(mine), shown(np.min(ends, axis=0)),
         shown(np.max(ends, axis=0)), tuple(shown(c) for c in curves if not np.array_equal(c, mine)),
@@ -222,8 +218,8 @@ def _curve(candidate: Candidate, u: Array) -> tuple[Array, Array]:
     law, fit, numbers = candidate.law, candidate.fit, candidate.numbers
 
     def at(changed: dict[str, float]) -> Array:
-        change = law.change(law.eta(numbers | changed, lambda driver: u))
-        return np.asarray(change if law.place.shifts else np.log(change))
+        change = law.change(numbers | changed, lambda driver: u)
+        return np.asarray(change if law.place.added else np.log(change))
 
     places = fit.vector.places(SOUGHT)
     middle, slopes = at({}), []

@@ -26,7 +26,7 @@ QUANTILES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
 _GRAVITY = 9.81  # m/s^2
 _LEVEL = 0.01  # of the range: what differs by less is one level
 _FAR = 0.6  # of the largest value: a range that begins beyond it has its zero far away
-_SIZES = {"load": "N", "width": "m", "diameter": "m"}  # what every row has, with units
+SIZES = {"load": "N", "width": "m", "diameter": "m"}  # what every row has, with units
 # Variables of a drafted method that are no drivers.
 _TAKEN = ("self", "conditions", "state", "sinkage", "diameter", "np", "u", "continued")
 
@@ -72,6 +72,11 @@ class Driver:
         return self.high - self.low
 
     @property
+    def python(self) -> str:
+        """What works it out, less its reference."""
+        return f"{self.code} - {self.reference!r}" if self.reference else self.code
+
+    @property
     def text(self) -> str:
         """It, in a formula for people."""
         return f"({self.name} - {self.reference:g})" if self.reference else self.name
@@ -108,8 +113,8 @@ def identifier(name: str) -> str:
 
 def _column(name: str, units: Mapping[str, str]) -> Driver:
     """A setting as it is. Its name is quoted in the code: it may have any character."""
-    code = f"conditions.{name}" if name in _SIZES else f"conditions[{json.dumps(name)}]"
-    return Driver(name, (name,), identifier(name), code, _SIZES.get(name, units.get(name) or "1"))
+    code = f"conditions.{name}" if name in SIZES else f"conditions[{json.dumps(name)}]"
+    return Driver(name, (name,), identifier(name), code, SIZES.get(name, units.get(name) or "1"))
 
 
 def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
@@ -120,7 +125,7 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
     """
     used = np.unique(points.row)
     usable = independent(points)
-    names = [n for n in _SIZES if n in usable] + [n for n in usable if n not in _SIZES]
+    names = [n for n in SIZES if n in usable] + [n for n in usable if n not in SIZES]
     possible = [_column(name, points.measurements.units) for name in names]
     possible += [compound for compound in _COMPOUNDS if _says_more(compound, usable)]
     if "resistance" in points.channels:

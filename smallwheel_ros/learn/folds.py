@@ -8,18 +8,18 @@ out. A vault is a share of the settings that neither search nor folds see.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.held_out import row_errors
+from smallwheel_ros.fitting.held_out import row_errors, rows_of
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.learn.grid import Grid
 from smallwheel_ros.learn.law import Law
-from smallwheel_ros.learn.search import FOLD, Grid, Search
-from smallwheel_ros.learn.tangent import Yardstick
+from smallwheel_ros.learn.search import FOLD, Search
 from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, OF_RANGE, cluster
 from smallwheel_ros.model import Model
 
@@ -30,7 +30,6 @@ FOLDS = 8
 ONE_BY_ONE = 20  # settings up to which each is left out alone
 VAULT_FROM = 40  # settings from which some are kept apart from everything
 _VAULT_SHARE = 5  # one in so many of them
-_STUDENT = 4.0  # degrees of freedom of the loss: one bad extrapolation does not decide
 
 
 @dataclass(frozen=True)
@@ -43,20 +42,24 @@ class HeldOut:
 
     before: dict[str, Array]
     after: dict[str, Array]
-    choices: tuple[Law | None, ...]
+    choices: list[Law | None] = field(default_factory=list)
 
+    @classmethod
+    def nothing(cls, points: Points) -> HeldOut:
+        """No errors yet."""
+        rows = len(points.measurements)
+        before: dict[str, Array] = {name: np.full(rows, np.nan) for name in points.channels}
+        return cls(before, {name: blank.copy() for name, blank in before.items()})
 
-@dataclass(frozen=True)
-class Judgement:
-    """What held-out errors say.
-
-    reduction: relative fall of the whitened rms. z: mean gain of settings over its standard error.
-    agreeing: share of the folds that chose the same drivers.
-    """
-
-    reduction: float
-    z: float
-    agreeing: float
+    def add(self, left: Points, base: Model, law: Model) -> bool:
+        """Put in the errors of two models on points; return whether the law's are less somewhere."""
+        rows, less = rows_of(left), []
+        before, after = (row_errors(left.measurements, model, rows) for model in (base, law))
+        for name, mine in rows.items():
+            self.before[name][mine] = before[name][mine]
+            self.after[name][mine] = after[name][mine]
+            less.append(np.mean(after[name][mine] ** 2) <= np.mean(before[name][mine] ** 2))
+        return any(less)
 
 
 def setting_of(points: Points) -> NDArray[np.intp]:
@@ -92,76 +95,15 @@ def nested(fitter: Fitter, base: Fit, grid: Grid, seed: int, done: Callable[[], 
     count = settings.size if settings.size <= ONE_BY_ONE else FOLDS
     dealt = np.random.default_rng([seed, 2]).permutation(np.arange(settings.size) % count)
     fold = dealt[code.reshape(-1)]
-    rows = len(points.measurements)
-    before: dict[str, Array] = {name: np.full(rows, np.nan) for name in points.channels}
-    after: dict[str, Array] = {name: np.full(rows, np.nan) for name in points.channels}
-    choices: list[Law | None] = []
+    found = HeldOut.nothing(points)
     for number in range(count):
         out = fold == number
         training = fitter.of_values(points.take(~out), ~out)
         plain = training.fit(base.vector, base.theta, base.scatter, turns=2)
-        found = Search(training, plain, grid).run(FOLD)
-        chosen = found.draft if found.gain > 0.0 else None
-        choices.append(None if chosen is None else chosen.law)
-        left = points.take(out)
-        add_errors(before, left, plain.model)
-        add_errors(after, left, plain.model if chosen is None else chosen.fit.model)
+        chosen = Search(training, plain, grid).run(FOLD).draft
+        found.choices.append(None if chosen is None else chosen.law)
+        found.add(
+            points.take(out), plain.model, plain.model if chosen is None else chosen.fit.model
+        )
         done()
-    return HeldOut(before, after, tuple(choices))
-
-
-def rows_of(points: Points) -> dict[str, NDArray[np.intp]]:
-    """By channel, the rows of the table that these points are of."""
-    return {
-        name: np.concatenate([points.rows[i] for i in np.flatnonzero(points.channel == c)])
-        for c, name in enumerate(points.channels)
-        if (points.channel == c).any()
-    }
-
-
-def add_errors(errors: dict[str, Array], left: Points, model: Model) -> None:
-    """Put the errors of a model on the rows of these points in their places."""
-    rows = rows_of(left)
-    for name, error in row_errors(left.measurements, model, rows).items():
-        errors[name][rows[name]] = error[rows[name]]
-
-
-def judge(held_out: HeldOut, law: Law, fitter: Fitter, fit: Fit) -> Judgement:
-    """What held-out errors say of a law. fit: with the law; its scatter is the yardstick."""
-    points = fitter.points
-    yardstick = Yardstick(fitter, fit)
-    first, second = (_by_point(yardstick, points, e) for e in (held_out.before, held_out.after))
-    gap = np.bincount(_settings(points), _loss(first) - _loss(second))
-    error = float(np.std(gap, ddof=1)) / np.sqrt(gap.size)
-    most = max(3.0 * float(np.sqrt(np.mean(first**2))), 4.0)
-    rms = [float(np.sqrt(np.mean(np.minimum(np.abs(e), most) ** 2))) for e in (first, second)]
-    same = [_agrees(choice, law) for choice in held_out.choices]
-    return Judgement(
-        1.0 - rms[1] / rms[0], float(gap.mean()) / max(error, 1e-12), float(np.mean(same))
-    )
-
-
-def _agrees(choice: Law | None, law: Law) -> bool:
-    """Whether a fold's law follows the same settings; a constant has its stage only."""
-    if choice is None or choice.columns != law.columns:
-        return False
-    return bool(law.columns) or choice.place.stage == law.place.stage
-
-
-def _by_point(yardstick: Yardstick, points: Points, errors: dict[str, Array]) -> Array:
-    """Whitened errors of the points, shape (channels, points)."""
-    names = [points.channels[c] for c in points.channel]
-    mean = np.array(
-        [np.mean(errors[name][rows]) for name, rows in zip(names, points.rows, strict=True)]
-    )
-    return np.array([part[:, 0] for part in yardstick.by_channel(yardstick.white(mean)[:, None])])
-
-
-def _loss(white: Array) -> Array:
-    return np.asarray((_STUDENT + 1) / 2 * np.log1p(white**2 / _STUDENT).sum(axis=0))
-
-
-def _settings(points: Points) -> NDArray[np.intp]:
-    """Code of each point's setting, in the order of `Yardstick.by_channel`."""
-    first = np.unique(points.row, return_index=True)[1]
-    return np.unique(setting_of(points)[first], return_inverse=True)[1].reshape(-1)
+    return found

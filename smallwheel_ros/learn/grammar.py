@@ -8,7 +8,8 @@ grid and freed once the term is chosen.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -92,6 +93,31 @@ class Term:
         """Its value at each row, shape (rows,). sinkage: m."""
         value = self.of(lambda driver: driver.values(conditions, sinkage))
         return np.broadcast_to(value, len(conditions))
+
+    def python(self, constant: str, variables: Mapping[str, str]) -> str:
+        """It as Python. constant: its c; variables: names of its drivers' values there."""
+        made = []
+        for driver, shape in self.factors:
+            held = constant if shape.constant == "free" else repr(driver.middle)
+            code = re.sub(r"\bc\b", held, shape.code)
+            u = variables[driver.name]
+            made.append(f"continued(lambda u: {code}, {u}, {driver.low!r}, {driver.high!r})")
+        if not made:
+            return "np.ones(len(conditions))"
+        return made[0] if len(made) == 1 else f"({' * '.join(made)})"
+
+    def text(self, constant: float | None) -> str:
+        """It in a formula for people."""
+        parts = []
+        for driver, shape in self.factors:
+            c = constant if shape.constant == "free" else driver.middle
+            if shape.moved and driver.reference:
+                # (x - reference) - c reads better as x - (reference + c)
+                text = shape.text.format(u=driver.name, c=f"{driver.reference + (c or 0.0):.4g}")
+            else:
+                text = shape.text.format(u=driver.text, c=f"{c:.3g}")
+            parts.append(text)
+        return " ".join(parts).replace("- -", "+ ")
 
 
 def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.learn.candidate import Candidate
 from smallwheel_ros.learn.law import SOUGHT, Place, asked, places_for
-from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 

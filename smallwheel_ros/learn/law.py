@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that is sought: where in the model it acts, how, and with which terms.
+"""A law that is sought: where in the model it acts, how, and with which terms; and the same in writing.
 
 factor = exp(a1 t1 + a2 t2)   or   1 + a1 t1 + a2 t2      of k, of the sinkage, of the diameter
 shift  = a1 t1 + a2 t2                                    of n, the sinkage or the resistance
+
+What acts in the model while a law is sought is the very method that its file will have.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from types import CodeType
+from functools import cached_property, lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.effects.base import Effect, WheelState
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_values
 from smallwheel_ros.fitting.prior import Prior
 from smallwheel_ros.learn.drivers import Driver
 from smallwheel_ros.learn.grammar import Term
-from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Link = Literal["exponential", "linear"]
@@ -34,66 +35,60 @@ _FAR = 1e3  # prior deviations at which a strength is bounded: nowhere
 
 
 @dataclass(frozen=True)
-class Carrier:
-    """What an added strength multiplies.
-
-    code: Python of the wheel's `state`: the search computes it, and a drafted file contains it. text:
-    the same for people; unit: of the strength.
-    """
-
-    code: str
-    text: str
-    unit: str
-
-    @cached_property
-    def _compiled(self) -> CodeType:
-        return compile(self.code, "<carrier>", "eval")
-
-    def __call__(self, state: WheelState) -> Any:
-        """Its value, a number or of shape (rows,)."""
-        return eval(self._compiled, {"state": state})
-
-
-@dataclass(frozen=True)
 class Place:
     """One place of the model where a law can act.
 
-    stage: as in documents: k, z, z without resistance, n, D, R. carrier: of what is added; elsewhere
-    the law is a factor. nats: what it costs beside others, since it is the rarer explanation.
+    stage: as in documents: k, z, z without resistance, n, D, R. method: the head of the effect's method
+    there; returned: what it returns, Python of `{change}`; more: further lines of the class. added:
+    whether the change is a sum that is added; elsewhere it is a factor. carrier: what a strength
+    multiplies, for people; unit: of the strength. nats: what the place costs beside others, since it is
+    the rarer explanation.
     """
 
     name: str
     stage: str
-    carrier: Carrier | None = None
+    method: str
+    returned: str
+    more: str = ""
+    added: bool = False
+    carrier: str = ""
+    unit: str = "1"
     nats: float = 0.0
-
-    @property
-    def shifts(self) -> bool:
-        """Whether what acts there is added."""
-        return self.carrier is not None
 
     @property
     def links(self) -> tuple[Link, ...]:
         """Ways in which terms can make its change."""
-        return ("exponential",) if self.shifts else ("exponential", "linear")
+        return ("exponential",) if self.added else ("exponential", "linear")
 
 
+def _resistance(name: str, python: str, carrier: str, unit: str) -> Place:
+    method = "added_resistance(self, state, conditions)"
+    return Place(f"R/{name}", "R", method, f"{python} * ({{change}})", "", True, carrier, unit)
+
+
+_SINKAGE = "sinkage(self, sinkage, conditions)"
+_RESISTANCE_STAYS = """
+    def compaction_sinkage(self, sinkage, conditions):
+        return sinkage
+"""
 _COMPACTION = (
     "state.width * state.modulus * state.sinkage ** (state.exponent + 1.0) / (state.exponent + 1.0)"
 )
 PLACES = (
-    Place("k", "k"),
-    Place("z", "z"),
-    Place("z/length", "z", Carrier("1.0", "", "m")),
-    Place("z without resistance", "z without resistance", nats=1.0),
-    Place("n", "n", Carrier("1.0", "", "1"), nats=2.0),
-    Place("D", "D", nats=2.0),
-    Place("R/force", "R", Carrier("1.0", "", "N")),
-    Place("R/load", "R", Carrier("state.load", "W", "1")),
-    Place("R/width sinkage^2", "R", Carrier("state.width * state.sinkage**2", "b z^2", "N/m^3")),
-    Place("R/width sinkage", "R", Carrier("state.width * state.sinkage", "b z", "N/m^2")),
-    Place("R/compaction", "R", Carrier(_COMPACTION, "Rc", "1")),
-)
+    Place("k", "k", "modulus_factor(self, conditions)", "{change}"),
+    Place("z", "z", _SINKAGE, "sinkage * {change}"),
+    Place("z/length", "z", _SINKAGE,
+          f"np.maximum(sinkage + {{change}}, {LEAST_FACTOR} * sinkage)", added=True, unit="m"),
+    Place("z without resistance", "z without resistance", _SINKAGE, "sinkage * {change}",
+          _RESISTANCE_STAYS, nats=1.0),
+    Place("n", "n", "exponent_shift(self, conditions)", "{change}", added=True, nats=2.0),
+    Place("D", "D", "wheel_diameter(self, diameter, conditions)", "diameter * {change}", nats=2.0),
+    _resistance("force", "1.0", "", "N"),
+    _resistance("load", "state.load", "W", "1"),
+    _resistance("width sinkage^2", "state.width * state.sinkage**2", "b z^2", "N/m^3"),
+    _resistance("width sinkage", "state.width * state.sinkage", "b z", "N/m^2"),
+    _resistance("compaction", _COMPACTION, "Rc", "1"),
+)  # fmt: skip
 
 
 def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
@@ -150,77 +145,79 @@ class Law:
         constants = [f"c{i}" for i, t in enumerate(self.terms, 1) if t.free]
         return (*strengths, *constants)
 
-    def eta(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
-        """Sum of its terms where each driver has these values."""
-        total: Any = 0.0
+    def change(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
+        """The factor, or the sum that is added, where each driver has these values."""
+        eta: Any = 0.0
         for i, term in enumerate(self.terms, 1):
-            total = total + numbers[f"a{i}"] * term.of(values, numbers.get(f"c{i}"))
-        return total
-
-    def change(self, eta: Any) -> Any:
-        """The factor that a sum of terms makes; of what is added the sum itself."""
-        if self.place.shifts:
+            eta = eta + numbers[f"a{i}"] * term.of(values, numbers.get(f"c{i}"))
+        if self.place.added:
             return eta
         if self.link == "exponential":
             return np.exp(eta)
         return np.maximum(1.0 + eta, LEAST_FACTOR)
 
+    @cached_property
+    def python(self) -> str:
+        """Its methods in the class of an effect whose fields are its numbers."""
+        variables: dict[str, str] = {}
+        for name, driver in self.by_name.items():
+            taken = driver.variable in variables.values()  # two columns may read alike
+            variables[name] = driver.variable + (f"_{len(variables) + 1}" if taken else "")
+        lines = [f"{variables[name]} = {d.python}" for name, d in self.by_name.items()]
+        eta = " + ".join(
+            f"self.a{i} * {term.python(f'self.c{i}', variables)}"
+            for i, term in enumerate(self.terms, 1)
+        )
+        change = eta
+        if not self.place.added:
+            linear = f"np.maximum(1.0 + {eta}, {LEAST_FACTOR})"
+            change = f"np.exp({eta})" if self.link == "exponential" else linear
+        lines.append(f"return {self.place.returned.format(change=change)}")
+        body = "".join(f"        {line}\n" for line in lines)
+        return f"    def {self.place.method}:\n{body}{self.place.more}"
 
-@dataclass(frozen=True)
-class _Sought(Effect):
-    """A law in the model while it is sought. Only one of its stages is not as if it were not there."""
+    def formula(self, numbers: Mapping[str, float]) -> str:
+        """The law for people, with its numbers."""
+        said = ""
+        for i, term in enumerate(self.terms, 1):
+            value, text = numbers[f"a{i}"], term.text(numbers.get(f"c{i}"))
+            sign = (" + " if value >= 0 else " - ") if said else ("" if value >= 0 else "-")
+            said += f"{sign}{abs(value):.3g}{f' {text}' if text else ''}"
+        place, name = self.place, self.place.stage[0]
+        if place.added:
+            if place.carrier:
+                said = f"({said})" if len(self.terms) > 1 else said
+                said = f"{said} {place.carrier}"
+            return f"{name} = {name}0 {_after(said)}"
+        kept = ", the resistance stays" if place.more else ""
+        change = f"exp({said})" if self.link == "exponential" else f"(1 {_after(said)})"
+        return f"{name} = {name}0 {change}{kept}"
 
-    law: Law
-    a1: Any = 0.0  # a number, or one for each row
-    a2: Any = 0.0
-    c1: Any = 1.0
-    c2: Any = 1.0
-
-    id = SOUGHT
-
-    def _factor(self, stage: str, conditions: Conditions) -> Array | float:
-        return self._change(conditions) if self.law.place.stage == stage else 1.0
-
-    def _change(self, conditions: Conditions, sinkage: Array | None = None) -> Any:
-        eta = self.law.eta(vars(self), lambda driver: driver.values(conditions, sinkage))
-        return self.law.change(eta)
-
-    def modulus_factor(self, conditions: Conditions) -> Array | float:
-        return self._factor("k", conditions)
-
-    def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
-        return diameter * self._factor("D", conditions)
-
-    def exponent_shift(self, conditions: Conditions) -> Array | float:
-        return self._change(conditions) if self.law.place.stage == "n" else 0.0
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        if not self.law.place.stage.startswith("z"):
-            return sinkage
-        change = self._change(conditions)
-        if self.law.place.shifts:
-            return np.asarray(np.maximum(sinkage + change, LEAST_FACTOR * sinkage))
-        return np.asarray(sinkage * change)
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        alone = self.law.place.stage == "z without resistance"
-        return sinkage if alone else self.sinkage(sinkage, conditions)
-
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array | float:
-        carrier = self.law.place.carrier
-        if self.law.place.stage != "R" or carrier is None:
-            return 0.0
-        return np.asarray(carrier(state) * self._change(conditions, state.sinkage))
+    def effect(self, numbers: Mapping[str, Any]) -> Effect:
+        """The law as an effect of a model; its numbers may differ from row to row."""
+        fields = "".join(f"    {name}: float = 0.0\n" for name in self.names)
+        kind = _class_of(f'class Sought(Effect):\n    id = "{SOUGHT}"\n{fields}\n{self.python}')
+        return with_values(kind(), numbers)
 
 
-def effect_of(law: Law, numbers: Mapping[str, Any]) -> Effect:
-    """The law as an effect of a model; its numbers may differ from row to row."""
-    return _Sought(law, **numbers)
+def _after(total: str) -> str:
+    """A sum with the sign that joins it to what stands before it."""
+    return f"- {total[1:]}" if total.startswith("-") else f"+ {total}"
+
+
+@lru_cache(maxsize=4096)  # the folds try the same laws
+def _class_of(python: str) -> type[Effect]:
+    known: dict[str, Any] = {
+        "np": np, "Effect": Effect, "continued": continued, "__name__": __name__
+    }  # fmt: skip
+    exec(python, known)
+    made: type[Effect] = dataclass(frozen=True)(known["Sought"])
+    return made
 
 
 def asked(place: Place, shift: Array) -> Effect:
     """An effect that changes each row by its own ln factor or shift, shape (rows,)."""
-    return effect_of(Law(place, "exponential", (CONSTANT,)), {"a1": shift})
+    return Law(place, "exponential", (CONSTANT,)).effect({"a1": shift})
 
 
 def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
@@ -238,4 +235,4 @@ def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> E
             value = float(np.clip(value, low, high))
         free.append(FreeParameter(SOUGHT, name, value, "1", prior))
     start = {p.field: p.start for p in free}
-    return EffectPart(SOUGHT, tuple(free), partial(with_values, effect_of(law, start)))
+    return EffectPart(SOUGHT, tuple(free), partial(with_values, law.effect(start)))

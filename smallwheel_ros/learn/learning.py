@@ -28,7 +28,7 @@ from smallwheel_ros.learn.draft import (
     numbers_of,
 )
 from smallwheel_ros.learn.next_setting import measure_next
-from smallwheel_ros.learn.pipeline import Judged, Progress, Sought, seek, silent, without_effects
+from smallwheel_ros.learn.pipeline import Judged, Progress, Sought, seek, silent
 from smallwheel_ros.learn.tangent import Yardstick
 from smallwheel_ros.learn.text import headline, learnt_text, summary
 from smallwheel_ros.measurements.table import Measurements
@@ -157,7 +157,7 @@ def learn(
         raise LearnError(f"the name of a law: {problem}")
     if most < 1:
         raise LearnError(f"most is {most}, expected the number of laws to learn: 1 or more")
-    model = without_effects(base or Base(), without)
+    model = _without(base or Base(), without)
     searches: list[Sought] = []
     documents: list[dict[str, Any]] = []
     classes: list[str] = []
@@ -171,12 +171,12 @@ def learn(
         if best is None:
             break
         progress("what to measure next", 0, 1)
-        said["measure_next"] = measure_next(best.fitter, best.law, best.tied, limits or {})
+        said["measure_next"] = measure_next(best.problem.fitter, best.law, best.tied, limits or {})
         if sought.verdict != "law":
             break
         said["notes"] += _published(best, known, without)
         written = class_text(
-            best.law.law, numbers_of(best.fitter, best.law), id, measurements,
+            best.law.law, numbers_of(best.problem.fitter, best.law), id, measurements,
             said["data"]["settings"], len(best.tied), summary(said),
         )  # fmt: skip
         classes.append(written)
@@ -186,6 +186,15 @@ def learn(
     first["notes"] += _after_first(documents)
     source = file_text(classes) if classes else None
     return Learnt(first, source, tuple(searches), measurements)
+
+
+def _without(base: Base, ids: Collection[str]) -> Base:
+    """The base without these effects."""
+    return replace(
+        base,
+        effects=tuple(e for e in base.effects if e.id not in ids),
+        parts=tuple(p for p in base.parts if p.id not in ids),
+    )
 
 
 def _taken(name: str, registry: Registry) -> str:
@@ -216,7 +225,7 @@ def _after_first(documents: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _published(best: Judged, registry: Registry, without: Collection[str]) -> list[str]:
     """Published effects of the same settings that fit as well as the draft, in words."""
-    law, fitter, base = best.law, best.fitter, best.base
+    law, fitter, base = best.law, best.problem.fitter, best.problem.fit
     yardstick = Yardstick(fitter, law.fit)
     observed, conditions = fitter.points.value, fitter.points.conditions
     ours = yardstick.score(observed - law.fit.predicted) + law.cost

@@ -10,8 +10,7 @@ from typing import Any
 from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.next_measurement import Proposal, propose
 from smallwheel_ros.fitting.fit import Fitter
-from smallwheel_ros.learn.draft import formula
-from smallwheel_ros.learn.search import Candidate
+from smallwheel_ros.learn.candidate import Candidate
 
 _COMPARED = 6  # tied laws that the draft is told from
 
@@ -26,7 +25,7 @@ def measure_next(
     best: Proposal | None = None
     others = [c for c in tied if c.law.key != draft.law.key][:_COMPARED]
     for other in others:
-        names = formula(draft.law, draft.numbers), formula(other.law, other.numbers)
+        names = draft.law.formula(draft.numbers), other.law.formula(other.numbers)
         models = [CandidateFit((), c.fit, -c.score) for c in (draft, other)]
         try:
             made = propose(fitter, models[0], models[1], names, limits=limits)

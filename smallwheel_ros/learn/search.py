@@ -21,12 +21,13 @@ from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.learn.candidate import Candidate, Found
 from smallwheel_ros.learn.grammar import Term
+from smallwheel_ros.learn.grid import Grid, Index
 from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Link, Place, part_for
 from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 T = TypeVar("T")
 
 _LOOKED_THROUGH = 250  # terms of a place, for the best of each set of drivers
@@ -51,86 +52,6 @@ class Effort:
 
 
 WHOLE, FOLD = Effort(24, (8, 4), 5, 10, 12), Effort(12, (4, 1), 4, 4, 6)
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Every term, with its values at each point.
-
-    sinkage: of the base model, m, shape (points,). values: shape (points, terms).
-    """
-
-    terms: tuple[Term, ...]
-    places: tuple[Place, ...]
-    sinkage: Array
-    values: Array
-
-    @cached_property
-    def cost(self) -> Array:
-        """Nats of each term, shape (terms,)."""
-        return np.array([t.cost for t in self.terms])
-
-    @cached_property
-    def _before_depth(self) -> Index:
-        return np.flatnonzero([bool(t.factors) and not t.of_depth for t in self.terms])
-
-    def allowed(self, place: Place) -> Index:
-        """The terms that make sense at a place: a constant, and what follows the depth, at R only."""
-        return np.arange(len(self.terms)) if place.stage == "R" else self._before_depth
-
-    def place_cost(self, place: Place) -> float:
-        """Nats that it takes to say where."""
-        return float(np.log(len(self.places))) + place.nats
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A fitted law. cost: nats of its description. score: these and those of its errors."""
-
-    law: Law
-    fit: Fit
-    cost: float
-    score: float
-
-    @property
-    def length(self) -> float:
-        """Nats of its formula, wherever it acts, but for what all have in common."""
-        return self.cost - self.law.place.nats
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """Its strengths and constants."""
-        places = self.fit.vector.places(SOUGHT)
-        return {self.fit.vector.free[j].field: float(self.fit.theta[j]) for j in places}
-
-
-@dataclass(frozen=True)
-class Found:
-    """The base and the laws, the best first. base_score: of the base by the same yardstick."""
-
-    base: Fit
-    base_score: float
-    laws: tuple[Candidate, ...]
-
-    @property
-    def gain(self) -> float:
-        """Nats by which the best law shortens the description."""
-        return self.base_score - self.laws[0].score if self.laws else 0.0
-
-    @property
-    def tied(self) -> tuple[Candidate, ...]:
-        """Laws that do as well as the best."""
-        return tuple(c for c in self.laws if c.score < self.laws[0].score + TIE)
-
-    @property
-    def draft(self) -> Candidate | None:
-        """Of the tied laws one of fewest drivers, of these the shortest formula.
-
-        Its place does not count: how rare a place is has been counted in the score that ties them.
-        """
-        if not self.laws:
-            return None
-        return min(self.tied, key=lambda c: (c.law.weight, round(c.length, 6), c.score))
 
 
 @dataclass(frozen=True)
@@ -258,9 +179,9 @@ class Search:
         fit, law = candidate.fit, candidate.law
         slope = self.slope(fit, law.place)
         conditions, sinkage = self.fitter.points.conditions, self.grid.sinkage
-        eta = law.eta(candidate.numbers, lambda driver: driver.values(conditions, sinkage))
-        change = np.broadcast_to(law.change(eta), sinkage.shape)[self._row]
-        if law.place.shifts:
+        change = law.change(candidate.numbers, lambda driver: driver.values(conditions, sinkage))
+        change = np.broadcast_to(change, sinkage.shape)[self._row]
+        if law.place.added:
             return slope, change
         return (slope / change, change - 1.0) if link == "linear" else (slope, np.log(change))
 
