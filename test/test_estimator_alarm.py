@@ -123,8 +123,8 @@ def test_changes_are_of_neighbours_and_gaps_part_them() -> None:
     # Of one wheel only; over the gap the soil may be any other.
     assert changes.later.size == 2 * 98
     np.testing.assert_allclose(changes.of(changes.log_sinkage), 0.0, atol=1e-12)
-    assert np.isnan(changes.speed).all()
-    assert np.all(changes.slip == 0.2)
+    assert np.isnan(changes.wheels["speed"]).all()
+    assert np.all(changes.wheels["slip"] == 0.2)
 
 
 def test_a_segment_without_measurable_sinkage_has_no_logarithm() -> None:

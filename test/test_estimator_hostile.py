@@ -214,7 +214,7 @@ def test_memory_stays_over_a_million_readings() -> None:
             check(e.estimate())
     assert 15 <= e.soil_changes <= 25
     assert len(e._soils._remembered) <= 4
-    assert len(e._soils._test.waiting) <= 4 * 9
+    assert len(e._soils.test.waiting) <= 4 * 9
     assert all(len(kept) < 400 for kept in e._watch._pieces._kept.values())
     law = e._soils.law
     assert law is not None
@@ -229,6 +229,6 @@ def test_turning_on_the_spot_for_ever_does_not_fill_the_memory() -> None:
         for wheel in "ab":
             z = 0.012 * math.exp(0.05 * rng.standard_normal())
             e.update(replace(GOOD, wheel=wheel, time=0.1 * i, path=0.06 * i, sinkage=z))
-    assert len(e._soils._test.waiting) <= 2 * 9
+    assert len(e._soils.test.waiting) <= 2 * 9
     assert e.accepted > 1200
     check(e.estimate())

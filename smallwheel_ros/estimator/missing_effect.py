@@ -31,7 +31,6 @@ from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.segment_changes import Changes, SegmentChanges
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
-from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
@@ -198,20 +197,16 @@ def _scores(
     """Score every family, the best first."""
     covariates = {}
     usable = np.ones(changes.later.size, dtype=bool)
-    for name, column in (("slip", changes.slip), ("speed", changes.speed)):
+    for name, column in changes.wheels.covariates.items():
         known_here = np.isfinite(column)
         both = known_here[changes.later] & known_here[changes.earlier]
         # Not known where a wheel stands: those pieces are left out, not the covariate.
         if both.mean() > _KNOWN:
             covariates[name] = np.where(known_here, column, np.median(column[known_here]))
             usable &= both
-    rolling = np.broadcast_to(np.array(ROLLING), changes.load.shape)
-    conditions = Conditions(
-        changes.load, changes.diameter, changes.width, rolling, None, covariates
-    )
-
+    conditions = replace(changes.wheels, covariates=covariates)
     nearby = NearbySinkage(soil, effects, conditions)
-    load_varies = _size(changes.of(np.log(changes.load))) > _LEAST_CHANGE
+    load_varies = _size(changes.of(np.log(conditions.load))) > _LEAST_CHANGE
     plain = nearby.log_sinkage(soil)
     missed = changes.of(changes.log_sinkage - plain)
     others = (replace(soil, n=soil.n + _STEP), replace(soil, m=soil.m + _STEP))

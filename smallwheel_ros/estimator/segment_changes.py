@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
 
 Array = NDArray[np.float64]
 
@@ -19,19 +19,15 @@ _SCATTER = 0.04  # of ln sinkage from segment to segment, besides the instrument
 
 
 class Changes(NamedTuple):
-    """All segments, arrays of shape (segments,), and the pairs of neighbours among them.
+    """All segments, and the pairs of neighbours among them.
 
-    log_sinkage: ln m. load N, diameter and width m; slip and speed NaN where not known. later,
-    earlier: indices of each pair, shape (pairs,); deviation: of the change in ln sinkage, known up
-    to a factor common to all.
+    log_sinkage: ln m, shape (segments,). wheels: the segments' loads, sizes, slip and speed, these two NaN
+    where not known. later, earlier: indices of each pair, shape (pairs,); deviation: of the change in ln
+    sinkage, known up to a factor common to all.
     """
 
     log_sinkage: Array
-    load: Array
-    diameter: Array
-    width: Array
-    slip: Array
-    speed: Array
+    wheels: Conditions
     later: NDArray[np.intp]
     earlier: NDArray[np.intp]
     deviation: Array
@@ -76,22 +72,13 @@ class SegmentChanges:
             return None
         later = np.array(near, dtype=np.intp)
         earlier = later - 1
-        sinkage, noise, load, diameter, width, slip, speed = np.array(
-            [
-                (
-                    s.sinkage,
-                    s.variance,
-                    s.load,
-                    s.diameter,
-                    s.width,
-                    math.nan if s.slip is None else s.slip,
-                    math.nan if s.speed is None else s.speed,
-                )
-                for s in segments
-            ]
-        ).T
+        names = ("sinkage", "variance", "load", "diameter", "width", "slip", "speed")
+        rows = [[getattr(segment, name) for name in names] for segment in segments]
+        # None becomes NaN
+        sinkage, noise, load, diameter, width, slip, speed = np.array(rows, dtype=float).T
+        rolling = np.broadcast_to(np.array(ROLLING), sinkage.shape)
+        covariates = {"slip": slip, "speed": speed}
+        wheels = Conditions(load, diameter, width, rolling, None, covariates)
         variance = noise / sinkage**2
         deviation = np.sqrt(variance[later] + variance[earlier] + _SCATTER**2)
-        return Changes(
-            np.log(sinkage), load, diameter, width, slip, speed, later, earlier, deviation
-        )
+        return Changes(np.log(sinkage), wheels, later, earlier, deviation)

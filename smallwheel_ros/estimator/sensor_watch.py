@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,65 +30,40 @@ Array = NDArray[np.float64]
 _STUCK = 2  # segments in a row with one number throughout
 _WINDOW = 30  # segments of one wheel: 6 m
 _SURE = 3.0  # standard deviations
+_TOLD = 1e-6  # deviation of a nuisance that is taken to be there
+# In the order in which they are said.
+_FAULTS = (ZERO, DELAY, PITCH, PASS, LOAD_SCALE, SIDE, LOAD_ZERO, SLIP)
 # Mean normalised innovation of a wheel: five standard deviations of the mean of so many neighbours
 # that are alike by the soil's texture.
 _AT_ODDS = 1.2
 
 
-class _Nuisance(NamedTuple):
-    """A part of the state that stands for a fault, and what to say of it."""
+def _fault(place: int, x: float) -> str:
+    """What a number of the state that stands for a fault says, in words."""
+    return {
+        ZERO: f"all sinkage sensors show {1e3 * x:+.1f} mm too much: set their zero on firm ground",
+        DELAY: f"sinkage comes {abs(x):.2f} s {'behind' if x > 0 else 'before'} the load: check the "
+        "stamps of both topics",
+        PITCH: f"sinkage is shown {1e3 * x * math.radians(1.0):+.2f} mm per degree of pitch too deep: "
+        "check how the sensor is mounted",
+        PASS: f"wheels that follow in a rut sink {math.exp(x):.2f} times as deep as the first ones",
+        LOAD_SCALE: f"the load cells show {math.exp(x):.2f} times the load: calibrate them",
+        SIDE: f"the ground under the {'left' if x > 0 else 'right'} wheels is "
+        f"{math.exp(2.0 * abs(x)):.1f} times as stiff as that under the others",
+        LOAD_ZERO: f"the load cells show {100 * x:+.0f} % of a wheel's load too much whatever the load: "
+        "set their zero",
+        SLIP: f"wheels sink by {100 * x:.0f} % of their slip deeper: slip sinkage",
+    }[place]
 
-    place: int
-    words: Callable[[float], str]
 
-
-_NUISANCES = (
-    _Nuisance(
-        ZERO,
-        lambda x: (
-            f"all sinkage sensors show {1e3 * x:+.1f} mm too much: set their zero on firm ground"
-        ),
-    ),
-    _Nuisance(
-        DELAY,
-        lambda x: (
-            f"sinkage comes {abs(x):.2f} s {'behind' if x > 0 else 'before'} the load: check the "
-            "stamps of both topics"
-        ),
-    ),
-    _Nuisance(
-        PITCH,
-        lambda x: (
-            f"sinkage is shown {1e3 * x * math.radians(1.0):+.2f} mm per degree of pitch too deep: "
-            "check how the sensor is mounted"
-        ),
-    ),
-    _Nuisance(
-        PASS,
-        lambda x: (
-            f"wheels that follow in a rut sink {math.exp(x):.2f} times as deep as the first ones"
-        ),
-    ),
-    _Nuisance(
-        LOAD_SCALE,
-        lambda x: f"the load cells show {math.exp(x):.2f} times the load: calibrate them",
-    ),
-    _Nuisance(
-        SIDE,
-        lambda x: (
-            f"the ground under the {'left' if x > 0 else 'right'} wheels is "
-            f"{math.exp(2.0 * abs(x)):.1f} times as stiff as that under the others"
-        ),
-    ),
-    _Nuisance(
-        LOAD_ZERO,
-        lambda x: (
-            f"the load cells show {100 * x:+.0f} % of a wheel's load too much whatever the load: set "
-            "their zero"
-        ),
-    ),
-    _Nuisance(SLIP, lambda x: f"wheels sink by {100 * x:.0f} % of their slip deeper: slip sinkage"),
-)
+def _fault_of(wheel: str, zero: float, scale: float) -> tuple[str, str]:
+    """The same of the zero and the scale of one wheel's sensors."""
+    return (
+        f"wheel '{wheel}': the sinkage sensor shows {1e3 * zero:+.1f} mm more than those of the other "
+        "wheels: set its zero",
+        f"wheel '{wheel}': the load cell shows {math.exp(scale):.2f} times what those of the other "
+        "wheels say: calibrate it",
+    )
 
 
 class SensorWatch:
@@ -121,24 +95,15 @@ class SensorWatch:
 
         mean, covariance: of the state; prior: its deviations. names: of the wheels, in its order.
         """
-        of_all = [
-            nuisance.words(float(mean[nuisance.place]))
-            for nuisance in _NUISANCES
-            if _is_sure(mean, covariance, prior, nuisance.place)
-        ]
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        known = (prior > _TOLD) & (deviation < DETERMINED * prior)
+        sure = known & (np.abs(mean) > _SURE * deviation)
+        of_all = [_fault(place, float(mean[place])) for place in _FAULTS if sure[place]]
         of_one = []
         for i, name in enumerate(names):
-            zero, scale = WHEELS + EACH * i, WHEELS + EACH * i + 1
-            if _is_sure(mean, covariance, prior, zero):
-                of_one.append(
-                    f"wheel '{name}': the sinkage sensor shows {1e3 * mean[zero]:+.1f} mm more than "
-                    "those of the other wheels: set its zero"
-                )
-            if _is_sure(mean, covariance, prior, scale):
-                of_one.append(
-                    f"wheel '{name}': the load cell shows {math.exp(mean[scale]):.2f} times what those "
-                    "of the other wheels say: calibrate it"
-                )
+            own = slice(WHEELS + EACH * i, WHEELS + EACH * (i + 1))
+            words = _fault_of(name, *mean[own].tolist())
+            of_one += [text for text, is_sure in zip(words, sure[own], strict=True) if is_sure]
         return (*self.of_wheels(), *of_all, *of_one)
 
     def of_wheels(self) -> tuple[str, ...]:
@@ -162,13 +127,3 @@ class SensorWatch:
                     "other wheels agree on: check its load cell and its sinkage sensor"
                 )
         return tuple(found)
-
-
-def _is_sure(mean: Array, covariance: Array, prior: Array, index: int) -> bool:
-    deviation = math.sqrt(max(float(covariance[index, index]), 0.0))
-    told = float(prior[index])
-    return (
-        told > 1e-6
-        and deviation < DETERMINED * told
-        and abs(float(mean[index])) > _SURE * deviation
-    )

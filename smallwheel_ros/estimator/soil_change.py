@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,9 +64,10 @@ class ChangeTest:
         self._length = length
         self.waiting: deque[Waiting] = deque()
 
-    def drop(self, unwanted: Callable[[Segment], bool]) -> None:
-        """Forget waiting segments."""
-        kept = [one for one in self.waiting if not unwanted(one.segment)]
+    def drop_stuck(self, wheel: str) -> None:
+        """Forget the waiting segments of a sensor that turns out to be stuck."""
+        segments = ((one, one.segment) for one in self.waiting)
+        kept = [one for one, of in segments if not (of.wheel == wheel and of.stuck)]
         self.waiting = deque(kept)
 
     def ready(self, distance: float) -> list[Waiting]:

@@ -178,7 +178,7 @@ class SoilEstimator:
         self.outliers += segment.dropped
         self._sensors.add(segment)
         if self._sensors.is_stuck(segment.wheel):
-            self._soils.drop(segment.wheel)
+            self._soils.test.drop_stuck(segment.wheel)
             return
         if segment.contact == ROLLING and self._watch.add(segment):
             law = self.estimate()

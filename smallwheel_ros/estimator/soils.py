@@ -76,6 +76,8 @@ class Soils:
         The filter; None before the first wheel.
     number
         Of the soil that a wheel came to last, counted as soils are met.
+    test
+        Holds segments back, and looks for another soil.
     variety, changes, accepted
         Of the segments used; soil changes found; readings used.
     """
@@ -89,7 +91,7 @@ class Soils:
     ) -> None:
         self._prior, self._settings, self._effects = prior, settings, tuple(effects)
         self._sensors = sensors
-        self._test = ChangeTest(settings.scatter_length)
+        self.test = ChangeTest(settings.scatter_length)
         self._border = -math.inf  # m along the vehicle's path: what is behind is the old soil
         self._old: tuple[LawFilter, Variety] | None = None  # of the soil behind the border
         self._remembered: list[KnownSoil] = []
@@ -142,10 +144,6 @@ class Soils:
             return self._old
         return self.law, self.variety
 
-    def drop(self, wheel: str) -> None:
-        """Forget the waiting segments of a sensor that turns out to be stuck."""
-        self._test.drop(lambda segment: segment.wheel == wheel and segment.stuck)
-
     def take(self, segment: Segment) -> None:
         """A segment has closed: it waits, may show another soil, and then is used."""
         law = self.law
@@ -156,13 +154,13 @@ class Soils:
             # A rig presses into one place: there is no border on the way down.
             self._absorb(Waiting(segment, about), law)
             return
-        self._test.waiting.append(Waiting(segment, about))
-        shift = self._test.find(law) if segment.position.leads else None
+        self.test.waiting.append(Waiting(segment, about))
+        shift = self.test.find(law) if segment.position.leads else None
         if shift is not None:
             self._change(shift, law)
             return
         settled = law.used >= _SETTLED
-        for one in self._test.ready(segment.distance if settled else math.inf):
+        for one in self.test.ready(segment.distance if settled else math.inf):
             self._absorb(one, law)
 
     def _absorb(self, one: Waiting, law: LawFilter) -> None:
@@ -178,8 +176,8 @@ class Soils:
 
         Segments nearer to the border than a length may lie on both soils: they are used for neither.
         """
-        waiting = list(self._test.waiting)
-        self._test.waiting.clear()
+        waiting = list(self.test.waiting)
+        self.test.waiting.clear()
         for one in waiting:
             if one.segment.place < shift.place - self._settings.scatter_length:
                 self._absorb(one, law)
