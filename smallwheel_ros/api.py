@@ -462,9 +462,9 @@ def replay(
     >>> drive.state
     'complete'
     """
-    from smallwheel_ros.replay.assumed import with_assumed_config
     from smallwheel_ros.replay.inputs import read_remaps
     from smallwheel_ros.replay.one import replay as replay_bag
+    from smallwheel_ros.replay.settings import with_assumed_config
     from smallwheel_ros.replay.spec import ReplaySpec
 
     place = TemporaryDirectory(prefix="smallwheel-") if output is None else None

@@ -17,24 +17,23 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.output import check_targets
-from smallwheel_ros.replay.assumed import with_assumed_config
 from smallwheel_ros.replay.folder import SUMMARY, claimed, read_summary
-from smallwheel_ros.replay.inputs import Input, inputs_of, read_remaps
+from smallwheel_ros.replay.inputs import Input, inputs_of, proposals, read_remaps, topics_document
 from smallwheel_ros.replay.many import (
     Outcome,
     found_on_disk,
+    many_document,
+    many_text,
+    merge,
     replay_on_cluster,
     replay_on_processors,
     replay_one_by_one,
     specs_of,
 )
-from smallwheel_ros.replay.merge import many_document, many_text, merge
 from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.settings import check_parameters, read_settings
+from smallwheel_ros.replay.result import Replayed, summary_text
+from smallwheel_ros.replay.settings import check_parameters, read_settings, with_assumed_config
 from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
-from smallwheel_ros.replay.text import summary_text
-from smallwheel_ros.replay.topics import proposals, topics_document
 from smallwheel_ros.tables import text_table, write_json
 
 _PATH = click.Path(path_type=Path)
@@ -218,7 +217,8 @@ def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: s
         if config is not None:
             settings, _ = read_settings(ReplaySpec(bag, config, Path(), remaps), reader)
             feed = Feed(Onboard(settings.onboard), settings)
-            inputs = inputs_of(feed.topics, remaps, settings.robot_description_topic)
+            described = settings.robot_description_topic
+            inputs = inputs_of(feed.topics, reader.topics, remaps, described)
         content = topics_document(reader, inputs, proposals(reader, inputs))
     if json_file is not None:
         write_json(json_file, content)

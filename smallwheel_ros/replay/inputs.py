@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topic of a bag is which input of the node, by the node's parameters and remaps."""
+"""Which topic of a bag is which input of the node, and which ones may be those that it lacks."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-from smallwheel_ros.bags import BagTopic
+from smallwheel_ros.bags import BagReader, BagTopic
 from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.init import from_bag
+from smallwheel_ros.init.from_bag import JOINTS, joint_names
+from smallwheel_ros.init.names import best_match
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.spec import ReplayError
 
 _NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
@@ -84,11 +90,16 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 
 
 def inputs_of(
-    topics: Sequence[Topic], remaps: Mapping[str, str], description_topic: str = ""
+    topics: Sequence[Topic],
+    there: Sequence[BagTopic],
+    remaps: Mapping[str, str],
+    description_topic: str = "",
+    unusable: Mapping[Key, str] | None = None,
 ) -> tuple[Input, ...]:
-    """Say by which topic each stream of the estimate comes.
+    """Say by which topic each stream of the estimate comes, and why not where it does not.
 
-    description_topic: of the robot description, which is no stream, but may be remapped too.
+    there: the bag's topics. description_topic: of the robot description, which is no stream, but may be
+    remapped too. unusable: topics and types of which the bag's definition cannot be used, and why.
 
     Raises
     ------
@@ -103,43 +114,120 @@ def inputs_of(
             )
     inputs = []
     for topic in topics:
-        names = resolved(topic.name), in_bag(topic.name, remaps)
+        name = in_bag(topic.name, remaps)
+        types = [found.type for found in there if found.name == name and found.message_count]
+        lacking = (unusable or {}).get((name, topic.type), "")
+        if not types:
+            lacking = "not in the bag"
+        elif topic.type not in types:
+            lacking = f"the bag has it as {', '.join(types)}"
         for stream, detail in topic.streams.items():
-            inputs.append(Input(stream, *names, topic.type, detail.removeprefix(", ")))
+            words = detail.removeprefix(", ")
+            inputs.append(Input(stream, resolved(topic.name), name, topic.type, words, lacking))
     return tuple(inputs)
 
 
-def missing_inputs(
-    inputs: Sequence[Input], topics: Sequence[BagTopic], unusable: Mapping[Key, str] | None = None
-) -> list[Input]:
-    """Return the inputs that the bag lacks, or has in another type.
-
-    unusable: topics and types of which the bag's definition cannot be used, and why.
-    """
-    found = []
-    for item in inputs:
-        types = [t.type for t in topics if t.name == item.topic and t.message_count]
-        why = (unusable or {}).get((item.topic, item.type), "")
-        if not types:
-            why = "not in the bag"
-        elif item.type not in types:
-            why = f"the bag has it as {', '.join(types)}"
-        if why:
-            found.append(replace(item, lacking=why))
-    return found
-
-
-def check_enough(onboard: Onboard, missing: Sequence[Input], hint: str) -> None:
+def check_enough(onboard: Onboard, inputs: Sequence[Input], hint: Callable[[], str]) -> None:
     """Raise ReplayError unless at least one wheel has what an estimate needs.
 
     hint: what to do about it, in words.
     """
-    lost = {entry.stream for entry in missing}
+    missing = [item for item in inputs if item.lacking]
+    lost = {item.stream for item in missing}
     for wheel in onboard.settings.wheels:
         if not {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & lost:
             return
     lines = "".join(f"\n  {entry}" for entry in missing)
     raise ReplayError(
         f"nothing can be estimated: no wheel has load and sinkage in this bag. Missing:{lines}\n"
-        f"{hint}"
+        f"{hint()}"
     )
+
+
+_ROLES = {
+    from_bag.WRENCH: "a wheel's load",
+    from_bag.SINKAGE: "a wheel's sinkage",
+    from_bag.RANGE: "a wheel's sinkage by range",
+    from_bag.ODOMETRY: "odom",
+    from_bag.TWIST: "velocity",
+    JOINTS: "joint_states",
+}
+
+
+def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[dict[str, str]]:
+    """Say which of the bag's topics, or joints, may be the inputs that it lacks under their names.
+
+    Of each the `input`, what was `found`, and what to `add` to the command or the parameter file.
+    """
+    lost = [item for item in inputs if item.lacking]
+    taken = {item.topic for item in inputs if item not in lost}
+    found: dict[str, dict[str, str]] = {}  # by the node's name: all wheels share the joint states
+    for item in lost:
+        free = [
+            t.name
+            for t in reader.topics
+            if t.type == item.type and t.message_count and t.name not in taken
+        ]
+        if item.wheel and item.type != JOINTS:
+            name = best_match(item.wheel, item.kind, free)
+        else:
+            name = free[0] if len(free) == 1 else best_match(item.name, "", free)
+        if name is not None and item.name not in found:
+            option = f"--remap {item.name}:={name}"
+            found[item.name] = {"input": item.stream, "found": name, "add": option}
+    turning = [item for item in inputs if item.kind == "wheel_speed"]
+    topics = {i.topic for i in turning if i not in lost}
+    topics |= {found[i.name]["found"] for i in turning if i.name in found}
+    joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
+    more = []
+    for item in turning:
+        if joints and item.detail.removeprefix("joint ") not in joints:
+            name = best_match(item.wheel, "joint", joints)
+            if name is not None:
+                option = f"{item.wheel}.joint: {name}   (in the parameter file)"
+                more.append({"input": item.stream, "found": name, "add": option})
+    return [*found.values(), *more]
+
+
+def proposal_text(reader: BagReader, inputs: Sequence[Input], bag: Path) -> str:
+    """Say what to do about inputs that a bag lacks."""
+    lines = [proposal["add"] for proposal in proposals(reader, inputs)]
+    if lines:
+        return "These may be them:\n  " + "\n  ".join(lines)
+    return f"`smallwheel replay {bag} --topics` lists what is in the bag; use --remap NAME:=TOPIC"
+
+
+def topics_document(
+    reader: BagReader, inputs: Sequence[Input], offered: Sequence[dict[str, str]]
+) -> dict[str, Any]:
+    """Return topics, their use and the proposals as plain values."""
+    used: dict[tuple[str, str], list[str]] = {}
+    for item in inputs:
+        used.setdefault((item.topic, item.type), []).append(item.stream)
+    duration = ((reader.end_time or 0) - (reader.start_time or 0)) / SECOND
+    return {
+        "bag": str(reader.path),
+        "damage": reader.damage,
+        "duration": duration,
+        "messages": reader.message_count,
+        "topics": [_topic(topic, duration, used) for topic in reader.topics],
+        "missing": [str(item) for item in inputs if item.lacking],
+        "proposals": list(offered),
+    }
+
+
+def _topic(
+    topic: BagTopic, duration: float, used: dict[tuple[str, str], list[str]]
+) -> dict[str, Any]:
+    streams = used.get((topic.name, topic.type), [])
+    role = ", ".join(streams) if streams else _ROLES.get(topic.type, "")
+    if not streams and role:
+        role = f"may be {role}"
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "messages": topic.message_count,
+        "rate": topic.message_count / duration if duration > 0 else None,
+        "readable": topic.readable,
+        "role": role if topic.readable else "its type is not known here",
+    }

@@ -17,7 +17,7 @@ from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.output import write_bytes
-from smallwheel_ros.replay.estimates import Estimate, columns
+from smallwheel_ros.replay.estimates import Estimate, columns, csv_text, table
 from smallwheel_ros.replay.folder import (
     BAG,
     ESTIMATES,
@@ -29,15 +29,18 @@ from smallwheel_ros.replay.folder import (
     files_in,
     write_summary,
 )
-from smallwheel_ros.replay.inputs import check_enough, in_bag, inputs_of, missing_inputs
+from smallwheel_ros.replay.inputs import (
+    check_enough,
+    in_bag,
+    inputs_of,
+    proposal_text,
+)
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.settings import read_settings
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
-from smallwheel_ros.replay.table import csv_text, table
-from smallwheel_ros.replay.topics import proposal_text
 from smallwheel_ros.stop import Stop
 
 Handler = Callable[[Any, int | None], list[Result]]
@@ -116,7 +119,6 @@ class _Session:
         self._reader, self._onboard = reader, Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
         description = settings.robot_description_topic
-        inputs = inputs_of(self._feed.topics, spec.remaps, description)
         present = {(topic.name, topic.type) for topic in reader.topics}
         handlers: dict[Key, list[Handler]] = {}
         for topic in self._feed.topics:
@@ -128,9 +130,8 @@ class _Session:
         if self._has_clock:
             handlers[_CLOCK] = [self._on_clock]
         unusable = self._open(handlers, present)
-        missing = missing_inputs(inputs, reader.topics, unusable)
-        hint = proposal_text(reader, inputs, spec.bag) if missing else ""
-        check_enough(self._onboard, missing, hint)
+        inputs = inputs_of(self._feed.topics, reader.topics, spec.remaps, description, unusable)
+        check_enough(self._onboard, inputs, lambda: proposal_text(reader, inputs, spec.bag))
         described = (in_bag(description, spec.remaps), DESCRIPTION_TYPE)
         used = {*handlers, _CLOCK, described} & present
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
@@ -140,7 +141,6 @@ class _Session:
             settings=settings,
             notes=notes,
             inputs=inputs,
-            missing=missing,
             start=reader.start_time,
             end=reader.end_time,
             message_count=sum(t.message_count for t in reader.topics if t.name in self._read),
@@ -237,12 +237,12 @@ class _Session:
         result.segments.finish()
         if result.state != "complete":
             result.end = max(time, result.start)
-        lost = {entry.stream for entry in result.missing}
-        result.missing += [
-            replace(item, lacking="never in a message")
+        result.inputs = tuple(
+            item
+            if item.lacking or onboard.received[item.stream]
+            else replace(item, lacking="never in a message")
             for item in result.inputs
-            if item.stream not in lost and not onboard.received[item.stream]
-        ]
+        )
         refused = sum(n for (_, why), n in onboard.counts.items() if why in _BY_CLOCK)
         if result.spec.clock and 2 * refused > onboard.received.total():
             result.notes.append(_HINT)
