@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
 
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.settings import EstimatorError
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 
+_COVARIATES = ("load", "diameter", "width", "slip", "speed")
 NUMBERS = (
     "time",
     "sinkage",
@@ -129,6 +133,18 @@ class SinkagePrediction:
     sinkage: float
     standard_deviation: float
     sunk_to_axle: bool
+
+
+def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Covariates that effects read. Raises EstimatorError for one that no measurement carries."""
+    needs = {name: effect for effect in effects for name in effect.needs}
+    for name, effect in needs.items():
+        if name not in _COVARIATES:
+            raise EstimatorError(
+                f"effect '{effect.id}' needs '{name}', which the estimator is not given. There "
+                f"is: {', '.join(_COVARIATES)}"
+            )
+    return tuple(name for name in ("slip", "speed") if name in needs)
 
 
 def find_problem(given: SinkageMeasurement, needs: tuple[str, ...]) -> tuple[str, str] | None:

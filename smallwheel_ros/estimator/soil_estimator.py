@@ -51,6 +51,7 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     SinkageMeasurement,
     SinkagePrediction,
     UpdateResult,
+    covariates_of,
     find_problem,
 )
 from smallwheel_ros.estimator.soils import Reported, Soils
@@ -71,7 +72,6 @@ __all__ = [
     "UpdateResult",
 ]
 
-_COVARIATES = ("load", "diameter", "width", "slip", "speed")
 _MOST_WHEELS = 64
 _TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
 _PRESSED = 0.02  # of the diameter: so deep a stretch is of a wheel that is pressed, not rolled
@@ -96,14 +96,7 @@ class SoilEstimator:
         self.settings = settings or EstimatorSettings()
         self.effects = tuple(effects)
         self._known_wheels = {wheel.name: wheel for wheel in wheels}
-        needs = {name: effect for effect in self.effects for name in effect.needs}
-        for name, effect in needs.items():
-            if name not in _COVARIATES:
-                raise EstimatorError(
-                    f"effect '{effect.id}' needs '{name}', which the estimator is not given. There "
-                    f"is: {', '.join(_COVARIATES)}"
-                )
-        self._needs = tuple(name for name in ("slip", "speed") if name in needs)
+        self._needs = covariates_of(self.effects)
         at = self.settings.reference_sinkage, self.settings.reference_diameter
         self._reported = Reported(*at, prior)
         self.reset()
@@ -268,19 +261,9 @@ class SoilEstimator:
         Raises EstimatorError for a load, diameter or width that is not a number over 0, a slip or
         speed that an effect needs and that is not given, and where the model has no sinkage.
         """
+        size = diameter, width
         given = SinkageMeasurement(
-            0.0,
-            wheel or "",
-            0.0,
-            0.0,
-            load,
-            load_variance,
-            diameter,
-            width,
-            0.0,
-            slip,
-            speed,
-            contact,
+            0.0, wheel or "", 0.0, 0.0, load, load_variance, *size, 0.0, slip, speed, contact
         )
         problem = find_problem(given, self._needs)
         if problem is not None:
