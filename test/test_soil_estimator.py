@@ -70,23 +70,24 @@ def test_point_sinkage_is_the_contact_integral() -> None:
 @pytest.mark.parametrize("contact", ["rolling", "pressed"])
 @pytest.mark.parametrize("effect_class", [None, *USABLE], ids=str)
 def test_wheel_sinkage_is_the_model(effect_class: type | None, contact: str) -> None:
-    """With any effect: what the filter expects is what `model.predict` says, slopes by the law included."""
+    """With any effect: what the filter expects is what `model.predict` says, slopes included."""
     effects = () if effect_class is None else (effect_class(),)
     wheel = LoadedWheel(70.0, 0.25, 0.08, contact, slip=0.2, speed=0.15)
-    conditions = Conditions.of(
-        wheel.load, wheel.diameter, wheel.width, contact=contact, slip=0.2, speed=0.15
-    )
     law = Law(math.log(1.6e6), 0.8, 0.39)
 
     def shown(numbers: np.ndarray) -> float:
-        log_modulus, n, m = numbers.tolist()
+        log_modulus, n, m, log_load = numbers.tolist()
+        conditions = Conditions.of(
+            math.exp(log_load), wheel.diameter, wheel.width, contact=contact, slip=0.2, speed=0.15
+        )
         one = Soil("one", math.exp(log_modulus - m * math.log(0.2)), n, m)
         return float(predict(Model(one, effects=effects), conditions).sinkage[0])
 
     got = wheel_sinkage(law, wheel, effects)
-    assert got.value == pytest.approx(shown(np.array(law)), rel=1e-8)
-    for slope, step in zip(got.slopes, 1e-4 * np.eye(3), strict=False):
-        either = shown(law + step) - shown(law - step)
+    at = np.array([*law, math.log(wheel.load)])
+    assert got.value == pytest.approx(shown(at), rel=1e-8)
+    for slope, step in zip(got.slopes, 1e-4 * np.eye(4), strict=True):
+        either = shown(at + step) - shown(at - step)
         assert slope == pytest.approx(either / 2e-4, rel=1e-4, abs=1e-8)
     assert not got.sunk_to_axle
 

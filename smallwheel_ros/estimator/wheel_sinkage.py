@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,15 +45,15 @@ class LoadedWheel(NamedTuple):
     speed: float | None = None
 
     def conditions(self, loads: Array) -> Conditions:
-        """It under each of these loads (N), one row each; soils are named 0, 1, .."""
+        """It under each of these loads (N), one row each."""
         rows = loads.size
         known = {"slip": self.slip, "speed": self.speed}
         return Conditions(
             loads,
             np.full(rows, self.diameter),
             np.full(rows, self.width),
-            np.full(rows, self.contact),
-            np.array([str(i) for i in range(rows)]),
+            np.broadcast_to(np.array(self.contact), loads.shape),
+            None,
             {name: np.full(rows, value) for name, value in known.items() if value is not None},
         )
 
@@ -64,23 +65,26 @@ def wheel_sinkage(law: Law, wheel: LoadedWheel, effects: Sequence[Effect] = ()) 
     """
     if not effects:
         return static_sinkage(law, *wheel[:4])
-    stages = Stages(effects, wheel.conditions(np.full(3, wheel.load)))
+    # The wheel under a little less and a little more load; then as it is, a little less and more deep.
+    loads = wheel.load * np.exp(_STEP * np.array([-1.0, 0.0, 1.0, 0.0, 0.0]))
+    stages = Stages(effects, wheel.conditions(loads))
     if stages.layered:
         found = neighbours(law, wheel, effects)
         by_law = slopes(found.sinkage)
         return WheelSinkage(float(found.sinkage[0]), by_law, bool(found.immobilised[0]))
-    loaded = stages.loaded(law.k, law.n, law.m)
-    load, diameter, modulus, n = (float(column[0]) for column in loaded)
-    acted_on = Law(math.log(modulus) - law.m * math.log(diameter / REFERENCE_DIAMETER), n, law.m)
-    static = static_sinkage(acted_on, load, diameter, wheel.width, wheel.contact)
-    if not (stages.acting_at("sinkage") or stages.acting_at("measured_sinkage")):
-        return static
-    z = static.value * np.array([1.0 - _STEP, 1.0, 1.0 + _STEP])
+    statics = []
+    for load, diameter, modulus, n in np.transpose(stages.loaded(law.k, law.n, law.m))[:3].tolist():
+        log_modulus = math.log(modulus) - law.m * math.log(diameter / REFERENCE_DIAMETER)
+        acted_on = Law(log_modulus, n, law.m)
+        statics.append(static_sinkage(acted_on, load, diameter, wheel.width, wheel.contact))
+    static = statics[1]
+    around = static.value * (1.0 - _STEP), static.value * (1.0 + _STEP)
+    z = np.array([*(one.value for one in statics), *around])
     dug = stages.change_rolling("sinkage", z)
-    before, shown, after = stages.change("measured_sinkage", dug).tolist()
+    less, shown, more, before, after = stages.change("measured_sinkage", dug).tolist()
     slope = (after - before) / (2.0 * _STEP * static.value)
-    by_modulus, by_n, by_m, by_load = static.slopes
-    by_law = by_modulus * slope, by_n * slope, by_m * slope, by_load * slope
+    by_modulus, by_n, by_m, _ = static.slopes
+    by_law = by_modulus * slope, by_n * slope, by_m * slope, (more - less) / (2.0 * _STEP)
     return WheelSinkage(shown, by_law, static.sunk_to_axle or shown > 0.5 * diameter)
 
 
@@ -98,11 +102,13 @@ def neighbours(
     steps[1, 0] = -_STEP * _LOG_DEPTH  # n turns about the reference sinkage
     at = np.array([*law, math.log(wheel.load)])
     rows = np.concatenate([at[None], at - steps, at + steps])
+    names = [str(i) for i in range(len(rows))]
     soils = [
-        Soil(str(i), Law(log_modulus, n, m).k, n, m, *shear)
-        for i, (log_modulus, n, m) in enumerate(rows[:, :3].tolist())
+        Soil(name, Law(log_modulus, n, m).k, n, m, *shear)
+        for name, (log_modulus, n, m) in zip(names, rows[:, :3].tolist(), strict=True)
     ]
-    return predict(Model(soils, effects=effects), wheel.conditions(np.exp(rows[:, 3])))
+    conditions = replace(wheel.conditions(np.exp(rows[:, 3])), soil=np.array(names))
+    return predict(Model(soils, effects=effects), conditions)
 
 
 def slopes(column: Array) -> Slopes:
