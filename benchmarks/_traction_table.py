@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 KINDS = ("nothing", "balance", "torque", "balance and torque", "pull sensor")
 _DRAWS = 1000  # of the bootstrap
-_AHEAD = {
+AHEAD = {
     "slope": 1.0,
     "slow slope": 1.0,
     "other shear": 1.0,
@@ -40,6 +40,8 @@ class Row:
     margins: int
     margin_squared: float
     margin_inside: int
+    wheel_margins: int
+    wheel_margins_inside: int
     ahead: float | None
     false: int
     needless: int
@@ -73,6 +75,7 @@ def rates(rows: list[Row]) -> dict[str, tuple[float, float, float]]:
         "Brier": ("brier", "readings"),
         "pull in band": ("inside", "readings"),
         "margin in band": ("margin_inside", "margins"),
+        "wheel's margin in band": ("wheel_margins_inside", "wheel_margins"),
     }
     found = {name: _ratio(rows, *columns) for name, columns in plain.items()}
     for name, columns in square.items():
@@ -102,7 +105,7 @@ def reliability(
 def _print_warnings(rows: list[Row]) -> None:
     for world in dict.fromkeys(row.world for row in rows):
         stuck = sorted(r.ahead for r in rows if r.world == world and r.ahead is not None)
-        need = _AHEAD.get(world)
+        need = AHEAD.get(world)
         if stuck and need is not None:
             good = sum(ahead >= need for ahead in stuck)
             low, high = binomtest(good, len(stuck)).proportion_ci(0.95)

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pull, margin and warnings against the truth over the worlds of `traction_worlds`.
 
-    python benchmarks/traction_rates.py drive --first 100 --seeds 2 -o a.jsonl   # small samples, in parallel
+    python benchmarks/traction_rates.py drive --first 100 --seeds 8 -o a.jsonl   # small samples, in parallel
+    python benchmarks/traction_rates.py known --first 100 --seeds 8   # warnings by the true reserve itself
     python benchmarks/traction_rates.py table a.jsonl b.jsonl --picture docs/images/reliability.png
 
-A simulated drive is given to the pipeline's estimators, without ROS. One line a drive and kind of
-sensors goes to the file: sums, so that samples add up. Intervals (95 %) of the table are of the bootstrap
-over seeds, since readings of one drive, and worlds of one seed, are not independent.
+A simulated drive is given to the pipeline's estimators, without ROS: one drive a seed, with its own soil,
+in the worlds in turn. One line a drive and kind of sensors goes to the file: sums, so that samples add up.
+Intervals (95 %) of the table are of the bootstrap over seeds, since readings of one drive are not
+independent.
 """
 
 from __future__ import annotations
@@ -15,11 +17,10 @@ import argparse
 import json
 import math
 from dataclasses import asdict, dataclass, field
-from itertools import product
 from pathlib import Path
 
 import numpy as np
-from _traction_table import KINDS, Row, draw, table
+from _traction_table import AHEAD, KINDS, Row, draw, table
 from numpy.typing import NDArray
 from robot_worlds import VEHICLES
 from traction_worlds import GRAVITY, MASS, REFERENCE_SLIP, WORLDS, TractionDrive, make_drive
@@ -34,6 +35,7 @@ from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 Array = NDArray[np.float64]
 
 _PAUSE, _EPISODE, _WITHIN = 0.3, 0.5, 1.0  # m
+SETTLE = 2.0  # m, before which nothing is scored
 
 
 @dataclass
@@ -47,6 +49,8 @@ class Run:
     margin: list[float] = field(default_factory=list)
     margin_deviation: list[float] = field(default_factory=list)
     true_margin: list[float] = field(default_factory=list)
+    wheel_margins: int = 0  # of single wheels, and how many were in their band
+    wheel_margins_inside: int = 0
     risk: list[float] = field(default_factory=list)
     too_steep: list[bool] = field(
         default_factory=list
@@ -65,7 +69,7 @@ def settings_of(vehicle: str, mass: float) -> OnboardSettings:
     return OnboardSettings(VEHICLES[vehicle], prior, strength, estimator=estimator, mass=mass)
 
 
-def run(drive: TractionDrive, kind: str, settle: float = 2.0) -> tuple[Assessor, Run]:
+def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assessor, Run]:
     """Let the pipeline's estimators drive. settle: m, before which nothing is scored."""
     settings = settings_of(drive.world.vehicle, MASS if "balance" in kind else 0.0)
     assessor, out, wheels = Assessor(settings), Run(), settings.wheels
@@ -103,6 +107,9 @@ def run(drive: TractionDrive, kind: str, settle: float = 2.0) -> tuple[Assessor,
             out.positive.append(forces.probability_drawbar_pull_positive)
             out.true_pull.append(float(drive.pull[i, j]))
             margins.append((forces.margin, float(drive.weighed[i, j])))
+            off = forces.margin.value - float(drive.held[i, j] / drive.load[i, j])
+            out.wheel_margins += 1
+            out.wheel_margins_inside += abs(off) < 1.96 * forces.margin.standard_deviation
         warned[i] = bool(assessor.stuck.warning) and drive.path[i] >= settle
         near = (drive.path >= drive.path[i]) & (drive.path <= drive.path[i] + _WITHIN)
         whole = drive.stuck or drive.path[-1] - drive.path[i] >= _WITHIN
@@ -143,6 +150,25 @@ def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -
             last = place
 
 
+def print_known(drives: list[TractionDrive]) -> None:
+    """What warnings would be like by the true reserve under the wheels, known without any error."""
+    for least in (0.03, 0.05, 0.07, 0.1):
+        rows = []
+        for drive in drives:
+            made = Run()
+            _score_warnings(drive, (drive.reserve < least) & (drive.path >= SETTLE), made)
+            rows.append(made)
+        pairs = [
+            (made.ahead, AHEAD.get(d.world.name)) for made, d in zip(rows, drives, strict=True)
+        ]
+        stuck = [ahead >= need for ahead, need in pairs if ahead is not None and need is not None]
+        length, false = sum(made.length for made in rows), sum(made.false for made in rows)
+        print(
+            f"true reserve under {least}: {sum(stuck)} of {len(stuck)} in time, {false} false in"
+            f" {length:.0f} m"
+        )
+
+
 def summed(world: str, seed: int, kind: str, made: Run) -> Row:
     """Sums of a drive."""
     pull, deviation, true, stated = map(
@@ -163,6 +189,8 @@ def summed(world: str, seed: int, kind: str, made: Run) -> Row:
         len(short),
         float(np.sum(short**2)),
         int(np.sum(np.abs(short) < 1.96 * np.array(made.margin_deviation))),
+        made.wheel_margins,
+        made.wheel_margins_inside,
         made.ahead,
         made.false,
         made.needless,
@@ -183,19 +211,27 @@ def main() -> None:
     """Drive, or print what was driven."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     commands = parser.add_subparsers(dest="command", required=True)
-    driving = commands.add_parser("drive")
-    driving.add_argument("--seeds", type=int, default=6)
-    driving.add_argument("--first", type=int, default=0)
+    driving, knowing = commands.add_parser("drive"), commands.add_parser("known")
+    for command in (driving, knowing):
+        command.add_argument("--seeds", type=int, default=8)
+        command.add_argument("--first", type=int, default=0)
+        command.add_argument("--worlds", nargs="*", default=list(WORLDS))
     driving.add_argument("--kinds", nargs="*", default=KINDS)
-    driving.add_argument("--worlds", nargs="*", default=list(WORLDS))
     driving.add_argument("-o", "--output", type=Path, required=True)
     printing = commands.add_parser("table")
     printing.add_argument("files", nargs="+", type=Path)
     printing.add_argument("--picture", type=Path)
     given = parser.parse_args()
-    if given.command == "drive":
-        for seed, name in product(range(given.first, given.first + given.seeds), given.worlds):
-            drive = make_drive(WORLDS[name], seed)
+    if given.command in ("drive", "known"):
+        made = (
+            (seed, name, make_drive(WORLDS[name], seed))
+            for seed in range(given.first, given.first + given.seeds)
+            for name in [given.worlds[seed % len(given.worlds)]]
+        )
+        if given.command == "known":
+            print_known([drive for _, _, drive in made])
+            return
+        for seed, name, drive in made:
             with given.output.open("a", encoding="utf-8") as file:
                 for kind in given.kinds:
                     row = summed(name, seed, kind, run(drive, kind)[1])

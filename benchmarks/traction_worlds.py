@@ -83,7 +83,7 @@ WORLDS = {
 class TractionDrive:
     """What was true and what was measured; arrays over time, those of wheels (time, wheels).
 
-    stuck: the last instant is one of no way on. true_margin: of the vehicle at the reference slip.
+    stuck: the last instant is one of no way on. held: pull at the reference slip, N.
     """
 
     world: TractionWorld
@@ -95,7 +95,7 @@ class TractionDrive:
     sinkage: Array
     slip: Array
     pull: Array
-    true_margin: Array
+    held: Array
     shown_sinkage: Array
     weighed: Array
     rim: Array
@@ -105,6 +105,11 @@ class TractionDrive:
     pulled: Array
     stuck: bool
     law: tuple[float, float, float]
+
+    @property
+    def true_margin(self) -> Array:
+        """Of the vehicle: pull of all wheels at the reference slip over the load of all."""
+        return self.held.sum(axis=1) / self.load.sum(axis=1)
 
     @property
     def reserve(self) -> Array:
@@ -280,8 +285,8 @@ def _measured(world, rng, wheels, truth, law):  # type: ignore[no-untyped-def]
             for s, c in zip(held, cells, strict=True)
         ]
     )
-    margin = np.array([np.interp(REFERENCE_SLIP, _SLIPS, total[c]) for c in cells]) / load.sum(
-        axis=1
+    there = np.array(
+        [[np.interp(REFERENCE_SLIP, _SLIPS, nets[j, c]) for j in range(4)] for c in cells]
     )
     count = len(time)
     normal = rng.standard_normal
@@ -298,7 +303,7 @@ def _measured(world, rng, wheels, truth, law):  # type: ignore[no-untyped-def]
         z,
         slip,
         pull,
-        margin,
+        there,
         z + 1e-3 * normal((count, 4)),
         np.maximum(load * (1 + 0.02 * normal((count, 4))), 1.0),
         rim[:, None] * radius_error + 0.002 * normal((count, 4)),

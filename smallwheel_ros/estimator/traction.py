@@ -26,8 +26,9 @@ from smallwheel_ros.estimator.strength_estimate import (
     StrengthEstimate,
     strength_estimate,
 )
-from smallwheel_ros.estimator.traction_filter import CELL, STRENGTH, TractionFilter
+from smallwheel_ros.estimator.traction_filter import CELL, TractionFilter
 from smallwheel_ros.estimator.traction_samples import RollingContact, WheelStep
+from smallwheel_ros.estimator.traction_state import STRENGTH
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]

@@ -1,20 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The soil's strength and the grip at a place, from what a vehicle's wheels pull.
 
-State x, with the standard deviations of its prior:
-
-    c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; of
-                      ln K as well what forms of the shear curve differ by     0.3
-    rho               motion resistance that the law does not give, over load  0.02
-    e                 error of the law's resistance, common to all wheels, over its deviation  1
-    d                 error of the measured slips, common to all wheels        0.025 in each step
-    d_1 .. d_W        error of each wheel's slip: its radius                   0.01
-    eta               share of its rolling displacement by which a wheel shears soil  1, about 0.5
-    t_1 .. t_W        ln of the scale of each wheel's torque                   0.1
-    b                 error of the specific force that stays: zero of the pitch  half a degree of g
-    f                 friction of the drives at the rim, over load             0.01, about 0.005
-    g_0 .. g_N        ln of the grip, in cells of 0.1 m of the ground from under the first wheel to
-                      under the last one                                       0.25
+State x: `traction_state`.
 
 Prediction, for each cell that the vehicle moves on: the wheels behind come to the cells of those
 before them, g_0 <- a g_0 with a = exp(-0.1 m / 0.7 m); Q: of g_0 (1 - a^2) 0.25^2, of d its prior's,
@@ -36,49 +23,53 @@ that of a slip of theta_0^2 / 4 = z/D. Of a tread that yields less is left of it
 
 R of the balance: (M sigma_a)^2 and twice the scatter of each wheel's thrust, since near cells are not
 independent; of a pull also s_w^2, the part of the law's error that is the wheel's own.
-H: analytic. A measurement that is 4 standard deviations off opens the grip of all cells again.
+H: analytic, at the state after the update (`traction_update`). A measurement that is 4 standard
+deviations off opens the grip of all cells again.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.strength_estimate import FORM_SHEAR
 from smallwheel_ros.estimator.traction_samples import RollingContact, Thrust, Torque, WheelStep
+from smallwheel_ros.estimator.traction_state import (
+    COHESION,
+    FRICTION,
+    GRIP_STD,
+    LAW,
+    LEVEL,
+    LOSS,
+    OTHER,
+    ROLLING,
+    SHEAR,
+    SLIP,
+    SLIP_STD,
+    STRENGTH,
+    WHEELS,
+    prior,
+)
+from smallwheel_ros.estimator.traction_update import Predicted, iterated_update
 from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
 
-COHESION, FRICTION, SHEAR, OTHER, LAW, SLIP, ROLLING, LOSS, LEVEL, WHEELS = range(10)
-STRENGTH = 4  # numbers of the state that belong to the soil
 CELL = 0.1  # m
 # Along one prepared rut the rig's pull varies by 1.2 N (median of 27 trials) of a limit of 12 N.
 SCATTER = 0.1
-_OTHER_STD, _SLIP_STD = 0.02, 0.025
-# Motors' torque constants are listed to 10 %, gears' efficiency is known to a tenth at best; bearings,
-# seals and gears take up to two hundredths of the load.
-_TORQUE_SCALE_STD, _DRIVE_FRICTION, _DRIVE_FRICTION_STD = 0.1, 0.005, 0.01
-_LEVEL_STD = 0.086  # m/s^2: half a degree of slope
-_RADIUS_STD = 0.01  # a tread, a tyre: hundredths of the radius
 _ARM_STD = 0.05  # of the lever, which is that of an even stress
-_ROLLING, _ROLLING_STD = 1.0, 0.5
-_GRIP_STD, _GRIP_LENGTH = 0.25, 0.7  # m
+_GRIP_LENGTH = 0.7  # m
 _OPEN_AFTER = 200.0  # m
 _LEAST_TORQUE = 0.25  # N at the rim: resolution of any torque
 _NEAR = 2.0
 _SURPRISE = 4.0
-# Where a strength is still one: thrust is linear in the cohesion, which may go below 0 a little.
-_LOW = {COHESION: -300.0, FRICTION: 0.1, SHEAR: math.log(2e-3)}
-_HIGH = {COHESION: 6000.0, FRICTION: 1.0, SHEAR: math.log(0.1)}
-_MOST = 2.0  # of all others: a factor of 7 in grip or torque
-# A strength that is configured as exact has to stay one that a filter can hold.
-_LEAST_STD = (1.0, 1e-4, 1e-3)  # Pa, rad, ln K
+_WIDEST = 1.0  # a factor of e either way: over that a thrust is not known at all
 
 
 class TractionFilter:
@@ -93,22 +84,11 @@ class TractionFilter:
         self._cells = max(self._behind) + 1
         self.order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self.cell_of = self._behind  # of each wheel, the one that it is on
-        values = (strength.cohesion, strength.friction_angle, strength.shear_displacement)
-        shear = min(max(values[2].value, 2e-3), 0.1)
-        deviations = [q.standard_deviation for q in values]
-        deviations[SHEAR] = math.hypot(deviations[SHEAR] / shear, FORM_SHEAR)
-        deviations = [max(a, b) for a, b in zip(deviations, _LEAST_STD, strict=True)]
-        self.prior_mean = np.array([values[0].value, values[1].value, math.log(shear), 0.0])
-        self.prior_deviations = np.array([*deviations, _OTHER_STD])
-        n = len(places)
-        self._scale, self._grip = WHEELS + n, WHEELS + 2 * n
-        rest = [1.0, _SLIP_STD, _ROLLING_STD, _DRIVE_FRICTION_STD, _LEVEL_STD, *[_RADIUS_STD] * n]
-        rest += [_TORQUE_SCALE_STD] * n + [_GRIP_STD] * self._cells
-        self.kalman = ExtendedKalmanFilter(dim_x=self._grip + self._cells, dim_z=1)
-        self.kalman.x = np.array([*self.prior_mean, *[0.0] * len(rest)])
-        self.kalman.x[ROLLING] = _ROLLING
-        self.kalman.x[LOSS] = _DRIVE_FRICTION
-        self.kalman.P = np.diag(np.square([*self.prior_deviations, *rest]))
+        self._scale, self._grip = WHEELS + len(places), WHEELS + 2 * len(places)
+        mean, deviations = prior(strength, len(places), self._cells)
+        self.prior_mean, self.prior_deviations = mean[:STRENGTH], deviations[:STRENGTH]
+        self.kalman = ExtendedKalmanFilter(dim_x=len(mean), dim_z=1)
+        self.kalman.x, self.kalman.P = mean.copy(), np.diag(np.square(deviations))
         self._moved = 0.0  # m since the last cell
         self._law_std = math.inf  # least deviation of the resistances so far, over load
 
@@ -162,12 +142,12 @@ class TractionFilter:
         kalman, size = self.kalman, len(self.kalman.x)
         F, Q, grip = np.eye(size), np.zeros((size, size)), self._grip
         F[SLIP, SLIP] = 0.0
-        Q[SLIP, SLIP] = _SLIP_STD**2
+        Q[SLIP, SLIP] = SLIP_STD**2
         if onward:
             kept = math.exp(-CELL / _GRIP_LENGTH)
             F[grip:, grip:] = np.eye(self._cells, k=-1)
             F[grip, grip] = kept
-            Q[grip, grip] = _GRIP_STD**2 * (1.0 - kept**2)
+            Q[grip, grip] = GRIP_STD**2 * (1.0 - kept**2)
             drift = np.square(self.prior_deviations[:OTHER]) * 2.0 * CELL / _OPEN_AFTER
             Q[range(OTHER), range(OTHER)] = drift
         kalman.F, kalman.Q = F, Q
@@ -186,7 +166,7 @@ class TractionFilter:
         P, grip = self.kalman.P, self._grip
         before = np.diag(P)[grip:].copy()
         P[grip:, :grip] = P[:grip, grip:] = 0.0
-        P[grip:, grip:] = np.diag(before + _GRIP_STD**2)
+        P[grip:, grip:] = np.diag(before + GRIP_STD**2)
 
     # -- measurements
 
@@ -202,36 +182,26 @@ class TractionFilter:
         scatter = [(SCATTER * self.thrust(w).value) ** 2 for w in wheels]
         if specific_force is not None and self.mass > 0.0:
             noise = (self.mass * specific_force.standard_deviation) ** 2 + _NEAR * sum(scatter)
-            self._use(self.mass * specific_force.value, self._total(wheels), noise)
+            self._use(self.mass * specific_force.value, partial(self._total, wheels), noise)
         for wheel, spread in zip(wheels, scatter, strict=True):
             if wheel.torque is not None:
                 force = wheel.torque / wheel.contact.arm
                 noise = _of_torque(force) + _NEAR * spread
-                self._use(force, self._turned(wheel), noise)
+                self._use(force, partial(self._turned, wheel), noise)
             if wheel.pull is not None:
                 noise = wheel.pull.standard_deviation**2 + _NEAR * spread
                 noise += wheel.contact.resistance.standard_deviation**2  # the wheel's own part
-                self._use(wheel.pull.value, self._net(wheel), noise)
+                self._use(wheel.pull.value, partial(self._pull, wheel), noise)
 
-    def _use(self, measured: float, predicted: tuple[float, Array], noise: float) -> None:
-        """Update by a measurement. predicted: h(x) and H at the state as it is."""
-        kalman = self.kalman
-        value, row = predicted
+    def _use(self, measured: float, predict: Callable[[], Predicted], noise: float) -> None:
+        """Update by a measurement; predict: h(x) and H at the state as it is then."""
+        value, row = predict()
         surprise = (measured - value) ** 2 / _SURPRISE**2
         if surprise > self.variance(row) + noise:
             self._open()
             # What no grip explains counts as little as it is likely.
             noise += max(surprise - self.variance(row) - noise, 0.0)
-        kalman.update(
-            np.array([measured]),
-            lambda _: row[None],
-            lambda _: np.array([value]),
-            R=np.array([[noise]]),
-        )
-        kalman.P = 0.5 * (kalman.P + kalman.P.T)
-        for place, low in _LOW.items():
-            kalman.x[place] = min(max(kalman.x[place], low), _HIGH[place])
-        kalman.x[OTHER:] = np.clip(kalman.x[OTHER:], -_MOST, _MOST)
+        iterated_update(self.kalman, measured, predict, noise)
 
     def torque(self, wheel: WheelStep, measured: float, noise: float) -> Torque:
         """What a torque (N m) of this moment tells of a wheel; the state stays as it is.
@@ -239,37 +209,33 @@ class TractionFilter:
         noise: variance (N^2) of the wheel's thrust about that of the filter.
         """
         expected, row = self._turned(wheel)
-        force, scale = (
-            measured / wheel.contact.arm,
-            math.exp(self.kalman.x[self._scale + wheel.order]),
-        )
+        force = measured / wheel.contact.arm
+        scale = math.exp(self.kalman.x[self._scale + wheel.order])
         shared = self.kalman.P @ row
         variance = float(row @ shared) + scale**2 * noise + _of_torque(force)
         return Torque(force - expected, variance, shared, scale * noise)
 
     def thrust(
-        self, wheel: WheelStep, length: float | None = None, exact_slip: bool = False
+        self, wheel: WheelStep, length: tuple[float, float] | None = None, exact_slip: bool = False
     ) -> Thrust:
-        """Thrust of a wheel, and its slopes. length: of the contact (m), where it is not its own.
+        """Thrust of a wheel, and its slopes.
 
-        exact_slip: the slip has neither the error of measured ones nor the part of rolling, so that
-        thrust depends on the sinkage by the length alone.
+        length: of the contact (m), and its slope by the sinkage, where it is not its own. exact_slip:
+        the slip has neither the error of measured ones nor the part of rolling, so that thrust depends
+        on the sinkage by the length alone.
         """
         x, contact = self.kalman.x.tolist(), wheel.contact
         cell = self._grip + self.cell_of[wheel.order]
         if length is None:
-            length, _ = point_contact_length(contact.sinkage, contact.diameter)
+            length = point_contact_length(contact.sinkage, contact.diameter)
         factor = contact.thrust_factor * math.exp(x[cell])
-        rolling = 0.0 if exact_slip else contact.sinkage / contact.diameter
-        slip = (
-            wheel.slip
-            if exact_slip
-            else wheel.slip + x[ROLLING] * rolling + x[SLIP] + x[WHEELS + wheel.order]
-        )
+        slip, rolling = wheel.slip, contact.sinkage / contact.diameter
+        if not exact_slip:
+            slip += x[ROLLING] * rolling + x[SLIP] + x[WHEELS + wheel.order]
         push = point_thrust(
             contact.load,
             min(max(slip, -1.0), 1.0),
-            length,
+            length[0],
             contact.width,
             x[COHESION],
             x[FRICTION],
@@ -284,23 +250,40 @@ class TractionFilter:
         if not exact_slip:
             row[SLIP] = row[WHEELS + wheel.order] = by_slip
             row[ROLLING] = by_slip * rolling
-        return Thrust(
-            value, row, by_slip, factor * push.by_load * contact.load, factor * push.by_length
-        )
+        by_log_load = factor * push.by_load * contact.load
+        return Thrust(value, row, by_slip, by_log_load, factor * push.by_length * length[1])
 
-    def _net(self, wheel: WheelStep) -> tuple[float, Array]:
-        push, contact = self.thrust(wheel), wheel.contact
-        push.row[OTHER], push.row[LAW] = -contact.load, -contact.resistance.standard_deviation
-        held = contact.resistance.value + self.other_resistance(contact)[0]
-        return push.value - held, push.row
+    def spread(self, push: Thrust, row: Array) -> float:
+        """Mean square deviation (N^2) of a force that a thrust is in; row: its slopes by the state.
 
-    def _total(self, wheels: Sequence[WheelStep]) -> tuple[float, Array]:
-        values, rows = zip(*map(self._net, wheels), strict=True)
+        What soil and grip hold is a product of factors, each known by its share: it is taken to be
+        lognormal, with the value as its median. Known to 60 %, it may well be three times as much.
+        """
+        P, share = self.kalman.P, 0.0
+        if push.value:
+            factors = push.row / push.value
+            factors[OTHER : self._grip] = 0.0
+            share = min(float(factors @ P @ factors), _WIDEST)
+        more = math.expm1(2.0 * share) - 2.0 * math.expm1(0.5 * share) - share
+        return float(row @ P @ row) + more * push.value**2
+
+    def net(self, push: Thrust, contact: RollingContact) -> Predicted:
+        """Thrust less all resistance (N), and its slopes by the state."""
+        row = push.row.copy()
+        row[OTHER], row[LAW] = -contact.load, -contact.resistance.standard_deviation
+        beyond = float(row[OTHER : LAW + 1] @ self.kalman.x[OTHER : LAW + 1])
+        return push.value - contact.resistance.value + beyond, row
+
+    def _pull(self, wheel: WheelStep) -> Predicted:
+        return self.net(self.thrust(wheel), wheel.contact)
+
+    def _total(self, wheels: Sequence[WheelStep]) -> Predicted:
+        values, rows = zip(*map(self._pull, wheels), strict=True)
         row = np.sum(rows, axis=0)
         row[LEVEL] = self.mass
         return sum(values) + self.mass * float(self.kalman.x[LEVEL]), row
 
-    def _turned(self, wheel: WheelStep) -> tuple[float, Array]:
+    def _turned(self, wheel: WheelStep) -> Predicted:
         push, x, load = self.thrust(wheel), self.kalman.x, wheel.contact.load
         place = self._scale + wheel.order
         scale = math.exp(x[place])

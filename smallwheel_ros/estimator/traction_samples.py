@@ -45,13 +45,13 @@ class WheelStep(NamedTuple):
 
 
 class Thrust(NamedTuple):
-    """Thrust (N), its slopes by the state, shape (size,), and by slip, ln load and contact length."""
+    """Thrust (N), its slopes by the state, shape (size,), and by slip, ln load and sinkage."""
 
     value: float
     row: Array
     by_slip: float
     by_log_load: float
-    by_length: float
+    by_sinkage: float
 
 
 class Torque(NamedTuple):

@@ -14,8 +14,9 @@ from functools import lru_cache
 import numpy as np
 
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_filter import LAW, OTHER, SCATTER, TractionFilter
+from smallwheel_ros.estimator.traction_filter import SCATTER, TractionFilter
 from smallwheel_ros.estimator.traction_samples import WheelStep
+from smallwheel_ros.estimator.traction_state import OTHER
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
     Array,
@@ -138,26 +139,24 @@ def _pulls(
 
     beyond: resistance (N) that the law does not give.
     """
-    strength, load = traction.now, on.load.value
+    strength = traction.now
     step, averaged = traction.wheel(on.wheel.name, on.contact, slip.value, time)
     push = strength.thrust(step)
     # The error of a mean over a step is in the filter's state.
     own_slip = 0.0 if averaged else (push.by_slip * slip.standard_deviation) ** 2
     noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
-    thrust, spread = push.value, strength.variance(push.row) + noise
-    net, net_row = push.value - beyond, push.row.copy()
-    net_row[OTHER], net_row[LAW] = -load, -on.resistance.standard_deviation
-    net_spread = strength.variance(net_row) + noise
+    net, net_row = strength.net(push, on.contact)
+    thrust, spread = push.value, strength.spread(push, push.row) + noise
+    net_spread = strength.spread(push, net_row) + noise
     if torque is not None:
         told = strength.torque(step, torque, noise)
         thrust, spread = told.corrected(thrust, spread, push.row)
         net, net_spread = told.corrected(net, net_spread, net_row)
-    by_sinkage = push.by_length * point_contact_length(on.sinkage, on.wheel.diameter)[1]
     # The law's error of the resistance is in the filter's state.
-    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - beyond)
+    by_law = on.variance(push.by_sinkage, -1.0, -1.0, push.by_log_load - beyond)
     by_law -= on.resistance.standard_deviation**2
-    pull = Quantity(net - on.resistance.value, math.sqrt(max(net_spread + by_law, _LEAST_STD**2)))
-    by_law = on.variance(by_sinkage, by_log_load=push.by_log_load)
+    pull = Quantity(net, math.sqrt(max(net_spread + by_law, _LEAST_STD**2)))
+    by_law = on.variance(push.by_sinkage, by_log_load=push.by_log_load)
     deviation = math.sqrt(spread + by_law)
     energy = None
     ratio = _rim_over_travel(slip.value)
@@ -178,14 +177,13 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     step = WheelStep(strength.order[on.wheel.name], on.contact, slip)
     length, by_depth = point_contact_length(on.sinkage, on.wheel.diameter)
     best = _best_length(on, length, strength, slip)
-    push = strength.thrust(step, max(length, best), exact_slip=True)
-    law_std = on.resistance.standard_deviation
-    push.row[OTHER], push.row[LAW] = -load, -law_std
-    net = push.value - on.resistance.value - strength.other_resistance(on.contact)[0]
-    by_sinkage = push.by_length * by_depth if length > best else 0.0
-    by_law = on.variance(by_sinkage, -1.0, -1.0, push.by_log_load - net) - law_std**2
+    contact = (length, by_depth) if length > best else (best, 0.0)
+    push = strength.thrust(step, contact, exact_slip=True)
+    net, row = strength.net(push, on.contact)
+    by_law = on.variance(push.by_sinkage, -1.0, -1.0, push.by_log_load - net)
+    by_law -= on.resistance.standard_deviation**2
     form = _FORM if strength.mass > 0.0 else _FORM_OF_WHEELS
-    spread = strength.variance(push.row) + by_law + (form * push.value) ** 2
+    spread = strength.spread(push, row) + by_law + (form * push.value) ** 2
     return Quantity(net / load, math.sqrt(max(spread, _LEAST_STD**2)) / load)
 
 

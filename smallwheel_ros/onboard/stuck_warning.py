@@ -7,10 +7,10 @@ Over steps of 0.1 m of the vehicle's path, means over the step:
     demand    what slope and gaining speed take, over the weight (0 where that is not measured)
     margin    net traction of all wheels at the reference slip over their load
 
-The risk is the probability that within the next metre demand is more than the margin is in the mean of
-the last metre, where the rise of the demand over the last metre, a straight line, goes on. The margin's
-own trend is not used: grip comes in patches of half a metre to two, and what it did says little of what it
-will do, while a slope that steepens mostly does so for a metre more.
+The risk is the probability that within the next metre demand is more than the margin is here, where the
+rise of the demand over the last metre, a straight line, goes on. The margin's own trend is not used: grip
+comes in patches of half a metre to two, and what it did says little of what it will do, while a slope that
+steepens mostly does so for a metre more.
 
 A warning is given where
 
@@ -86,7 +86,6 @@ class StuckWarning:
         self.warning = ""
         self._wheels: dict[str, _Wheel] = {}
         self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / _STEP))
-        self._margins: deque[float] = deque(maxlen=round(_AHEAD / _STEP))
         self._begin: tuple[int, float] | None = None  # stamp and distance of the step
         self._demands: list[float] = []
         self._slips: dict[str, list[float]] = defaultdict(list)
@@ -124,12 +123,9 @@ class StuckWarning:
         self.risk, steps = None, np.array(self._steps)
         if known:
             margin = mean_margin([(w.load, w.margin) for w in known])
-            self._margins.append(margin.value)
             now, trend = _line(steps[:, 0], steps[:, 2], _AHEAD)
-            left = float(np.mean(self._margins)) - now - max(trend, 0.0) * _AHEAD
+            left = margin.value - now - max(trend, 0.0) * _AHEAD
             self.risk = 1.0 - probability_positive(Quantity(left, margin.standard_deviation))
-        else:
-            self._margins.clear()
         self.warning = ""
         if not math.isnan(self._steps[-1].slip):
             known_slip = steps[~np.isnan(steps[:, 1])]
