@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.identifiability import DETERMINED
+from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_model import (
     DELAY,
     EACH,
@@ -24,8 +24,6 @@ from smallwheel_ros.estimator.law_model import (
     ZERO,
 )
 from smallwheel_ros.estimator.segment import Segment
-
-Array = NDArray[np.float64]
 
 _STUCK = 2  # segments in a row with one number throughout
 _WINDOW = 30  # segments of one wheel: 6 m
@@ -88,13 +86,9 @@ class SensorWatch:
         """Whether a wheel's sinkage sensor has shown one number for some way."""
         return self._stuck.get(wheel, (0, 0.0))[0] >= _STUCK
 
-    def findings(
-        self, mean: Array, covariance: Array, prior: Array, names: Sequence[str]
-    ) -> tuple[str, ...]:
-        """What seems wrong, in words.
-
-        mean, covariance: of the state; prior: its deviations. names: of the wheels, in its order.
-        """
+    def findings(self, law: LawFilter, names: Sequence[str]) -> tuple[str, ...]:
+        """What seems wrong, in words. names: of the wheels, in the order of the law's state."""
+        mean, covariance, prior = law.mean, law.covariance, law.prior_deviations
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         known = (prior > _TOLD) & (deviation < DETERMINED * prior)
         sure = known & (np.abs(mean) > _SURE * deviation)

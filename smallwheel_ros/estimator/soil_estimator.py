@@ -10,7 +10,8 @@ The algorithm (symbols as in `law_model` and `law_filter`):
     x     law (u, n', m) and what may be wrong with sensors and ground; prior N(x0, P0)
     at each reading (sinkage z_i, load W_i) of wheel w:
         refuse it if it cannot be one, or is not behind the wheel's last one         `find_problem`
-        expect h(x) +- sqrt(H P H' + S^2 by^2 + r^2 + A); far from it: an outlier    `ReadingJudge`
+        expect h(x), unsure by state, place and sensor; an outlier is far from that
+        and from the wheel's newest readings                                         `ReadingJudge`
         collect it; where w has gone 0.2 m of its own path since the stretch began:
             z = mean of z_i within 3 (r + MAD) of their median; W = calibrated mean  `WheelTrack`
             r^2, var W = noise of one reading, from second differences
@@ -97,8 +98,7 @@ class SoilEstimator:
         self.effects = tuple(effects)
         self._known_wheels = {wheel.name: wheel for wheel in wheels}
         self._needs = covariates_of(self.effects)
-        at = self.settings.reference_sinkage, self.settings.reference_diameter
-        self._reported = Reported(*at, prior)
+        self._reported = Reported(prior, self.settings)
         self.reset()
 
     def reset(self) -> None:
@@ -121,10 +121,8 @@ class SoilEstimator:
         if problem is None and wheel is not None:
             problem = wheel.out_of_order(given)
         elif problem is None and len(self._wheels) >= _MOST_WHEELS:
-            problem = (
-                "too_many_wheels",
-                (f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"),
-            )
+            words = f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"
+            problem = "too_many_wheels", words
         if problem is not None:
             return UpdateResult(Outcome.REFUSED, *problem)
         try:
@@ -209,11 +207,7 @@ class SoilEstimator:
     def findings(self) -> tuple[str, ...]:
         """What seems wrong with the sensors, each in words with what to check."""
         law = self._soils.law
-        if law is None:
-            return ()
-        return self._sensors.findings(
-            law.mean, law.covariance, law.prior_deviations, list(self._wheels)
-        )
+        return () if law is None else self._sensors.findings(law, list(self._wheels))
 
     def elsewhere(self, wheel: str) -> tuple[str, ...]:
         """Name the wheels that are on another soil than this one: just before or after a border."""

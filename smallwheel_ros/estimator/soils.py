@@ -41,10 +41,10 @@ class KnownSoil:
 
 
 class Reported:
-    """Reports the soil at a sinkage and a diameter (m), the prior's covariance as well."""
+    """Reports the soil at the sinkage and the diameter of the settings, the prior's covariance too."""
 
-    def __init__(self, sinkage: float, diameter: float, prior: SoilPrior) -> None:
-        self._at = sinkage, diameter
+    def __init__(self, prior: SoilPrior, settings: EstimatorSettings) -> None:
+        self._at = sinkage, diameter = settings.reference_sinkage, settings.reference_diameter
         self._turn = np.eye(3)  # of (ln pressure, n, m)
         self._turn[0, 1] = math.log(sinkage / REFERENCE_SINKAGE)
         self._turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
