@@ -484,3 +484,18 @@ def test_from_forty_settings_on_some_are_kept_apart(tmp_path: Path) -> None:
     assert result.document["law"]["drivers"] == ["slip"]
     assert result.document["search"]["vault_settings"] == 9
     assert result.document["held_out"]["sinkage"]["after"] < 2e-3
+
+
+def test_along_curves_of_slip_the_soil_is_found_and_each_run_is_one_piece_of_evidence(
+    tmp_path: Path,
+) -> None:
+    """A model that predicts nothing is off by all of each value: no run's own error may excuse that."""
+    path = tmp_path / "curves.csv"
+    table("slip_drag", 900, runs=14, rows=12, within="curve").to_csv(path, index=False)
+    problem = Problem.of(read_measurements(path)).judged
+    depths = problem.points.of_channel("sinkage")
+    measured, predicted = problem.points.value[depths], problem.fit.predicted[depths]
+    assert np.sqrt(np.mean(np.log(predicted / measured) ** 2)) < 0.2
+    # Fourteen values of a column follow nothing, though each is there for twelve slips.
+    followed = {d.name for d in Grid.of(problem.points, problem.fit.model).drivers}
+    assert followed >= {"load", "slip", "speed", "moisture", "temperature", "battery"}

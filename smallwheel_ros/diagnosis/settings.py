@@ -29,9 +29,16 @@ def independent(points: Points) -> dict[str, Array]:
         for name, column in columns.items()
         if name in (*SETTINGS, "diameter", "width")
         or (name == "load" and not wavers)
-        or not follows_others(name, columns)
-        if not (name == "load" and points.swept.all())  # depth by another name
+        or not follows_others(name, _at_runs(name, columns, points))
+        if not (name == "load" and points.swept.all() and _sweeps(column, points))
     }
+
+
+def _sweeps(load: Array, points: Points) -> bool:
+    """Whether the load changes along the curves: it is depth by another name there."""
+    change = np.log(load)
+    along = change - _run_means(change, points)
+    return float(np.var(along)) > WAVERS * float(np.var(change))
 
 
 def _wavers(points: Points) -> bool:
@@ -47,6 +54,23 @@ def _wavers(points: Points) -> bool:
         return False
     total = float(np.var(np.concatenate([load[rows] for rows in steady])))
     return within / freedom > WAVERS * total
+
+
+def _at_runs(name: str, columns: dict[str, Array], points: Points) -> dict[str, Array]:
+    """The columns; where the named one is the same all along every run, their means over each run.
+
+    Then each run is one piece of evidence on what it follows, however many settings others have in it.
+    """
+    means = {n: _run_means(c, points) for n, c in columns.items()}
+    if not np.allclose(means[name], columns[name], rtol=1e-6, atol=0.0):
+        return columns
+    return {n: c for n, c in means.items() if np.ptp(c) > 0.0}
+
+
+def _run_means(column: Array, points: Points) -> Array:
+    """Of each value the mean over its run, shape (values,)."""
+    run = np.unique(points.run, return_inverse=True)[1].reshape(-1)
+    return np.asarray((np.bincount(run, column) / np.bincount(run))[run])
 
 
 def follows_others(name: str, columns: Mapping[str, Array]) -> bool:

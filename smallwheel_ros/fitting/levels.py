@@ -48,7 +48,12 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
 
 def first_levels(points: Points) -> Array:
-    """The size of each value before any fit: as measured, a curve by its own power law of the load."""
+    """The size of each value before any fit: as measured, a curve by its own power law of the load.
+
+    A curve along which the load hardly changes (slip was swept) has one size: were each value its own,
+    a model that predicts nothing would have the same relative error all along, and that is what a run
+    may be off by as a whole.
+    """
     level = _of_setting(points)
     loads = points.column("load")
     for channel in range(len(points.channels)):
@@ -58,9 +63,10 @@ def first_levels(points: Points) -> Array:
             continue
         for run in np.unique(points.run[mine & points.swept]):
             curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
-            if curve.size > 2 and np.ptp(np.log(loads[curve])) > 0.1:
-                line = np.polyfit(np.log(loads[curve]), np.log(points.value[curve]), 1)
-                level[curve] = np.exp(np.polyval(line, np.log(loads[curve])))
+            if curve.size > 2:
+                load, value = np.log(loads[curve]), np.log(points.value[curve])
+                line = np.polyfit(load, value, 1) if np.ptp(load) > 0.1 else [value.mean()]
+                level[curve] = np.exp(np.polyval(line, load))
     return _floored(points, level)
 
 
