@@ -5,7 +5,7 @@
     PYTHONPATH=. python benchmarks/learn_rates.py --summary rates.jsonl --write docs/learn.md
 
 Each table is one line of JSON; `--out` appends, so that several runs add up. The names `all`,
-`outside` and `pairs` stand for groups of worlds; as many laws are learnt as a world hides.
+`outside`, `signed` and `pairs` stand for groups of worlds; as many laws are learnt as a world hides.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks.learn_worlds import LAWS, OUTSIDE, hidden, table
+from benchmarks.learn_worlds import LAWS, OUTSIDE, SIGNED, hidden, table
 from smallwheel_ros.learn import learn
 from smallwheel_ros.learn.folds import VAULT_FROM
 from smallwheel_ros.learn.law import Law
@@ -29,9 +29,11 @@ from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
 
+ROWS = {"repeats": 3, "settings": 4, "curve": 12}  # of a run, by what they are
 GROUPS = {
     "all": [w for w in LAWS if w != "nothing"],
     "outside": list(OUTSIDE),
+    "signed": list(SIGNED),
     "pairs": ["tanh_slip+multipass", "rate+slip_drag", "moisture_optimum+flexible_wheel",
               "speed_threshold+load_slip", "temperature_rate+tanh_slip", "width+slip_sinkage"],
 }  # fmt: skip
@@ -64,14 +66,18 @@ def share_gone(base: Model, law: Model, fresh: Measurements, quiet: Measurements
     return float(np.mean(shares)) if shares else None
 
 
-def one(world: str, seed: int, runs: int, noise: float, channels: tuple[str, ...]) -> Line:
+def one(
+    world: str, seed: int, runs: int, noise: float, channels: tuple[str, ...], within: str
+) -> Line:
     """One table of a world: what was said of it, and what is true of that."""
     how: Line = {"noise": noise, "channels": channels}
     laws = hidden(world)
     start = time.process_time()
-    learnt = learn(read(world, seed, 0, runs=runs, **how), most=len(laws))
+    data = read(world, seed, 0, runs=runs, rows=ROWS[within], within=within, **how)
+    learnt = learn(data, most=len(laws))
     found: Line = {
-        "world": world, "seed": seed, "runs": runs, "noise": noise, "channels": len(channels),
+        "world": world, "seed": seed, "runs": runs, "noise": noise,
+        "channels": len(channels), "within": within,
         "verdict": learnt.verdict, "p": learnt.sought[0].p,
         "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
@@ -115,12 +121,17 @@ def _condition(line: Line) -> tuple[int, str]:
     noise = f"{line['runs']} runs, {100 * line['noise']:g} % noise"
     if line["channels"] == 1:
         noise += ", sinkage alone"
+    within = line.get("within", "repeats")
+    if within != "repeats":
+        noise += ", several settings a run" if within == "settings" else ", curves of slip"
     if line["runs"] >= VAULT_FROM:
         noise += ", with a vault"
-    if line["world"] == "nothing":
+    if not hidden(line["world"])[0].drivers:
         return 4, f"nothing hidden, {noise}"
     if "+" in line["world"]:
         return 3, f"two laws hidden, {noise}"
+    if line["world"] in SIGNED:
+        return 2, f"slip of either sign, {noise}"
     if line["world"] in OUTSIDE:
         return 2, f"other structures, {noise}"
     return int(line["runs"] < 32), noise
@@ -170,6 +181,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=32)
     parser.add_argument("--noise", type=float, default=0.03)
     parser.add_argument("--channels", default="sinkage,resistance")
+    parser.add_argument("--within", choices=sorted(ROWS), default="repeats")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--summary", type=Path, nargs="*", help="results to sum up")
     parser.add_argument("--write", type=Path, help="page whose table of rates is made anew")
@@ -181,7 +193,8 @@ def main() -> None:
         first, last = map(int, given.seeds.split(":"))
         for seed in range(first, last):
             for world in GROUPS.get(given.worlds) or given.worlds.split(","):
-                found = one(world, seed, given.runs, given.noise, tuple(given.channels.split(",")))
+                channels = tuple(given.channels.split(","))
+                found = one(world, seed, given.runs, given.noise, channels, given.within)
                 lines.append(found)
                 print(json.dumps(found), flush=True)
                 if given.out:

@@ -135,7 +135,24 @@ OUTSIDE: dict[str, Hidden] = {
         _of("pass_number"), _K, stiffness=lambda c: 3.0 - 2.0 * np.exp(1.0 - c["pass_number"])
     ),
 }  # fmt: skip
-ALL = LAWS | OUTSIDE
+# Wheels that drive and brake: slip of either sign.
+_SIGNED = {"slip": (-0.7, 0.7)}
+SIGNED: dict[str, Hidden] = {
+    "drive_and_brake": Hidden(
+        _of("slip"), _Z, columns=_SIGNED,
+        deeper=lambda c: 1.0 + 0.5 * (1.0 - np.exp(-np.maximum(c["slip"], 0.0) / 0.25))
+        + 1.6 * np.maximum(-c["slip"], 0.0) ** 1.6,
+    ),
+    "braking": Hidden(
+        _of("slip"), _Z, columns=_SIGNED,
+        deeper=lambda c: 1.0 + 0.9 * np.maximum(-c["slip"], 0.0),
+    ),
+    "slip_either_way": Hidden(
+        _of("slip"), _K, columns=_SIGNED, stiffness=lambda c: 1.0 / (1.0 + 1.5 * c["slip"] ** 2)
+    ),
+    "signed_nothing": Hidden((), frozenset(), columns=_SIGNED),
+}  # fmt: skip
+ALL = LAWS | OUTSIDE | SIGNED
 
 
 def hidden(world: str) -> list[Hidden]:

@@ -499,3 +499,32 @@ def test_along_curves_of_slip_the_soil_is_found_and_each_run_is_one_piece_of_evi
     # Fourteen values of a column follow nothing, though each is there for twelve slips.
     followed = {d.name for d in Grid.of(problem.points, problem.fit.model).drivers}
     assert followed >= {"load", "slip", "speed", "moisture", "temperature", "battery"}
+
+
+def test_only_a_slip_of_either_sign_has_shapes_of_one_side(data: Measurements) -> None:
+    points = Problem.of(data).judged.points
+    depths = np.full(len(points.conditions), 0.02)
+    slip = next(d for d in drivers_of(points, depths)[0] if d.name == "slip")
+    assert {t.side for t in terms_of([slip], 24)} == {0}
+    both = slip.measured_at(np.linspace(-0.6, 0.6, 24))
+    sided = [t for t in terms_of([both], 24) if t.side]
+    assert {shape for t in sided for _, shape in t.kind} == {
+        "positive", "positive_square", "positive_saturation",
+        "negative", "negative_square", "negative_saturation",
+    }  # fmt: skip
+    u = np.linspace(-0.6, 0.6, 24)
+    for term in sided:
+        values = term.of(lambda driver: u)
+        assert np.all(values[u * term.side <= 0] == 0)
+        assert np.all(values[u * term.side > 0] > 0)
+
+
+@pytest.mark.slow
+def test_a_wheel_that_drives_and_brakes_digs_by_two_terms(tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv"
+    table("drive_and_brake", 910).to_csv(path, index=False)
+    law = learn(read_measurements(path)).document["law"]
+    assert law is not None
+    assert (law["stage"], law["drivers"]) == ("z", ["slip"])
+    assert "max(slip, 0)" in law["formula"]
+    assert "max(-slip, 0)" in law["formula"]

@@ -58,6 +58,12 @@ class Term:
         """Whether it is a law by itself, and in no sum with another."""
         return any(shape.alone for _, shape in self.factors)
 
+    @property
+    def side(self) -> int:
+        """On which side of its one driver's zero it acts; 0: on both, or of several drivers."""
+        single = len(self.factors) == 1 and not self.factors[0][0].reference
+        return self.factors[0][1].side if single else 0
+
     @cached_property
     def drivers(self) -> frozenset[str]:
         """Names of its drivers."""
@@ -173,6 +179,11 @@ def _single(driver: Driver) -> Iterator[Term]:
     scales = [q * span for q in _SCALES]
     for shape in (shapes.SATURATION, shapes.DECAY, shapes.LOG_GROWTH):
         yield from made(shape, scales, (0.03 * span, 3.0 * span))
+    if low < 0.0 < high and not driver.reference:  # of a slip that drives and brakes
+        yield Term(((driver, shapes.POSITIVE_SQUARE),))
+        yield Term(((driver, shapes.NEGATIVE_SQUARE),))
+        for shape in (shapes.POSITIVE_SATURATION, shapes.NEGATIVE_SATURATION):
+            yield from made(shape, scales, (0.03 * span, 3.0 * span))
     yield from made(shapes.GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
     for period in (_PERIODS * span).tolist():
         if period * driver.levels >= _A_WAVE * span:

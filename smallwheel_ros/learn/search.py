@@ -9,10 +9,9 @@ the number of forms and of places, 1/2 ln n for each of its numbers (Rissanen 19
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +24,10 @@ from smallwheel_ros.learn.candidate import Candidate, Found
 from smallwheel_ros.learn.grammar import Term
 from smallwheel_ros.learn.grid import Grid, Index
 from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Link, Place, part_for
+from smallwheel_ros.learn.proposal import Proposal, both, first_of_each, start
 from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
 _LOOKED_THROUGH = 250  # terms of a place, for the best of each set of drivers
 _SECONDS = 3  # second terms that are fitted for a law
@@ -52,20 +51,6 @@ class Effort:
 
 
 WHOLE, FOLD = Effort(24, (8, 4), 5, 10, 12), Effort(12, (4, 1), 4, 4, 6)
-
-
-@dataclass(frozen=True)
-class _Proposal:
-    """A law that a tangent speaks for, not yet fitted. expected: its score there.
-
-    numbers: where its fit starts. near: the fit that the tangent is of.
-    """
-
-    law: Law
-    numbers: Mapping[str, float]
-    cost: float
-    expected: float
-    near: Fit
 
 
 class Search:
@@ -116,63 +101,101 @@ class Search:
 
     def _ranked(
         self, tangent: Tangent, slope: Array, terms: Index, place: Place, link: Link, near: Fit
-    ) -> Iterator[_Proposal]:
+    ) -> Iterator[Proposal]:
         """Laws of one of these terms, the shortest first. slope: by the sum of the law's terms."""
         gains, strength = tangent.gains(slope, self.values(terms))
         cost = self.grid.cost[terms] + self.grid.place_cost(place)
         expected = tangent.nats[0] - gains[:, 0] + cost
         for i in np.argsort(expected, kind="stable"):
             law = Law(place, link, (self.grid.terms[terms[i]],))
-            numbers = _start(law, 1, float(strength[i, 0]))
-            yield _Proposal(law, numbers, float(cost[i]), float(expected[i]), near)
+            numbers = start(law, 1, float(strength[i, 0]))
+            yield Proposal(law, numbers, float(cost[i]), float(expected[i]), near)
 
-    def _from_base(self, count: int) -> list[_Proposal]:
+    def _from_base(self, count: int) -> list[Proposal]:
         """The best of each place and set of drivers at the base's tangent."""
         white = self.yardstick.white(self.observed - self.base.predicted)
         tangent = Tangent(self.yardstick, white, self.base.slopes)
-        best: list[_Proposal] = []
+        best: list[Proposal] = []
         for place in self.grid.places:
             slope = self.base_slopes[place.name]
             ranked = self._ranked(
                 tangent, slope, self.grid.allowed(place), place, "exponential", self.base
             )
             looked_through = itertools.islice(ranked, _LOOKED_THROUGH)
-            best += _first_of_each(looked_through, lambda p: p.law.terms[0].drivers)
+            best += first_of_each(looked_through, lambda p: p.law.terms[0].drivers)
         best.sort(key=lambda p: p.expected)
         # Each place has its chance: a tangent may mislead.
-        own = {id(p) for p in _first_of_each(best, lambda p: p.law.place)}
+        own = {id(p) for p in first_of_each(best, lambda p: p.law.place)}
         return [p for i, p in enumerate(best) if i < count or id(p) in own]
 
-    def _about(self, candidate: Candidate, link: Link) -> Iterator[_Proposal]:
+    def _about(self, candidate: Candidate, link: Link) -> Iterator[Proposal]:
         """Laws of one term at a candidate's place and tangent, the best of each kind."""
+        place, (error, slope, base) = candidate.law.place, self._without(candidate, link)
+        tangent = Tangent(self.yardstick, error, base)
+        ranked = self._ranked(tangent, slope, self.grid.allowed(place), place, link, candidate.fit)
+        return first_of_each(ranked, lambda p: p.law.terms[0].kind)
+
+    def _without(self, candidate: Candidate, link: Link) -> tuple[Array, Array, Array]:
+        """Whitened errors at a candidate with its law taken out: another is to explain what it does.
+
+        With them the slope by the sum of a law's terms, and those by the base's own parameters.
+        """
         fit = candidate.fit
         slope, total = self._under(candidate, link)
-        # The candidate itself is taken out: another law is to explain what it does.
         error = self.yardstick.white(self.observed - fit.predicted + slope * total)
         base = [j for j, p in enumerate(fit.vector.free) if p.owner != SOUGHT]
-        tangent = Tangent(self.yardstick, error, fit.slopes[:, base])
-        place = candidate.law.place
-        ranked = self._ranked(tangent, slope, self.grid.allowed(place), place, link, fit)
-        return _first_of_each(ranked, lambda p: p.law.terms[0].kind)
+        return error, slope, fit.slopes[:, base]
 
-    def _second(self, candidate: Candidate) -> Iterator[_Proposal]:
+    def _second(self, candidate: Candidate) -> Iterator[Proposal]:
         """The candidate with one more term of its driver, the best of each kind."""
         law, fit = candidate.law, candidate.fit
         slope, _ = self._under(candidate, law.link)
         error = self.yardstick.white(self.observed - fit.predicted)
         tangent = Tangent(self.yardstick, error, fit.slopes)
-        first = law.terms[0]
-        own = [i for i, t in enumerate(self.grid.terms)
-               if t.drivers == first.drivers and not t.alone]  # fmt: skip
-        kinds = {self.grid.terms[i].kind for i in own}
-        others = np.array([i for i in own if self.grid.terms[i].kind != first.kind], dtype=np.intp)
-        half = 0.5 * float(np.log(self.yardstick.count))
+        own, kinds = self._of_driver(law)
+        others = np.array([i for i in own if self.grid.terms[i].kind != law.terms[0].kind], np.intp)
         for p in self._ranked(tangent, slope, others, law.place, law.link, fit):
-            (term,) = p.law.terms
-            two = replace(law, terms=(*law.terms, term))
-            numbers = {**candidate.numbers, **_start(p.law, 2, p.numbers["a1"])}
-            total = candidate.cost + float(np.log(len(kinds))) + half * term.numbers
-            yield _Proposal(two, numbers, total, p.expected - p.cost + total, fit)
+            cost = candidate.cost + self._cost_of_second(p, kinds)
+            yield both(law, candidate.numbers, p, cost, p.expected - p.cost + cost)
+
+    def _two_sided(self, candidate: Candidate) -> list[Proposal]:
+        """A term of the candidate's driver on each side of zero, in every pair of shapes.
+
+        Driving and braking are different mechanisms: what one side asks for need not be among the best
+        laws of the whole range.
+        """
+        law, fit = candidate.law, candidate.fit
+        own, kinds = self._of_driver(law)
+        below, above = (
+            np.array([i for i in own if self.grid.terms[i].side == side], np.intp)
+            for side in (-1, 1)
+        )
+        if not below.size:
+            return []
+        error, slope, base = self._without(candidate, law.link)
+        tangent = Tangent(self.yardstick, error, base)
+        pairs = []
+        ranked = self._ranked(tangent, slope, below, law.place, law.link, fit)
+        for one in first_of_each(ranked, lambda p: p.law.terms[0].kind):
+            moved = slope * self._at_values(one.law.terms[0])
+            beside = Tangent(self.yardstick, error, np.column_stack([base, moved]))
+            others = self._ranked(beside, slope, above, law.place, law.link, fit)
+            for other in first_of_each(others, lambda p: p.law.terms[0].kind):
+                cost = one.cost + self._cost_of_second(other, kinds)
+                expected = other.expected - other.cost + cost
+                pairs.append(both(one.law, one.numbers, other, cost, expected))
+        return sorted(pairs, key=lambda p: p.expected)
+
+    def _of_driver(self, law: Law) -> tuple[list[int], int]:
+        """The terms that can be added to a law of one driver, and how many kinds there are."""
+        drivers = law.terms[0].drivers
+        own = [i for i, t in enumerate(self.grid.terms) if t.drivers == drivers and not t.alone]
+        return own, len({self.grid.terms[i].kind for i in own})
+
+    def _cost_of_second(self, proposal: Proposal, kinds: int) -> float:
+        """Nats that a second term of the same place and driver takes. kinds: to choose from."""
+        half = 0.5 * float(np.log(self.yardstick.count))
+        return float(np.log(kinds)) + half * proposal.law.terms[0].numbers
 
     def _under(self, candidate: Candidate, link: Link) -> tuple[Array, Array]:
         """Slope of a law's predictions by the sum of its terms, and that sum, under a link."""
@@ -187,7 +210,7 @@ class Search:
 
     # --- Fits in the model
 
-    def _fit(self, proposals: Iterable[_Proposal], count: int) -> None:
+    def _fit(self, proposals: Iterable[Proposal], count: int) -> None:
         """Fit the first of these laws in the model, and keep each that is the best of its kind."""
         best = min((c.score for c in self._known.values()), default=np.inf)
         for p in itertools.islice(proposals, count):
@@ -237,6 +260,9 @@ class Search:
         ours = [c for c in one_term if len((t := c.law.terms[0]).factors) == 1 and not t.alone]
         for candidate in ours[:count]:
             self._fit(self._second(candidate), _SECONDS)
+        apart = first_of_each(ours, lambda c: (c.law.place, c.law.link, c.law.terms[0].drivers))
+        for candidate in itertools.islice(apart, count):
+            self._fit(self._two_sided(candidate), _SECONDS)
         self._known = {
             key: c for key, c in self._known.items()
             if len(c.law.terms) == 1 or c.score < one_term[0].score - TIE
@@ -247,28 +273,15 @@ class Search:
 
     def _best_of_each(self, count: int) -> list[Candidate]:
         """The best laws, one of each place and set of drivers."""
-        each = _first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
+        each = first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
         return list(itertools.islice(each, count))
+
+    def _at_values(self, term: Term) -> Array:
+        """A term at each value, shape (values,)."""
+        return term.at(self.fitter.points.conditions, self.grid.sinkage)[self._row]
 
     def _size(self, place: Place, term: Term) -> float:
         """Strength at which a term moves what it moves by as much as was measured."""
-        values = term.at(self.fitter.points.conditions, self.grid.sinkage)[self._row]
-        moved = np.abs(self.base_slopes[place.name] * values / self.observed)
+        moved = np.abs(self.base_slopes[place.name] * self._at_values(term) / self.observed)
         usual = float(np.sqrt(np.mean(moved[moved > 0.0] ** 2))) if moved.any() else 1.0
         return 1.0 / max(usual, 1e-12)
-
-
-def _start(law: Law, number: int, strength: float) -> dict[str, float]:
-    """Where the numbers of a law's one term start, as those of its term of that number."""
-    (term,) = law.terms
-    return {f"a{number}": strength} | ({f"c{number}": term.constant} if term.free else {})
-
-
-def _first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[T]:
-    """The first item of each kind, in their order."""
-    seen: set[Hashable] = set()
-    for item in items:
-        kind = key(item)
-        if kind not in seen:
-            seen.add(kind)
-            yield item

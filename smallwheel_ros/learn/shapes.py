@@ -25,7 +25,8 @@ class Shape:
 
     power: by which power of u's unit its value grows (0: it has none). constant: whether it has a
     c, and whether that is fitted or given (the driver's middle). written: further numbers that stand
-    in its code, and have to be described as c has. alone: it is added to no other shape.
+    in its code, and have to be described as c has. alone: it is added to no other shape. side: +1 where it
+    is zero for u under 0, -1 where it is for those over 0.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Shape:
     constant: Constant = "none"
     written: int = 0
     alone: bool = False
+    side: int = 0
 
     @property
     def moved(self) -> bool:
@@ -59,13 +61,31 @@ ROOT = Shape("root", "np.sqrt(np.abs(u))", "sqrt({u})", 0.5)
 LOGARITHM = Shape("logarithm", "np.log(u / c)", "ln({u}/{c})", constant="given")
 INVERSE = Shape("inverse", "1.0 / u", "1/{u}", -1.0)
 SIZE = Shape("size", "np.abs(u)", "|{u}|", 1.0)
-POSITIVE = Shape("positive", "np.maximum(u, 0.0)", "max({u}, 0)", 1.0)
-NEGATIVE = Shape("negative", "np.maximum(-u, 0.0)", "max(-{u}, 0)", 1.0)
+POSITIVE = Shape("positive", "np.maximum(u, 0.0)", "max({u}, 0)", 1.0, side=1)
+NEGATIVE = Shape("negative", "np.maximum(-u, 0.0)", "max(-{u}, 0)", 1.0, side=-1)
+POSITIVE_SQUARE = Shape("positive_square", "np.maximum(u, 0.0) ** 2", "max({u}, 0)^2", 2.0, side=1)
+NEGATIVE_SQUARE = Shape(
+    "negative_square", "np.maximum(-u, 0.0) ** 2", "max(-{u}, 0)^2", 2.0, side=-1
+)
 OFFSET = Shape("offset", "u - c", "({u} - {c})", 1.0, "free")
 HINGE = Shape("hinge", "np.maximum(u - c, 0.0)", "max({u} - {c}, 0)", 1.0, "free")
 FALLING_HINGE = Shape("falling_hinge", "np.maximum(c - u, 0.0)", "max({c} - {u}, 0)", 1.0, "free")
 OPTIMUM = Shape("optimum", "(u - c) ** 2", "({u} - {c})^2", 2.0, "free")
 SATURATION = Shape("saturation", "np.tanh(u / c)", "tanh({u}/{c})", constant="free")
+POSITIVE_SATURATION = Shape(
+    "positive_saturation",
+    "np.tanh(np.maximum(u, 0.0) / c)",
+    "tanh(max({u}, 0)/{c})",
+    constant="free",
+    side=1,
+)
+NEGATIVE_SATURATION = Shape(
+    "negative_saturation",
+    "np.tanh(np.maximum(-u, 0.0) / c)",
+    "tanh(max(-{u}, 0)/{c})",
+    constant="free",
+    side=-1,
+)
 DECAY = Shape("decay", "np.exp(-np.abs(u) / c)", "exp(-|{u}|/{c})", constant="free")
 LOG_GROWTH = Shape("log_growth", "np.log1p(np.abs(u) / c)", "ln(1 + |{u}|/{c})", constant="free")
 GROWTH = Shape("growth", "np.expm1(u / c)", "(exp({u}/{c}) - 1)", constant="free")
