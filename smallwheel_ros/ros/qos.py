@@ -17,10 +17,12 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-# Matches reliable and best-effort publishers alike. Deep enough for a second at 200 Hz in which the
-# processor is busy with something else: what does not fit is lost, and nobody is told.
-INPUT = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-ESTIMATE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# Deep enough for a second at 200 Hz in which the processor is busy with something else: what does not
+# fit is lost, and nobody is told. That goes for reliable topics too.
+_DEEP = 200
+# Matches reliable and best-effort publishers alike.
+INPUT = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.BEST_EFFORT)
+ESTIMATE = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.RELIABLE)
 # A late subscriber gets the newest.
 LATCHED = QoSProfile(
     depth=1,
