@@ -106,6 +106,28 @@ def test_another_soil_is_found_within_a_metre(factor: float, outliers: float) ->
     check_change(1, factor, outliers)
 
 
+def test_a_wheel_that_is_first_measured_behind_the_border_is_on_the_old_soil() -> None:
+    driven = drive(1, 2.0)
+    wheels = [
+        Wheel(w.name, w.diameter, w.width, lateral_position=w.y, longitudinal_position=w.x)
+        for w in driven.rover.wheels
+    ]
+    e = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=wheels)
+    late = wheels[-1].name
+    for one in measurements(driven):
+        if one.wheel != late:
+            e.update(one)
+        elif e.soil_changes:
+            first = e.update(one)
+            break
+    assert one.distance + wheels[-1].longitudinal_position < BORDER - FRONT
+    size = one.load, one.diameter, one.width
+    assert first.predicted_sinkage is not None
+    assert first.predicted_sinkage == pytest.approx(one.sinkage, rel=0.35)
+    assert first.predicted_sinkage > 1.35 * e.predict(*size, wheel=wheels[0].name).sinkage
+    assert e.elsewhere(late) == tuple(w.name for w in wheels[:2])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.33, 0.5, 2.0, 3.0])
 def test_every_change_is_found_once(factor: float) -> None:
