@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -16,16 +16,24 @@ from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.onboard.message_fields import VALID, mobility_fields, soil_fields
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.output import write_bytes
 from smallwheel_ros.replay.spec import ReplayError
 
 _BLOCK = 1000  # rows; a replay that is killed loses at most these
 
 
-def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+def _csv_text(rows: Iterable[Iterable[Any]]) -> str:
     """Return rows as CSV; None is a blank cell."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows by column as CSV; no file where there are none. Raises OutputError."""
+    path.unlink(missing_ok=True)
+    if rows:
+        write_bytes(path, _csv_text([rows[0], *(row.values() for row in rows)]).encode())
 
 
 @contextmanager
@@ -53,7 +61,7 @@ def table(stem: Path, columns: Mapping[str, str]) -> Iterator[Callable[[list[Any
     rows: list[list[Any]] = [list(columns)]
 
     def put() -> None:
-        file.write(csv_text(rows))
+        file.write(_csv_text(rows))
         file.flush()
         rows.clear()
 

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.output import write_bytes
-from smallwheel_ros.replay.estimates import columns, csv_text, table
+from smallwheel_ros.replay.estimates import columns, table, write_rows
 from smallwheel_ros.replay.folder import (
     ESTIMATES,
     FILES,
@@ -216,10 +215,7 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
         name = outcome.spec.name
         for row in _rows(outcome.spec.folder / MEASUREMENTS):
             measured.append({**row, "soil": f"{name} {row['soil']}", "run": f"{name} {row['run']}"})
-    (folder / MEASUREMENTS).unlink(missing_ok=True)
-    if measured:
-        text = csv_text([measured[0], *(row.values() for row in measured)])
-        write_bytes(folder / MEASUREMENTS, text.encode())
+    write_rows(folder / MEASUREMENTS, measured)
     merged = ("estimates_csv", "estimates_parquet", "measurements")
     return {what: name for what, name in files_in(folder).items() if what in merged}
 

@@ -16,8 +16,7 @@ from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.output import write_bytes
-from smallwheel_ros.replay.estimates import Estimate, columns, csv_text, table
+from smallwheel_ros.replay.estimates import Estimate, columns, table, write_rows
 from smallwheel_ros.replay.folder import (
     BAG,
     ESTIMATES,
@@ -97,10 +96,7 @@ def replay(
             bag = NewBag(folder / BAG, reader, session.copied)
             with table(folder / ESTIMATES, columns()) as add_row, bag:
                 session.run(add_row, bag, stop, progress)
-            rows = list(result.segments.table())
-            if rows:
-                text = csv_text([rows[0], *(row.values() for row in rows)])
-                write_bytes(folder / MEASUREMENTS, text.encode())
+            write_rows(folder / MEASUREMENTS, list(result.segments.table()))
             report(result, folder / FILES["report"])
             write_summary(folder, result.document(files_in(folder)))
     return result
