@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
 from smallwheel_ros.estimator.law_model import reference_wheel
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
@@ -62,11 +62,14 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
 
 __all__ = [
+    "EffectScore",
     "EstimatorError",
     "EstimatorSettings",
+    "Identifiable",
     "MissingEffect",
     "Outcome",
     "SinkageMeasurement",
+    "SinkagePrediction",
     "SoilEstimate",
     "SoilEstimator",
     "SoilPrior",
