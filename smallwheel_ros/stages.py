@@ -71,21 +71,26 @@ class Stages:
 
         Raises EffectError where they make a load or a diameter that no wheel has.
         """
-        conditions = self.conditions
-        diameter = _positive("diameter", self.change("wheel_diameter", conditions.diameter))
+        load = self._reaching(self.conditions.load)
+        diameter = _positive("diameter", self.change("wheel_diameter", self.conditions.diameter))
         modulus = effective_modulus(np.asarray(k), np.asarray(m), diameter)
         exponent = np.broadcast_to(np.asarray(n), modulus.shape)
-        return self.on_soil(Loaded(conditions.load, diameter, modulus, exponent))
+        return Loaded(load, diameter, *self._soil(modulus, exponent))
 
     def on_soil(self, before: Loaded) -> Loaded:
         """What the effects make of the load that reaches the soil, and of the soil itself."""
-        load = _positive("load", self.change("normal_load", before.load))
-        modulus, exponent = before.modulus, before.exponent
+        soil = self._soil(before.modulus, before.exponent)
+        return Loaded(self._reaching(before.load), before.diameter, *soil)
+
+    def _reaching(self, load: Array) -> Array:
+        return _positive("load", self.change("normal_load", load))
+
+    def _soil(self, modulus: Array, exponent: Array) -> tuple[Array, Array]:
         for effect in self.acting_at("modulus_factor"):
             modulus = modulus * self.call(effect, "modulus_factor", 1.0)
         for effect in self.acting_at("exponent_shift"):
             exponent = exponent + self.call(effect, "exponent_shift", 0.0)
-        return Loaded(load, before.diameter, modulus, exponent)
+        return modulus, exponent
 
     @property
     def layered(self) -> bool:

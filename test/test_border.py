@@ -36,7 +36,7 @@ class Step(NamedTuple):
         return math.log(self.result.forces.sinkage.value / self.sinkage)
 
 
-@pytest.fixture(scope="module", params=[0.25, 2.5])
+@pytest.fixture(scope="module", params=[0.25, 6.0])
 def steps(request: pytest.FixtureRequest) -> list[Step]:
     """A drive from a sand to a soil of so many times its modulus."""
     ground = {"n": 0.85, "m": 0.35, "friction_angle": 0.54, "cohesion": 600.0}
