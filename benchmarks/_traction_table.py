@@ -19,6 +19,8 @@ AHEAD = {
     "slope": 1.0,
     "slow slope": 1.0,
     "other shear": 1.0,
+    "even slope": 1.0,
+    "even patch": 0.3,
     "patch": 0.3,
     "patch, equal": 0.3,
 }  # m
@@ -43,8 +45,7 @@ class Row:
     wheel_margins: int
     wheel_margins_inside: int
     ahead: float | None
-    false: int
-    needless: int
+    left: list[float]
     length: float
 
 
@@ -113,16 +114,22 @@ def _print_warnings(rows: list[Row]) -> None:
                 f"{world}: {good} of {len(stuck)} ({low:.2f} to {high:.2f}) warned of {need} m ahead;"
                 f" {' '.join(f'{ahead:.2f}' for ahead in stuck)}"
             )
-    length = sum(row.length for row in rows)
-    for name in ("false", "needless"):
-        count = sum(getattr(row, name) for row in rows)
+    left = [each for row in rows for each in row.left]
+    print(in_words(left, sum(row.length for row in rows)))
+
+
+def in_words(left: list[float], length: float) -> str:
+    """Warnings that nothing came of, by the true reserve that was left near them; length: driven, m."""
+    found = []
+    for least in (0.03, 0.05, 0.07, 0.1):
+        count, each = sum(one > least for one in left), 500.0 / length
         low = 0.5 * chi2.ppf(0.025, 2 * count) if count else 0.0
         high = 0.5 * chi2.ppf(0.975, 2 * count + 2)
-        each = 500.0 / length
-        print(
-            f"{name}: {count} in {length:.0f} m, {count * each:.2f} in 500 m"
-            f" ({low * each:.2f} to {high * each:.2f})"
+        found.append(
+            f"over {least:.2f} left {count}, in 500 m {count * each:.1f}"
+            f" ({low * each:.1f} to {high * each:.1f})"
         )
+    return f"false in {length:.0f} m: " + "; ".join(found)
 
 
 def table(rows: list[Row]) -> None:
@@ -140,6 +147,8 @@ def table(rows: list[Row]) -> None:
             print(f"    {world}: " + ", ".join(f"{n} {v[0]:.3f}" for n, v in of_world.items()))
     print()
     of_balance = [row for row in rows if row.kind == "balance"]
+    if not of_balance:
+        return
     for stated, came, low, high, drives in reliability(of_balance, "risks"):
         print(f"risk stated {stated:.2f}: {came:.2f} ({low:.2f} to {high:.2f}), {drives} drives")
     _print_warnings(of_balance)

@@ -20,10 +20,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from _traction_table import AHEAD, KINDS, Row, draw, table
+from _traction_table import AHEAD, KINDS, Row, draw, in_words, table
 from numpy.typing import NDArray
 from robot_worlds import VEHICLES
-from traction_worlds import GRAVITY, MASS, REFERENCE_SLIP, WORLDS, TractionDrive, make_drive
+from traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
 
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.assessment import Assessor
@@ -56,8 +56,8 @@ class Run:
         default_factory=list
     )  # within a metre it needs more than its margin
     ahead: float | None = None  # m before it was stuck, that it was warned of without a pause
-    false: int = 0  # warnings on ground where it came nowhere near
-    needless: int = 0  # warnings after which it did not even come to the reference slip
+    # Of each warning that nothing came of: the least true reserve near it.
+    left: list[float] = field(default_factory=list)
     length: float = 0.0  # m
 
 
@@ -126,10 +126,10 @@ def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assess
 
 
 def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -> None:
-    """How far ahead the last warning began; and those that were false.
+    """How far ahead the last warning began; and those that nothing came of.
 
-    False: from half a metre before to two metres after it no slip over 0.3, and no place with a true
-    reserve under 0.03. Stricter: no slip over 0.4.
+    That is, from half a metre before to two metres after it slip stayed under 0.3. How much true reserve
+    was left there says whether it was a near miss.
     """
     path = drive.path
     out.length, begin = float(path[-1]), float(path[-1])
@@ -144,8 +144,8 @@ def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -
     for place, on in zip(path, warned, strict=True):
         if on and place - last > _EPISODE and place < begin:
             near = (path > place - 0.5) & (path < place + 2.0)
-            out.false += bool(drive.slip[near].max() < 0.3 and drive.reserve[near].min() > 0.03)
-            out.needless += bool(drive.slip[near].max() < REFERENCE_SLIP)
+            if drive.slip[near].max() < 0.3:
+                out.left.append(float(drive.reserve[near].min()))
         if on:
             last = place
 
@@ -162,10 +162,10 @@ def print_known(drives: list[TractionDrive]) -> None:
             (made.ahead, AHEAD.get(d.world.name)) for made, d in zip(rows, drives, strict=True)
         ]
         stuck = [ahead >= need for ahead, need in pairs if ahead is not None and need is not None]
-        length, false = sum(made.length for made in rows), sum(made.false for made in rows)
+        left = [each for made in rows for each in made.left]
         print(
-            f"true reserve under {least}: {sum(stuck)} of {len(stuck)} in time, {false} false in"
-            f" {length:.0f} m"
+            f"true reserve under {least}: {sum(stuck)} of {len(stuck)} in time,"
+            f" {in_words(left, sum(made.length for made in rows))}"
         )
 
 
@@ -192,8 +192,7 @@ def summed(world: str, seed: int, kind: str, made: Run) -> Row:
         made.wheel_margins,
         made.wheel_margins_inside,
         made.ahead,
-        made.false,
-        made.needless,
+        made.left,
         made.length,
     )
 

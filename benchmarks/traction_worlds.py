@@ -41,9 +41,10 @@ class TractionWorld:
 
     patch: factors on grip between which that of one long patch is drawn; slope: rad that it rises
     to, over a ramp between these lengths (m); lowered: factor on k at half way; firmness: added to ln
-    pressure. rolling: share of the displacement by rolling that shears soil, as a tread yields; residual:
-    what is left of the shear stress far behind its peak (Wong 1979), over that; dragging: resistance
-    that no law of sinkage gives, over load.
+    pressure. grip_varies, own_grip: deviations of ln grip, of places and of what each wheel finds besides.
+    rolling: share of the displacement by rolling that shears soil, as a tread yields; residual: what is
+    left of the shear stress far behind its peak (Wong 1979), over that; dragging: resistance that no law
+    of sinkage gives, over load.
     """
 
     name: str
@@ -55,6 +56,7 @@ class TractionWorld:
     lowered: float = 1.0
     firmness: float = 0.0
     grip_varies: float = 0.18
+    own_grip: float = 0.05
     torque_scale: float = 0.03
     friction: float = 0.05  # N m in the drive
     rolling: float = 1.0
@@ -75,6 +77,9 @@ WORLDS = {
         TractionWorld("firm", firmness=1.5),
         TractionWorld("bad motors", torque_scale=0.12, friction=0.15),
         TractionWorld("other shear", slope=0.4, rolling=0.3, residual=0.8, dragging=0.015),
+        TractionWorld("even patch", patch=(0.15, 0.5), grip_varies=0.05),
+        TractionWorld("even slope", slope=0.5, distance=26.0, ramp=(10.0, 16.0), grip_varies=0.05),
+        TractionWorld("uneven", grip_varies=0.3, own_grip=0.1),
     )
 }
 
@@ -208,7 +213,9 @@ def _truth(world, rng, wheels, way, law, strength):  # type: ignore[no-untyped-d
     inside = (way >= 0) & (way <= world.distance)
     for j, wheel in enumerate(wheels):
         place = way + wheel.longitudinal_position
-        own = np.interp(place, way, grip) + 0.05 * np.interp(place, way, _blocks(rng, way, 1.0))
+        own = np.interp(place, way, grip) + world.own_grip * np.interp(
+            place, way, _blocks(rng, way, 1.0)
+        )
         local = np.interp(place, way, soft + 0.06 * _blocks(rng, way, 1.0))
         side = 1.0 if j in (0, 3) else -1.0
         end = 1.0 if wheel.longitudinal_position > 0 else -1.0

@@ -15,10 +15,14 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_filter import SCATTER
 from smallwheel_ros.estimator.traction_state import ROLLING
 from smallwheel_ros.model import Model, predict
-from smallwheel_ros.onboard.mobility import MobilityError, WheelForces, wheel_forces
+from smallwheel_ros.onboard.mobility import (
+    SCATTER,
+    MobilityError,
+    WheelForces,
+    wheel_forces,
+)
 from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil, soil
