@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.display import number
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
@@ -209,8 +210,9 @@ _MOST_LINES = 12
 _MOST_ALARMS = 2
 
 
-def _share(part: int, whole: int) -> str:
-    return f"{100.0 * part / whole:.0f} %" if whole else "-"
+def share(part: int, whole: int) -> str:
+    """A part of a count, in per cent."""
+    return f"{100.0 * part / whole:.3g} %" if whole else "-"
 
 
 def summary_text(summary: dict[str, Any]) -> str:
@@ -251,21 +253,23 @@ def summary_text(summary: dict[str, Any]) -> str:
 
 def wheels_text(summary: dict[str, Any]) -> str:
     """The match rates of each wheel."""
-    rows = []
-    for name, wheel in summary["wheels"].items():
-        count, rms = wheel["estimates"], wheel["sinkage_rms"]
-        rows.append(
-            [
-                name,
-                str(count),
-                _share(wheel["with_load"], count),
-                _share(wheel["with_slip"], count) if wheel["rolls"] else "-",
-                _share(wheel["used_for_soil"], count),
-                "-" if rms is None else f"{1e3 * rms:.2f}",
-            ]
-        )
     header = ["wheel", "estimates", "with load", "with slip", "used", "sinkage error [mm rms]"]
-    return text_table(header, rows)
+    return text_table(header, match_rates(summary))
+
+
+def match_rates(summary: dict[str, Any]) -> list[list[str]]:
+    """For each wheel: estimates, how many had load and slip and were used, rms error (mm)."""
+    return [
+        [
+            name,
+            str(wheel["estimates"]),
+            share(wheel["with_load"], wheel["estimates"]),
+            share(wheel["with_slip"], wheel["estimates"]) if wheel["rolls"] else "-",
+            share(wheel["used_for_soil"], wheel["estimates"]),
+            "-" if wheel["sinkage_rms"] is None else number(1e3 * wheel["sinkage_rms"]),
+        ]
+        for name, wheel in summary["wheels"].items()
+    ]
 
 
 def soil_lines(summary: dict[str, Any]) -> list[str]:

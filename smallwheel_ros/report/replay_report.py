@@ -8,7 +8,7 @@ from typing import Any
 
 from smallwheel_ros.display import number
 from smallwheel_ros.replay.folder import FILES
-from smallwheel_ros.replay.result import Replayed
+from smallwheel_ros.replay.result import Replayed, match_rates, share
 from smallwheel_ros.report.drive_data import drive_data, read_courses, stride
 from smallwheel_ros.report.page import (
     Block,
@@ -156,28 +156,11 @@ def _drive(result: Replayed, every: int) -> list[Block]:
     ]
 
 
-def _share(part: int, whole: int) -> str:
-    return f"{100.0 * part / whole:.1f} %" if whole else "-"
-
-
 def _match_rates(summary: dict[str, Any]) -> Table:
-    rows = []
-    for name, wheel in summary["wheels"].items():
-        count, rms = wheel["estimates"], wheel["sinkage_rms"]
-        rows.append(
-            [
-                name,
-                str(count),
-                _share(wheel["with_load"], count),
-                _share(wheel["with_slip"], count) if wheel["rolls"] else "-",
-                _share(wheel["used_for_soil"], count),
-                "-" if rms is None else number(1e3 * rms),
-            ]
-        )
     header = ["wheel", "estimates", "with a load", "with slip", "used for the soil",
               "measured - predicted [mm rms]"]  # fmt: skip
     caption = "How many measurements had what they need at their instant"
-    return Table(header, rows, caption, range(1, 6))
+    return Table(header, match_rates(summary), caption, range(1, 6))
 
 
 def _soil(summary: dict[str, Any]) -> list[Block]:
@@ -230,7 +213,7 @@ def _not_used(summary: dict[str, Any]) -> list[Block]:
                 drop["topic"],
                 _REASONS.get(drop["reason"], drop["reason"].replace("_", " ")),
                 str(drop["count"]),
-                _share(drop["count"], received.get(drop["stream"], 0)),
+                share(drop["count"], received.get(drop["stream"], 0)),
                 "-" if first is None else f"{first:.1f}",
                 drop["example"],
             ]
