@@ -263,10 +263,22 @@ def test_a_slipping_vehicle_is_warned_of_with_its_risk() -> None:
     assert 10 <= first < 20
     assert "may get stuck in" in warnings[first]
     assert "m, " in warnings[first]
-    assert "the wheels slip by 0.6" in warnings[-1]
+    over = next(words for words in warnings if words.startswith("the wheels slip by 0.3"))
+    assert "more and more: the vehicle may get stuck in 0." in over
+    assert warnings[-1].startswith("the wheels slip by 0.6")
+    assert warnings[-1].endswith("at any moment")
     assert watch.risk == pytest.approx(1.0 - 0.977, abs=0.01)  # 0.1 is two deviations
     watch.reset()
     assert (watch.risk, watch.warning) == (None, "")
+
+
+def test_a_slip_that_stays_high_is_warned_of_without_a_distance() -> None:
+    instant = drive(make(**MASS), pose=0.05)[-1].instant
+    watch = StuckWarning()
+    for i in range(60):
+        stamp, slip = START + i * SECOND // 10, Quantity(0.448 - 1e-4 * i, 0.02)
+        watch.add(instant._replace(stamp=stamp, distance=0.03 * i, slip=slip), None, 0.4)
+    assert watch.warning == "the wheels slip by 0.44: the vehicle may get stuck"
 
 
 def test_no_warning_in_ordinary_driving() -> None:

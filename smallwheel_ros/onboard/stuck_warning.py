@@ -136,14 +136,14 @@ class StuckWarning:
         places, values = steps[:, 0], steps[:, 1]
         mean, _ = _line(places, values, _AHEAD)
         now, trend = _line(places, values, _SOON)
-        if max(mean, values[-1]) > _HIGH:
-            return f"the wheels slip by {max(mean, values[-1]):.2f}: the vehicle may get stuck"
-        if now > _ORDINARY and now + trend * _SOON > reference_slip:
-            left = max(reference_slip - now, 0.0) / trend
-            return (
-                f"the wheels slip by {now:.2f} and more and more: the vehicle may get stuck in"
-                f" {left:.1f} m{_in_time(left, speed)}"
-            )
+        high, rises = max(mean, float(values[-1])), now + max(trend, 0.0) * _SOON > reference_slip
+        if high > _HIGH or (now > _ORDINARY and rises):
+            words = f"the wheels slip by {max(high, now):.2f}"
+            if not (rises and trend > 0.0):
+                return f"{words}: the vehicle may get stuck"
+            left = (reference_slip - now) / trend
+            when = f"in {left:.1f} m{_in_time(left, speed)}" if left > 0.0 else "at any moment"
+            return f"{words} and more and more: the vehicle may get stuck {when}"
         if mean > _ORDINARY and self.risk is not None and self.risk > _LIKELY:
             return (
                 f"the wheels slip by {mean:.2f}, and the slope gets too steep for this soil: the vehicle"
