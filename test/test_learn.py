@@ -25,12 +25,12 @@ from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.chance import chance
 from smallwheel_ros.learn.draft import Number, class_text, file_text
-from smallwheel_ros.learn.drivers import DEPTH, drivers_of
+from smallwheel_ros.learn.drivers import DEPTH, Driver, drivers_of
 from smallwheel_ros.learn.grammar import Term, terms_of
 from smallwheel_ros.learn.grid import Grid
 from smallwheel_ros.learn.law import PLACES, Law
 from smallwheel_ros.learn.search import Search
-from smallwheel_ros.learn.shapes import SATURATION
+from smallwheel_ros.learn.shapes import HINGE, SATURATION
 from smallwheel_ros.learn.verdict import SURE
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
@@ -499,6 +499,24 @@ def test_along_curves_of_slip_the_soil_is_found_and_each_run_is_one_piece_of_evi
     # Fourteen values of a column follow nothing, though each is there for twelve slips.
     followed = {d.name for d in Grid.of(problem.points, problem.fit.model).drivers}
     assert followed >= {"load", "slip", "speed", "moisture", "temperature", "battery"}
+
+
+@given(low=st.floats(1e-6, 1e9), share=st.floats(0.0, 0.6))
+def test_the_reference_of_a_driver_far_from_zero_is_never_over_its_lowest_value(
+    low: float, share: float
+) -> None:
+    driver = Driver("air", ("air",), "air", 'conditions["air"]', "Pa")
+    values = low * (1.0 + share * np.array([0.0, 0.3, 1.0]))
+    measured = driver.measured_at(values)
+    assert 0.0 <= measured.low <= 0.1 * np.ptp(values) + 1e-9 * low
+    assert measured.reference + measured.high == pytest.approx(values.max(), rel=1e-12)
+
+
+def test_a_reference_reads_as_a_round_number() -> None:
+    air = Driver("air", ("air",), "air", 'conditions["air"]', "Pa")
+    measured = air.measured_at(np.array([101723.0, 102950.0]))
+    assert measured.text == "(air - 101700)"
+    assert Term(((measured, HINGE),), 512.3).text(512.3) == HINGE.text.format(u="air", c="102210")
 
 
 def test_only_a_slip_of_either_sign_has_shapes_of_one_side(data: Measurements) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import keyword
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -79,13 +80,18 @@ class Driver:
     @property
     def text(self) -> str:
         """It, in a formula for people."""
-        return f"({self.name} - {self.reference:g})" if self.reference else self.name
+        return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
+
+    def place(self, value: float) -> str:
+        """A value of its own, reference and all, to a hundredth of its range."""
+        whole = value + self.reference
+        return f"{round(whole, 1 + _digits(self.span)) if self.span > 0.0 else whole:.12g}"
 
     def measured_at(self, x: Array) -> Driver:
         """The driver of points where it has these values, shape (points,)."""
         low, high = float(x.min()), float(x.max())
         far = low > _FAR * high and self.columns == (self.name,)  # a ratio has its zero at zero
-        reference = float(f"{low:.3g}") if far else 0.0
+        reference = _at_most(low, high - low) if far else 0.0
         return replace(
             self, reference=reference, low=low - reference, high=high - reference,
             middle=float(f"{np.median(np.abs(x - reference)):.2g}"),
@@ -102,6 +108,19 @@ _COMPOUNDS = (
            f'conditions["speed"] / np.sqrt({_GRAVITY} * conditions.diameter)', "1", 1.5),
 )  # fmt: skip
 _DEPTH = Driver(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
+
+
+def _at_most(low: float, span: float) -> float:
+    """The lowest value, rounded down to a tenth of the span or less: 293 of 293.15 to 308."""
+    if span <= 1e-9 * low:
+        return low
+    unit = 10.0 ** _digits(span)
+    return math.floor(low * unit) / unit
+
+
+def _digits(span: float) -> int:
+    """Of a number that is given to a tenth of the span's size, behind the point."""
+    return 1 - math.floor(math.log10(span))
 
 
 def identifier(name: str) -> str:

@@ -119,7 +119,7 @@ class Term:
             c = constant if shape.constant == "free" else driver.middle
             if shape.moved and driver.reference:
                 # (x - reference) - c reads better as x - (reference + c)
-                text = shape.text.format(u=driver.name, c=f"{driver.reference + (c or 0.0):.4g}")
+                text = shape.text.format(u=driver.name, c=driver.place(c or 0.0))
             else:
                 text = shape.text.format(u=driver.text, c=f"{c:.3g}")
             parts.append(text)
