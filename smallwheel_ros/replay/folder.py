@@ -104,7 +104,7 @@ def check_folder(spec: ReplaySpec) -> None:
 
 
 def begin(spec: ReplaySpec) -> bool:
-    """Clear the folder of an earlier replay; note that one is under way.
+    """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
 
     Returns
     -------
@@ -127,8 +127,8 @@ def begin(spec: ReplaySpec) -> bool:
                         " folder, or remove it"
                     )
         else:
-            # The last: what a replay that was killed had written of its bag.
-            for path in (*(folder / name for name in names), *folder.glob(f".{BAG}-*")):
+            drafts = (path for name in names for path in folder.glob(f".{name}[.-]*"))
+            for path in (*(folder / name for name in names), *drafts):
                 if path.is_dir():
                     shutil.rmtree(path, ignore_errors=True)
                 else:
