@@ -83,9 +83,8 @@ class Driver:
         return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
 
     def place(self, value: float) -> str:
-        """A value of its own, reference and all, to a hundredth of its range."""
-        whole = value + self.reference
-        return f"{round(whole, 1 + _digits(self.span)) if self.span > 0.0 else whole:.12g}"
+        """A value less its reference as the value itself, to a hundredth of its range, which is not 0."""
+        return f"{round(value + self.reference, 1 + _digits(self.span)):.12g}"
 
     def measured_at(self, x: Array) -> Driver:
         """The driver of points where it has these values, shape (points,)."""

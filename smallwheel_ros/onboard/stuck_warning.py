@@ -136,10 +136,11 @@ class StuckWarning:
         places, values = steps[:, 0], steps[:, 1]
         mean, _ = _line(places, values, _AHEAD)
         now, trend = _line(places, values, _SOON)
-        high, rises = max(mean, float(values[-1])), now + max(trend, 0.0) * _SOON > reference_slip
-        if high > _HIGH or (now > _ORDINARY and rises):
+        high = max(mean, float(values[-1]))
+        soon = now + max(trend, 0.0) * _SOON > reference_slip
+        if high > _HIGH or (now > _ORDINARY and soon):
             words = f"the wheels slip by {max(high, now):.2f}"
-            if not (rises and trend > 0.0):
+            if trend <= 0.0 or not soon:
                 return f"{words}: the vehicle may get stuck"
             left = (reference_slip - now) / trend
             when = f"in {left:.1f} m{_in_time(left, speed)}" if left > 0.0 else "at any moment"

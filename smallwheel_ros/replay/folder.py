@@ -127,6 +127,7 @@ def begin(spec: ReplaySpec) -> bool:
                         " folder, or remove it"
                     )
         else:
+            # What a replay that was killed had not put in its place yet.
             drafts = (path for name in names for path in folder.glob(f".{name}[.-]*"))
             for path in (*(folder / name for name in names), *drafts):
                 if path.is_dir():
