@@ -64,10 +64,9 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
         ]
     )
     stiff = slopes[:, [n.endswith("log_reference_pressure") for n in vector.names]] / 3.0
-    kernels = fitter.variance.kernels(stiff[:, 0], fit.scatter.log_length)
-    noise = fitter.variance.covariance(fit.scatter, kernels)
+    noise = fitter.variance.covariance(fit.scatter, stiff[:, 0])
     prior = vector.precision(fit.theta) * np.outer(scale, scale)
-    scaled = np.linalg.inv(slopes.T @ np.linalg.inv(noise) @ slopes + prior)
+    scaled = np.linalg.inv(slopes.T @ noise.solve(slopes) + prior)
     expected = np.sqrt(np.diag(scaled)) * scale
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), expected, rtol=0.02)
     # What is reported adds what the components' own uncertainty brings, and never takes away.

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from smallwheel_ros.diagnosis.candidate import Competitor, Kind
 from smallwheel_ros.diagnosis.curves import (
     GENERALISES,
+    STAGES,
+    AtDepth,
     Span,
     curve_part,
     distinct,
@@ -225,11 +227,12 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
                 free_constant = stage != "stiffness" and not span.side
                 first, count = (0, terms + 1) if free_constant else (1, terms)
                 label = f"unknown:{span.text}@{stage}"
-                part = curve_part(label, stage, span, first, count)
-                found.append(
-                    Competitor(label, "curve", "unknown", part, stage=stage, span=span,
-                               stands_for=stages[stage])
-                )  # fmt: skip
+                for form, kind in STAGES[stage].items():
+                    part = curve_part(label, kind, span, first, count)
+                    found.append(
+                        Competitor(label, form, "unknown", part, stage=stage, span=span,
+                                   stands_for=stages[stage])
+                    )  # fmt: skip
     found += _depth(points) if "sinkage" in points.channels else []
     return found
 
@@ -257,7 +260,7 @@ def _depth(points: Points) -> list[Competitor]:
     if z.size < 3 or np.ptp(z) < 1.0:  # a factor of e: less depth has no curve
         return []
     span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
-    part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
+    part = curve_part("unknown:depth@pressure", AtDepth, span, 2, 2)
     return [
         Competitor("unknown:depth@pressure", "curve", "unknown", part, stage="pressure", span=span)
     ]

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 ANCHORS = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0, "grouser_height": 0.0}
 _LARGEST = 5.0  # of ln factor: e^5 is two decades
 _POINTS = 25  # of a curve that is shown
+_DRAG = 0.25  # of the load: what small wheels on loose soil resist with, 0.1 to 0.4 of it
 _FALLS = (1.0, 0.5, 0.375)  # of the higher terms: curves are smooth
 
 
@@ -120,6 +121,14 @@ class AtResistance(Curve):
         return np.where(conditions.rolling, work * np.expm1(self.log_factor(conditions)), 0.0)
 
 
+class AtDrag(Curve):
+    """Resistance alone follows the setting, as a share of the load."""
+
+    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
+        drag = _DRAG * state.load * np.expm1(self.log_factor(conditions))
+        return np.where(conditions.rolling, drag, 0.0)
+
+
 class AtDepth(Curve):
     """Pressure is no power of depth. span.middle, half: of ln depth."""
 
@@ -128,12 +137,12 @@ class AtDepth(Curve):
         return np.exp(_series(self.coefficients, self.span, np.clip(x, -1.5, 1.2)))
 
 
-STAGES: dict[str, type[Curve]] = {
-    "stiffness": AtModulus,
-    "sinkage": AtSinkage,
-    "shown sinkage": AtShownSinkage,
-    "resistance": AtResistance,
-    "pressure": AtDepth,
+STAGES: dict[str, dict[str, type[Curve]]] = {  # by form
+    "stiffness": {"curve": AtModulus},
+    "sinkage": {"curve": AtSinkage},
+    "shown sinkage": {"curve": AtShownSinkage},
+    "resistance": {"curve": AtResistance, "curve_of_load": AtDrag},
+    "pressure": {"curve": AtDepth},
 }
 # Stages of named effects that such a curve is the most general form of.
 GENERALISES = {
@@ -145,9 +154,8 @@ GENERALISES = {
 }
 
 
-def curve_part(name: str, stage: str, span: Span, first: int, terms: int) -> EffectPart:
+def curve_part(name: str, kind: type[Curve], span: Span, first: int, terms: int) -> EffectPart:
     """A curve as a part of a fit, with terms of degree `first` on."""
-    kind = STAGES[stage]
     deviations = [CURVE_SIZE * fall for fall in _FALLS]
     if first == 0:
         deviations = [CURVE_SIZE, *deviations]

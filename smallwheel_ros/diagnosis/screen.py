@@ -24,7 +24,8 @@ from scipy.special import logsumexp
 
 from smallwheel_ros.diagnosis.candidate import FAILURES, Competitor, changed
 from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, HIDE, SPREAD
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.covariance import Covariance
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
 
 Array = NDArray[np.float64]
 
@@ -88,9 +89,9 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     ]
 
 
-def _whitened(factor: Array, level: float, white: Array, errors: Array) -> tuple[Array, Array]:
+def _whitened(v: Covariance, level: float, white: Array, errors: Array) -> tuple[Array, Array]:
     """ln evidence of none, and the products of whitened columns and errors."""
-    w = solve_triangular(factor, errors, lower=True, check_finite=False)
+    w = v.whiten(errors)
     return level - 0.5 * np.sum(w * w, axis=0), white.T @ w
 
 
@@ -101,14 +102,14 @@ class Screen:
         self.fitter, self.fit, self.columns = fitter, fit, list(columns)
         model = fitter.variance
         kernels = model.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
-        spread = fit.slopes @ np.linalg.solve(fit.vector.precision(fit.theta), fit.slopes.T)
+        spread = taken_up(fit.vector, fit.theta, fit.slopes)
         medians = np.log(np.array(model.medians))
         away = fit.scatter.log_deviation - medians
         self._parts = []
         stacked = (
             np.hstack([c.shift for c in self.columns])
             if self.columns
-            else np.zeros((len(spread), 0))
+            else np.zeros((len(fitter.points), 0))
         )
         ends = np.cumsum([0] + [c.shift.shape[1] for c in self.columns])
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
@@ -116,16 +117,14 @@ class Screen:
         self._first = np.array([p[0] for p in self._places], dtype=np.intp)
         for share in _WAY:
             at = replace(fit.scatter, log_deviation=medians + np.minimum(away, share * away))
-            inside = model.covariance(at, kernels) + spread
-            factor = np.asarray(np.linalg.cholesky(inside), dtype=float)
-            level = -np.log(np.diag(factor)).sum() + model.log_prior(at)
-            white = solve_triangular(factor, stacked, lower=True, check_finite=False)
-            self._parts.append((factor, level, white, white.T @ white))
+            inside = model.total(at.log_deviation, kernels, spread)
+            level = model.log_prior(at) - inside.log_root
+            white = inside.whiten(stacked)
+            self._parts.append((inside, level, white, white.T @ white))
         capped = np.minimum(fit.scatter.log_deviation, medians + HIDE * SPREAD)
-        self._null = model.covariance(replace(fit.scatter, log_deviation=capped), kernels)
+        self._null = model.total(capped, kernels)
         usual = np.minimum(fit.scatter.log_deviation, medians)
-        quiet = model.covariance(replace(fit.scatter, log_deviation=usual), kernels) + spread
-        white = solve_triangular(np.linalg.cholesky(quiet), stacked, lower=True, check_finite=False)
+        white = model.total(usual, kernels, spread).whiten(stacked)
         self._shown = white.T @ white
 
     def testability(self) -> list[float]:
@@ -147,14 +146,14 @@ class Screen:
 
     def draws(self, count: int, seed: int) -> Array:
         """Errors drawn from the null model, shape (values, count)."""
-        noise = np.random.default_rng(seed).normal(size=(len(self._null), count))
-        return np.asarray(np.linalg.cholesky(self._null) @ noise)
+        shape = (len(self.fitter.points), count)
+        return self._null.drawn(np.random.default_rng(seed).normal(size=shape))
 
     def evidence(self, errors: Array) -> tuple[Array, Array]:
         """ln evidence of none (data sets,) and of each column (columns, data sets), less a constant."""
         none, each = [], []
-        for factor, level, white, gram in self._parts:
-            base, pulled = _whitened(factor, level, white, errors)
+        for inside, level, white, gram in self._parts:
+            base, pulled = _whitened(inside, level, white, errors)
             gain = np.empty((len(self._places), errors.shape[1]))
             one = self._first[self._single]
             size = 1.0 + np.diag(gram)[one][:, None]
@@ -180,8 +179,8 @@ class Screen:
         i, j = np.triu_indices(at.size, 1)
         odds = 2.0 * np.log(EXPECTED_EFFECTS / families)
         found = []
-        for factor, level, white, gram in self._parts:
-            base, pulled = _whitened(factor, level, white, errors)
+        for inside, level, white, gram in self._parts:
+            base, pulled = _whitened(inside, level, white, errors)
             a, b = 1.0 + gram[at[i], at[i]], 1.0 + gram[at[j], at[j]]
             g = gram[at[i], at[j]]
             area = a * b - g**2

@@ -59,13 +59,15 @@ class Verdict:
 
 
 def family_of(search: Search, competitor: Competitor) -> str:
-    """The family that a competitor speaks for: a curve for the effect that it generalises."""
+    """The family that a competitor speaks for: a curve for the effect that it generalises.
+
+    Of several the one of the fewest drivers: a curve of slip is a law of slip before it is one of slip
+    and lugs.
+    """
     if competitor.kind != "unknown":
         return competitor.family
-    for other in search.field.competitors:
-        if competitor.generalises(other):
-            return other.family
-    return competitor.family
+    named = [other for other in search.field.competitors if competitor.generalises(other)]
+    return min(named, key=lambda other: len(other.drivers), default=competitor).family
 
 
 def decide(search: Search) -> Verdict:

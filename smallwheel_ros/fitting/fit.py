@@ -19,10 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 from scipy.special import ndtr
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.covariance import Covariance
 from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
@@ -136,14 +137,12 @@ class Fitter:
         predicted, slopes = self.predictor.with_slopes(vector, theta)
         last = -np.inf
         for turn in range(max(turns, 1)):
-            kernels = self.variance.kernels(stiffness(vector, slopes), scatter.log_length)
-            covariance = self.variance.covariance(scatter, kernels)
-            theta, predicted, slopes = self._climb(vector, theta, predicted, slopes, covariance)
+            v = self.variance.covariance(scatter, stiffness(vector, slopes))
+            theta, predicted, slopes = self._climb(vector, theta, predicted, slopes, v)
             if turns == 0:
                 break
-            precision = vector.precision(theta)
             away = self.points.value - predicted + slopes @ (theta - vector.centre)
-            spread = slopes @ np.linalg.solve(precision, slopes.T)
+            spread = taken_up(vector, theta, slopes)
             scatter = self.variance.fit(away, spread, stiffness(vector, slopes), scatter)
             evidence = self._evidence(vector, theta, predicted, slopes, scatter)[0]
             if abs(evidence - last) < _RESTS or turn == turns - 1:
@@ -153,20 +152,18 @@ class Fitter:
         return Fit(vector, theta, predicted, slopes, scatter, evidence, covariance)
 
     def _climb(
-        self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, v: Array
+        self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, v: Covariance
     ) -> tuple[Array, Array, Array]:
         """Gauss-Newton steps with Levenberg's damping, inside the bounds."""
-        factor = np.linalg.cholesky(v)
         observed = self.points.value
 
         def objective(at: Array, f: Array) -> float:
-            white = solve_triangular(factor, observed - f, lower=True, check_finite=False)
+            white = v.whiten(observed - f)
             return float(-0.5 * white @ white) + vector.log_prior(at)
 
         value, damping = objective(theta, predicted), 1e-3
         for _ in range(_STEPS):
-            columns = np.column_stack([slopes, observed - predicted])
-            white = solve_triangular(factor, columns, lower=True, check_finite=False)
+            white = v.whiten(np.column_stack([slopes, observed - predicted]))
             precision = vector.precision(theta)
             normal = white[:, :-1].T @ white[:, :-1] + precision
             pull = white[:, :-1].T @ white[:, -1] - precision @ (theta - vector.centre)
@@ -202,13 +199,11 @@ class Fitter:
     def _evidence(
         self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, s: Scatter
     ) -> tuple[float, Array]:
-        kernels = self.variance.kernels(stiffness(vector, slopes), s.log_length)
-        factor = np.linalg.cholesky(self.variance.covariance(s, kernels))
-        columns = np.column_stack([slopes, self.points.value - predicted])
-        white = solve_triangular(factor, columns, lower=True, check_finite=False)
+        v = self.variance.covariance(s, stiffness(vector, slopes))
+        white = v.whiten(np.column_stack([slopes, self.points.value - predicted]))
         posterior = white[:, :-1].T @ white[:, :-1] + vector.precision(theta)
         covariance = inverse(posterior)
-        value = -np.log(np.diag(factor)).sum() - 0.5 * white[:, -1] @ white[:, -1]
+        value = -v.log_root - 0.5 * white[:, -1] @ white[:, -1]
         value += vector.log_prior(theta) + self.variance.log_prior(s)
         value += 0.5 * theta.size * np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(posterior)[1]
         for j in range(vector.base_size, theta.size):
@@ -222,3 +217,9 @@ def stiffness(vector: ParameterVector, slopes: Array) -> Array:
     """df / d ln k of each value: each row has one soil."""
     mine = [j for j, p in enumerate(vector.of_soils) if p.field == "log_reference_pressure"]
     return np.asarray(slopes[:, mine].sum(axis=1))
+
+
+def taken_up(vector: ParameterVector, theta: Array, slopes: Array) -> Array:
+    """U with U U' = J P^-1 J': what the parameters can take up of the errors, (values, parameters)."""
+    root = np.linalg.cholesky(np.linalg.inv(vector.precision(theta)))
+    return np.asarray(slopes @ root)

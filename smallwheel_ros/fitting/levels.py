@@ -106,8 +106,8 @@ def shrunken_levels(points: Points, fitter: Fitter, fit: Fit) -> Array:
     """
     level = levels_from(points, fit.predicted)
     prior = fitter.variance.start
-    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), prior.log_length)
-    noise = np.diag(fitter.variance.covariance(prior, kernels)) / fitter.level**2
+    v = fitter.variance.covariance(prior, stiffness(fit.vector, fit.slopes))
+    noise = v.variance() / fitter.level**2
     measured = first_levels(points)
     for channel, name in enumerate(points.channels):
         mine = points.channel == channel

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.display import shown_value, words
 from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.document import fit_document, fit_text
-from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness
+from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
 from smallwheel_ros.fitting.points import Points
@@ -181,15 +181,14 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     free = np.flatnonzero(~fit.at_bound)
     slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
     stiff = stiffness(fit.vector, fit.slopes)
-    kernels = model.kernels(stiff, fit.scatter.log_length)
     away = points.value - fit.predicted + fit.slopes @ (fit.theta - fit.vector.centre)
-    spread = fit.slopes @ np.linalg.solve(fit.vector.precision(fit.theta), fit.slopes.T)
+    spread = taken_up(fit.vector, fit.theta, fit.slopes)
     root = np.linalg.cholesky(model.uncertainty(away, spread, stiff, fit.scatter))
     size = len(root)
     total = np.zeros((free.size, free.size))
     for column in np.sqrt(size) * np.hstack([root, -root]).T:
         at = replace(fit.scatter, log_deviation=fit.scatter.log_deviation + column)
-        white = np.linalg.solve(np.linalg.cholesky(model.covariance(at, kernels)), slopes)
+        white = model.covariance(at, stiff).whiten(slopes)
         total += inverse(white.T @ white + precision) / (2 * size)
     full = np.zeros((fit.theta.size, fit.theta.size))
     full[np.ix_(free, free)] = total

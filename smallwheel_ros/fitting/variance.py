@@ -30,14 +30,16 @@ of each value (`levels`). phi = (tau, own, ...) have log-normal priors; ln phi i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from smallwheel_ros.fitting import constants
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.covariance import Covariance, blocks_of
+from smallwheel_ros.fitting.points import Index, Points
 
 Array = NDArray[np.float64]
 
@@ -65,56 +67,68 @@ class VarianceModel:
 
     def __init__(self, points: Points, level: Array, pure: Array, stated: Array) -> None:
         self.points, self.level = points, level
-        self.base = np.diag(pure + (_RESOLUTION * level) ** 2) + _thrust_law(points, level)
-        self.names: list[str] = []
-        self.medians: list[float] = []
-        self._kernels: list[Array | None] = []
-        self._same_run = points.run[:, None] == points.run[None, :]
-        self._same_channel = points.channel[:, None] == points.channel[None, :]
-        self._sizes = np.outer(level, level)
-        self._add("tau", None, constants.SOIL_SCATTER)
-        for c, name in enumerate(points.channels):
-            self._add_channel(c, name, stated)
         self.swept = bool(points.swept.any())
+        repeated = settings_repeated(points)
+        self.names, self.medians = ["tau"], [constants.SOIL_SCATTER]
+        for c, name in enumerate(points.channels):
+            self._add(f"own:{name}", constants.CHANNEL_SCATTER)
+            if name != "drawbar_pull":
+                self._add(f"zero:{name}", constants.ZERO_SCATTER)
+            if repeated:
+                self._add(f"fit:{name}", constants.LACK_OF_FIT)
+            if stated[points.channel == c].any():
+                self._add(f"declared:{name}", 1.0)
         if self.swept:
-            self._add_curves()
+            self._add("along", constants.CURVE_CORRELATED)
+        links = [points.run, np.where(points.swept, points.channel, -1)]
+        links += [points.setting] if repeated else []
+        if "drawbar_pull" in points.channels:
+            links.append(np.where(points.of_channel("drawbar_pull"), _wheels(points), -1))
+        self.blocks = blocks_of(links)
+        pairs = [_Pairs(index) for index in self.blocks]
+        pure = pure + (_RESOLUTION * level) ** 2
+        self._base = [np.eye(p.size) * pure[p.index][:, :, None] + self._laws(p) for p in pairs]
+        self._parts = [np.array([self._kernel(n, p, stated) for n in self.names]) for p in pairs]
+        self._gap = [p.apart(points.path) for p in pairs]
 
-    def _add(self, name: str, kernel: Array | None, median: float) -> None:
+    def _laws(self, pairs: _Pairs) -> Array:
+        """Covariance of what a law of thrust and a curve's power of depth get wrong."""
+        points, sizes = self.points, pairs.product(self.level)
+        found = np.zeros_like(sizes)
+        if "drawbar_pull" in points.channels:
+            pull = pairs.product(points.of_channel("drawbar_pull")) * pairs.same(_wheels(points))
+            near = np.exp(-pairs.apart(points.column("slip")) / constants.THRUST_SLIP)
+            found += constants.THRUST_LAW**2 * sizes * pull * near
+        if self.swept:
+            bodies = _codes([points.column("diameter"), points.column("width")])
+            same = pairs.same(bodies)
+            near = np.exp(-pairs.apart(np.log(np.maximum(self.level, 1e-12))))
+            law = (1.0 + same) * near + (same if bodies.max() > 0 else 0.0)
+            curve = pairs.product(points.swept) * pairs.same(points.channel)
+            found += constants.CURVE_SHAPE**2 * sizes * curve * law
+        return found
+
+    def _kernel(self, name: str, pairs: _Pairs, stated: Array) -> Array:
+        """Covariance of one component at unit deviation, less what `kernels` knows."""
+        component, _, channel = name.partition(":")
+        points, run, sizes = self.points, pairs.same(self.points.run), pairs.product(self.level)
+        if component == "tau":
+            return run
+        if component == "along":
+            return pairs.product(points.swept) * pairs.same(points.channel) * run * sizes
+        here = points.of_channel(channel)
+        mine = pairs.product(here)
+        if component == "own":
+            return mine * run * sizes
+        if component == "zero":
+            return mine * run * float(np.median(self.level[here])) ** 2
+        if component == "fit":
+            return mine * pairs.same(points.setting) * sizes
+        return np.eye(pairs.size) * mine * stated[pairs.index][:, :, None]  # declared
+
+    def _add(self, name: str, median: float) -> None:
         self.names.append(name)
-        self._kernels.append(kernel)
         self.medians.append(median)
-
-    def _add_channel(self, c: int, name: str, stated: Array) -> None:
-        points = self.points
-        mine = points.channel == c
-        here = np.outer(mine, mine)
-        together = here & self._same_run
-        self._add(f"own:{name}", np.where(together, self._sizes, 0.0), constants.CHANNEL_SCATTER)
-        if name != "drawbar_pull":
-            middle = float(np.median(self.level[mine])) ** 2
-            self._add(f"zero:{name}", np.where(together, middle, 0.0), constants.ZERO_SCATTER)
-        if settings_repeated(points):
-            same = here & (points.setting[:, None] == points.setting[None, :])
-            self._add(f"fit:{name}", np.where(same, self._sizes, 0.0), constants.LACK_OF_FIT)
-        if stated[mine].any():
-            self._add(f"declared:{name}", np.diag(np.where(mine, stated, 0.0)), 1.0)
-
-    def _add_curves(self) -> None:
-        points = self.points
-        swept = points.swept
-        self._gap = np.abs(points.path[:, None] - points.path[None, :])
-        self._along = np.where(
-            self._same_run & self._same_channel & np.outer(swept, swept), self._sizes, 0.0
-        )
-        self._add("along", None, constants.CURVE_CORRELATED)
-        depth = np.log(np.maximum(self.level, 1e-12))
-        both = self._same_channel & np.outer(swept, swept)
-        body = np.round(np.column_stack([points.column("diameter"), points.column("width")]), 4)
-        code = np.unique(body, axis=0, return_inverse=True)[1].reshape(-1)
-        same = code[:, None] == code[None, :]
-        near = np.exp(-np.abs(depth[:, None] - depth[None, :]))
-        law = (1.0 + same) * near + (same if code.max() > 0 else 0.0)
-        self.base += constants.CURVE_SHAPE**2 * np.where(both, self._sizes * law, 0.0)
 
     @property
     def start(self) -> Scatter:
@@ -134,24 +148,36 @@ class VarianceModel:
         return Scatter(tuple(self.names), values, scatter.log_length)
 
     def kernels(self, stiffness: Array, log_length: float) -> list[Array]:
-        """Covariance of each component at unit deviation. stiffness: df / d ln k, shape (values,)."""
+        """Covariance of each component at unit deviation, by blocks: (components, blocks, m, m).
+
+        stiffness: df / d ln k, shape (values,).
+        """
         found = []
-        for name, kernel in zip(self.names, self._kernels, strict=True):
-            if name == "tau":
-                found.append(np.where(self._same_run, np.outer(stiffness, stiffness), 0.0))
-            elif name == "along":
-                found.append(self._along * np.exp(-self._gap / np.exp(log_length)))
-            else:
-                assert kernel is not None
-                found.append(kernel)
+        for index, part, gap in zip(self.blocks, self._parts, self._gap, strict=True):
+            kernels = part.copy()
+            kernels[0] *= stiffness[index][:, :, None] * stiffness[index][:, None, :]
+            if self.swept:
+                kernels[-1] *= np.exp(-gap / np.exp(log_length))
+            found.append(kernels)
         return found
 
-    def covariance(self, scatter: Scatter, kernels: list[Array]) -> Array:
-        """V, shape (values, values)."""
-        total = self.base.copy()
-        for ln, kernel in zip(scatter.log_deviation, kernels, strict=True):
-            total += np.exp(2.0 * ln) * kernel
-        return total
+    def total(
+        self, log_deviation: Array, kernels: Sequence[Array], spread: Array | None = None
+    ) -> Covariance:
+        """V, and with it what parameters can take up. spread: U, shape (values, columns)."""
+        squares = np.exp(2.0 * log_deviation)
+        parts = [
+            base + np.einsum("k,kbij->bij", squares, kernel)
+            for base, kernel in zip(self._base, kernels, strict=True)
+        ]
+        return Covariance(self.blocks, parts, spread)
+
+    def covariance(
+        self, scatter: Scatter, stiffness: Array, spread: Array | None = None
+    ) -> Covariance:
+        """V of a scatter; see `total`."""
+        kernels = self.kernels(stiffness, scatter.log_length)
+        return self.total(scatter.log_deviation, kernels, spread)
 
     def log_prior(self, scatter: Scatter) -> float:
         """Logarithm of the priors' densities, less constants."""
@@ -159,7 +185,7 @@ class VarianceModel:
         return -0.5 * float(away @ away)
 
     def fit(self, error: Array, spread: Array, stiffness: Array, start: Scatter) -> Scatter:
-        """The components that suit the errors best. spread: J P^-1 J', what parameters can take up."""
+        """The components that suit the errors best. spread: U, what parameters can take up."""
         best = None
         lengths = _LENGTHS if self.swept else _LENGTHS[1:2]
         for length in lengths:
@@ -175,62 +201,59 @@ class VarianceModel:
     ) -> tuple[Array, float]:
         medians = np.log(np.array(self.medians))
         curvature = np.eye(start.size) / constants.SPREAD**2
-        base = self.base + spread
 
-        def total(ln: Array) -> Array:
-            found = base.copy()
-            for value, kernel in zip(ln, kernels, strict=True):
-                found += np.exp(2.0 * value) * kernel
-            return found
-
-        def objective(ln: Array) -> tuple[float, Array]:
+        def objective(ln: Array) -> tuple[float, Covariance | None]:
             try:
-                factor: Array = np.asarray(np.linalg.cholesky(total(ln)), dtype=float)
+                covariance = self.total(ln, kernels, spread)
             except np.linalg.LinAlgError:
-                return -np.inf, np.zeros((0, 0))
-            white = solve_triangular(factor, error, lower=True, check_finite=False)
-            away = (ln - medians) / constants.SPREAD
-            value = -np.log(np.diag(factor)).sum() - 0.5 * white @ white - 0.5 * away @ away
-            return float(value), factor
+                return -np.inf, None
+            white, away = covariance.whiten(error), (ln - medians) / constants.SPREAD
+            return -covariance.log_root - 0.5 * float(white @ white + away @ away), covariance
 
         ln = start.copy()
-        value, factor = objective(ln)
+        value, covariance = objective(ln)
         for _ in range(_STEPS):
-            inverse = cho_solve((factor, True), np.eye(error.size), check_finite=False)
-            pulled = inverse @ error
-            sizes = 2.0 * np.exp(2.0 * ln)
-            moved = np.column_stack([s * (k @ pulled) for s, k in zip(sizes, kernels, strict=True)])
-            traces = [s * np.sum(inverse * k) for s, k in zip(sizes, kernels, strict=True)]
+            assert covariance is not None
+            pulled, moved = self._moved(covariance, error, ln, kernels)
+            sizes, traces = 2.0 * np.exp(2.0 * ln), np.zeros(ln.size)
+            for part, kernel in zip(covariance.inverse_parts(), kernels, strict=True):
+                traces += np.einsum("bij,kbij->k", part, kernel)
             gradient = (
-                0.5 * (pulled @ moved - np.array(traces)) - (ln - medians) / constants.SPREAD**2
+                0.5 * (pulled @ moved - sizes * traces) - (ln - medians) / constants.SPREAD**2
             )
-            information = 0.5 * moved.T @ inverse @ moved + curvature
-            step = np.clip(np.linalg.solve(information, gradient), -1.5, 1.5)
-            share = 1.0
+            white = covariance.whiten(moved)
+            step = np.linalg.solve(0.5 * white.T @ white + curvature, gradient)
+            step, share = np.clip(step, -1.5, 1.5), 1.0
             while share > 0.03:
-                tried, tried_factor = objective(ln + share * step)
+                tried, tried_covariance = objective(ln + share * step)
                 if tried > value:
                     break
                 share *= 0.4
             else:
                 break
             gain = tried - value
-            ln, value, factor = ln + share * step, tried, tried_factor
+            ln, value, covariance = ln + share * step, tried, tried_covariance
             if gain < _TOLERANCE:
                 break
         return ln, value
 
+    def _moved(
+        self, covariance: Covariance, error: Array, ln: Array, kernels: list[Array]
+    ) -> tuple[Array, Array]:
+        """S^-1 e, and of each component dS / d ln phi S^-1 e, shape (values, components)."""
+        pulled = covariance.solve(error)
+        moved = np.empty((error.size, ln.size))
+        for index, kernel in zip(self.blocks, kernels, strict=True):
+            moved[index] = np.einsum("kbij,bj->bik", kernel, pulled[index])
+        return pulled, moved * (2.0 * np.exp(2.0 * ln))
+
     def uncertainty(self, error: Array, spread: Array, stiffness: Array, scatter: Scatter) -> Array:
         """Covariance of ln phi (average information and prior), shape (components,) * 2."""
         kernels = self.kernels(stiffness, scatter.log_length)
-        factor = cho_factor(self.covariance(scatter, kernels) + spread, lower=True)
-        pulled = cho_solve(factor, error)
-        moved = np.column_stack(
-            [2.0 * np.exp(2.0 * v) * k @ pulled
-             for v, k in zip(scatter.log_deviation, kernels, strict=True)]
-        )  # fmt: skip
-        information = 0.5 * moved.T @ cho_solve(factor, moved)
-        return np.asarray(np.linalg.inv(information + np.eye(len(kernels)) / constants.SPREAD**2))
+        covariance = self.total(scatter.log_deviation, kernels, spread)
+        white = covariance.whiten(self._moved(covariance, error, scatter.log_deviation, kernels)[1])
+        prior = np.eye(len(self.names)) / constants.SPREAD**2
+        return np.asarray(np.linalg.inv(0.5 * white.T @ white + prior))
 
 
 def settings_repeated(points: Points) -> bool:
@@ -241,18 +264,35 @@ def settings_repeated(points: Points) -> bool:
     return bool(np.bincount(pairs[:, 0]).max(initial=0) > 1)
 
 
-def _thrust_law(points: Points, level: Array) -> Array:
-    """Covariance of what a law of thrust gets wrong: smooth in slip, each wheel in its own way."""
-    found = np.zeros((len(points), len(points)))
-    if "drawbar_pull" not in points.channels:
-        return found
-    pull = points.of_channel("drawbar_pull")
-    slip = points.column("slip")
+class _Pairs:
+    """All pairs of values in blocks of one size. index: values, shape (blocks, size)."""
+
+    def __init__(self, index: Index) -> None:
+        self.index, self.size = index, index.shape[1]
+
+    def same(self, codes: Index) -> Array:
+        """1 where both have the same code, else 0."""
+        there = codes[self.index]
+        return np.asarray(there[:, :, None] == there[:, None, :], dtype=float)
+
+    def product(self, values: NDArray[Any]) -> Array:
+        """The two values' product; of a mask 1 where both are in it."""
+        there = values.astype(float)[self.index]
+        return np.asarray(there[:, :, None] * there[:, None, :])
+
+    def apart(self, values: Array) -> Array:
+        """How far the two values are from each other."""
+        return np.abs(values[self.index][:, :, None] - values[self.index][:, None, :])
+
+
+def _wheels(points: Points) -> Index:
+    """Codes of the wheels, which differ by size or lugs."""
     parts = [points.column("diameter"), points.column("width")]
     if "grouser_height" in points.conditions:
         parts.append(points.column("grouser_height"))
-    wheel = np.unique(np.round(np.column_stack(parts), 4), axis=0, return_inverse=True)[1]
-    wheel = wheel.reshape(-1)
-    same = np.outer(pull, pull) & (wheel[:, None] == wheel[None, :])
-    near = np.exp(-np.abs(slip[:, None] - slip[None, :]) / constants.THRUST_SLIP)
-    return np.where(same, constants.THRUST_LAW**2 * np.outer(level, level) * near, 0.0)
+    return _codes(parts)
+
+
+def _codes(columns: Sequence[Array]) -> Index:
+    rounded = np.round(np.column_stack(columns), 4)
+    return np.asarray(np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1))

@@ -203,8 +203,7 @@ def _rms(values: Array) -> float:
 
 def _expected(fitter: Fitter, fit: Fit) -> Array:
     """What a value of a new run is off the right law, relative, shape (values,): the root of V."""
-    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
-    variance = np.diag(fitter.variance.covariance(fit.scatter, kernels))
+    variance = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes)).variance()
     return np.asarray(np.sqrt(variance) / fitter.level)
 
 

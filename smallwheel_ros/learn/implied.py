@@ -61,8 +61,8 @@ def implied(fitter: Fitter, fit: Fit, place: Place) -> Implied:
     points, with_law = fitter.points, fit.model
     others = [e for e in with_law.effects if e.id != SOUGHT]
     model = Model(with_law.soils, with_law.geometry, others, with_law.thrust_form)
-    kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
-    deviation = np.sqrt(np.diag(fitter.variance.covariance(fit.scatter, kernels)))
+    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
+    deviation = np.sqrt(v.variance())
     # A resistance is added to, as it is; any other answer is linear in a ln factor only nearby.
     far, dull = (np.inf, 0.0) if place.stage == "R" else (_FAR, _DULL)
     rows = np.unique(points.row)

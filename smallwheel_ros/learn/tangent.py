@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.variance import Scatter
@@ -48,23 +47,21 @@ class Yardstick:
     def __init__(self, fitter: Fitter, fit: Fit) -> None:
         points = fitter.points
         scatter = without_lack_of_fit(fit.scatter)
-        kernels = fitter.variance.kernels(stiffness(fit.vector, fit.slopes), scatter.log_length)
-        variance = fitter.variance.covariance(scatter, kernels)
-        self._factor = np.linalg.cholesky(variance)
+        self._v = fitter.variance.covariance(scatter, stiffness(fit.vector, fit.slopes))
         self._channels = range(len(points.channels))
         self._channel = points.channel
         self.rows, point = np.unique(points.row, return_inverse=True)
         self._point = point.reshape(-1)
         self.pairs = [(a, b) for a in self._channels for b in self._channels if a <= b]
         self.count = len(points) / len(self._channels)
-        shares = fitter.repeats.variance / np.diag(variance)
+        shares = fitter.repeats.variance / self._v.variance()
         self._floor = [
             _FLOOR * float(np.mean(shares[points.channel == c])) + 1e-9 for c in self._channels
         ]
 
     def white(self, values: Array) -> Array:
         """Values or columns of them, with V taken out; shape as given."""
-        return np.asarray(solve_triangular(self._factor, values, lower=True, check_finite=False))
+        return self._v.whiten(values)
 
     def by_channel(self, columns: Array) -> list[Array]:
         """Whitened columns (values, columns) by channel and point, zero where nothing was measured."""
