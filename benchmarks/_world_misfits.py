@@ -131,6 +131,8 @@ def bad_run(
     elif fault == "force-tenfold":
         table.loc[rows[0], _RESISTANCE] *= 10.0
     elif fault == "doubled":
+        shallow = table.index[table[_SINKAGE] * 2.0 < 0.5 * table["diameter [mm]"]]
+        rows = [int(rng.choice(shallow))]
         table.loc[rows[0], _SINKAGE] *= 2.0
     elif fault == "swapped":
         # The answers of two runs of which one sinks twice as deep.

@@ -96,12 +96,9 @@ class CandidateFit:
         return frozenset(c.family for c in self.competitors)
 
 
-def changed(
-    vector: ParameterVector, put_in: Competitor, out: Competitor | None = None
-) -> ParameterVector:
-    """The vector with a competitor, in the place of what it replaces or of another competitor."""
-    gone = {put_in.part.id} | ({out.part.id} if out is not None else set())
-    parts = [part for part in vector.parts if part.id not in gone]
+def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
+    """The vector with a competitor, in the place of what it replaces."""
+    parts = [part for part in vector.parts if part.id != put_in.part.id]
     if put_in.geometry is not None:  # no effect with numbers
         return replace(vector.with_parts(parts), geometry=put_in.geometry)
     return vector.with_parts([*parts, put_in.part])
@@ -115,15 +112,17 @@ def refit(
     out: Competitor | None = None,
     turns: int = 4,
 ) -> CandidateFit | None:
-    """A model fitted from where it was, with one more competitor, or one in the place of another.
+    """A model fitted from where it was, with one competitor more, or less, or another in its place.
 
     start: of the new competitor's numbers. None where it cannot be fitted.
     """
     near, vector = model.fit, model.fit.vector
     competitors = [c for c in model.competitors if out is None or c.key != out.key]
+    if out is not None:
+        vector = vector.with_parts([part for part in vector.parts if part.id != out.part.id])
     if put_in is not None:
         competitors.append(put_in)
-        vector = changed(vector, put_in, out)
+        vector = changed(vector, put_in)
     theta = vector.begun_at(near.vector, near.theta)
     if put_in is not None:
         theta[vector.places(put_in.part.id)] = put_in.part.start if start is None else start

@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 from smallwheel_ros.diagnosis.candidate import Competitor, Kind
 from smallwheel_ros.diagnosis.curves import (
     GENERALISES,
-    STAGES,
-    AtDepth,
     Span,
     curve_part,
     distinct,
@@ -31,7 +29,7 @@ from smallwheel_ros.diagnosis.curves import (
 from smallwheel_ros.diagnosis.settings import SETTINGS, independent
 from smallwheel_ros.display import setting_words
 from smallwheel_ros.effects.base import Effect, Parameter
-from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.effects.registry import DRIFTS, Registry, is_of_column
 from smallwheel_ros.fitting.constants import (
     EXPECTED_EFFECTS,
     FEWEST_VALUES,
@@ -89,9 +87,10 @@ def field_of(
     free = [n for n in columns if n not in (*SETTINGS, "load", "diameter", "width")]
     families = dict(registry.families)
     own = {need for forms in families.values() for f in forms for need in f.drivers}
-    for name in free:
-        if name not in own:
-            families[f"covariate:{name}"] = registry.family(f"covariate:{name}")
+    ids = [f"covariate:{name}" for name in free if name not in own]
+    if points.order:
+        ids += [f"{prefix}:{points.order}" for prefix in ("covariate", *DRIFTS)]
+    families |= {id: registry.family(id) for id in ids}
     for family, forms in families.items():
         kinds[family] = forms[0].kind
         if family in without:
@@ -153,15 +152,18 @@ def _why_not(
             return (
                 "the load was not set: it was swept, or wavers within runs and follows the settings"
             )
+        if need == points.order and need not in columns:
+            return f"{need} follows the settings: what drifts is not told from what they do"
         values = known[need]
         if need not in ("load", "width", "diameter"):
             values = values[rolling]
-        if values.size == 0 or np.ptp(values) <= 1e-3 * float(np.max(np.abs(values))):
+        least = 0.0 if need == points.order else 1e-3 * float(np.max(np.abs(values), initial=0.0))
+        if values.size == 0 or np.ptp(values) <= least:
             shown = (
                 f" ({setting_words(need, float(values[0]))} in every row)" if values.size else ""
             )
             return f"{need} never varies in this data{shown}"
-        if family.startswith("covariate:") and np.unique(values).size < FEWEST_VALUES:
+        if is_of_column(family) and np.unique(values).size < FEWEST_VALUES:
             return (
                 f"{need} has {np.unique(values).size} different values: at least "
                 f"{FEWEST_VALUES} are needed to tell it from the scatter of the runs"
@@ -214,6 +216,9 @@ def _instrument(p: Parameter, points: Points) -> Prior:
 def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -> list[Competitor]:
     found = []
     stages = _stages(points)
+    sizes = {"force": float(np.median(points.column("load")))}
+    if "sinkage" in points.channels:
+        sizes["height"] = float(np.median(points.value[points.of_channel("sinkage")]))
     names = ["load", "diameter", "width", *SETTINGS, *free]
     for name in (n for n in names if n in columns):
         for span in spans_of(name, columns[name]):
@@ -221,18 +226,17 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
             if terms < 1:
                 continue
             for stage in stages:
-                if stage != "resistance" and name == "diameter":
+                if name == "diameter" and stage in ("stiffness", "sinkage", "shown sinkage"):
                     continue  # m does that
                 # k itself takes up a constant of the stiffness.
                 free_constant = stage != "stiffness" and not span.side
                 first, count = (0, terms + 1) if free_constant else (1, terms)
                 label = f"unknown:{span.text}@{stage}"
-                for form, kind in STAGES[stage].items():
-                    part = curve_part(label, kind, span, first, count)
-                    found.append(
-                        Competitor(label, form, "unknown", part, stage=stage, span=span,
-                                   stands_for=stages[stage])
-                    )  # fmt: skip
+                part = curve_part(label, stage, span, first, count, sizes.get(stage, 1.0))
+                found.append(
+                    Competitor(label, "curve", "unknown", part, stage=stage, span=span,
+                               stands_for=stages[stage])
+                )  # fmt: skip
     found += _depth(points) if "sinkage" in points.channels else []
     return found
 
@@ -245,8 +249,8 @@ def _stages(points: Points) -> dict[str, tuple[str, ...]]:
     """
     rolling = points.conditions.rolling[points.row]
     if "resistance" in points.channels:
-        shown = ["stiffness", "resistance"]
-        shown += ["sinkage", "shown sinkage"] if "sinkage" in points.channels else []
+        shown = ["stiffness", "resistance", "drag", "force"]
+        shown += ["sinkage", "shown sinkage", "height"] if "sinkage" in points.channels else []
         return {stage: GENERALISES[stage] for stage in shown}
     together = (*GENERALISES["stiffness"], *GENERALISES["shown sinkage"])
     shown = ["sinkage"] if rolling.any() else []
@@ -260,7 +264,7 @@ def _depth(points: Points) -> list[Competitor]:
     if z.size < 3 or np.ptp(z) < 1.0:  # a factor of e: less depth has no curve
         return []
     span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
-    part = curve_part("unknown:depth@pressure", AtDepth, span, 2, 2)
+    part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
     return [
         Competitor("unknown:depth@pressure", "curve", "unknown", part, stage="pressure", span=span)
     ]

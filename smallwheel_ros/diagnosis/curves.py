@@ -76,11 +76,12 @@ def _series(coefficients: Mapping[str, Any], span: Span, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Curve(Effect):
-    """A smooth of one setting; its subclasses say at which stage."""
+    """A smooth of one setting; its subclasses say at which stage. size: N or m, of one that is added."""
 
     id: ClassVar[str] = "unknown"
     span: Span = field(default=Span("load", 0.0, 1.0))
     coefficients: Mapping[str, Any] = field(default_factory=dict)
+    size: float = 1.0
 
     def __post_init__(self) -> None:
         """Coefficients have no bounds to check."""
@@ -122,11 +123,24 @@ class AtResistance(Curve):
 
 
 class AtDrag(Curve):
-    """Resistance alone follows the setting, as a share of the load."""
+    """Something drags besides compaction: a force that is a share of the load and follows the setting."""
 
     def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        drag = _DRAG * state.load * np.expm1(self.log_factor(conditions))
-        return np.where(conditions.rolling, drag, 0.0)
+        return np.where(conditions.rolling, _DRAG * state.load * self.log_factor(conditions), 0.0)
+
+
+class AtForce(Curve):
+    """The same, whatever the load: a force that follows the setting alone."""
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return np.asarray(resistance + _DRAG * self.size * self.log_factor(conditions))
+
+
+class AtHeight(Curve):
+    """The wheel's height is shown wrong, or lifted, by a length that follows the setting alone."""
+
+    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return np.asarray(sinkage + self.size * self.log_factor(conditions))
 
 
 class AtDepth(Curve):
@@ -137,12 +151,15 @@ class AtDepth(Curve):
         return np.exp(_series(self.coefficients, self.span, np.clip(x, -1.5, 1.2)))
 
 
-STAGES: dict[str, dict[str, type[Curve]]] = {  # by form
-    "stiffness": {"curve": AtModulus},
-    "sinkage": {"curve": AtSinkage},
-    "shown sinkage": {"curve": AtShownSinkage},
-    "resistance": {"curve": AtResistance, "curve_of_load": AtDrag},
-    "pressure": {"curve": AtDepth},
+STAGES: dict[str, type[Curve]] = {
+    "stiffness": AtModulus,
+    "sinkage": AtSinkage,
+    "shown sinkage": AtShownSinkage,
+    "resistance": AtResistance,
+    "drag": AtDrag,
+    "force": AtForce,
+    "height": AtHeight,
+    "pressure": AtDepth,
 }
 # Stages of named effects that such a curve is the most general form of.
 GENERALISES = {
@@ -150,12 +167,18 @@ GENERALISES = {
     "sinkage": ("sinkage",),
     "shown sinkage": ("measured_sinkage", "sinkage"),
     "resistance": ("added_resistance", "measured_resistance"),
+    "drag": ("added_resistance",),
+    "force": ("measured_resistance",),
+    "height": ("measured_sinkage",),
     "pressure": ("pressure_factor",),
 }
 
 
-def curve_part(name: str, kind: type[Curve], span: Span, first: int, terms: int) -> EffectPart:
-    """A curve as a part of a fit, with terms of degree `first` on."""
+def curve_part(
+    name: str, stage: str, span: Span, first: int, terms: int, size: float = 1.0
+) -> EffectPart:
+    """A curve as a part of a fit, with terms of degree `first` on. size: N or m, of one that is added."""
+    kind = STAGES[stage]
     deviations = [CURVE_SIZE * fall for fall in _FALLS]
     if first == 0:
         deviations = [CURVE_SIZE, *deviations]
@@ -164,7 +187,7 @@ def curve_part(name: str, kind: type[Curve], span: Span, first: int, terms: int)
 
     def build(numbers: Mapping[str, Any]) -> Effect:
         made = object.__new__(kind)
-        made.__dict__.update(span=span, coefficients=dict(numbers))
+        made.__dict__.update(span=span, coefficients=dict(numbers), size=size)
         return made
 
     return EffectPart(name, tuple(listed), build)

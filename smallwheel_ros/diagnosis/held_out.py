@@ -6,18 +6,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, refit
-from smallwheel_ros.diagnosis.screen import Column
-from smallwheel_ros.diagnosis.search import FOLD, Search, search
+from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.model import Model
 
-_SHORTLIST = 4  # models of the whole search that a fold judges beside those it finds itself
+_SHORTLIST = 4  # models of the whole search that a fold chooses from
 
 
 def staircase(found: Search, verdict: Verdict) -> list[CandidateFit]:
@@ -53,30 +50,21 @@ def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list
     """Held-out errors of the base and of each step, chosen anew in each fold.
 
     chain: families of each step. Of the last step's size a fold takes its most probable model, by its
-    own runs alone: of those that its own search finds and of a shortlist of the search of all runs.
+    own runs alone, of a shortlist of the search of all runs.
     A step on the way has the families that it is called by; their forms are chosen anew.
     """
-    columns = [] if found.screen is None else found.screen.columns
-    columns = [c for c in columns if c.competitor.kind != "unknown"]
-    budget = replace(FOLD, most=len(chain) - 1)
 
     def choose(training: Points) -> list[Model]:
         fitter, base = problem.fold(training)
         models = [base.model]
-        if len(chain) > 1:
-            keep = np.isin(problem.points.run, training.run)
-            shorter = [Column(c.competitor, c.shift[keep], c.start) for c in columns]
-            here = search(fitter, base, found.field, budget=budget, replicates=0, columns=shorter)
-            for size, wanted in enumerate(chain[1:], start=1):
-                listed = [m for m in _laws(found) if len(m.competitors) == size]
-                named = [m for m in listed[_SHORTLIST:] if m.families == wanted]
-                listed = [*listed[:_SHORTLIST], *named[:_SHORTLIST]]
-                for model in listed:
-                    here.add(refit(fitter, model, turns=1))
-                fits = [m for m in here.ordered if len(m.competitors) == size]
-                if size < len(chain) - 1:
-                    fits = [m for m in fits if m.families == wanted] or fits
-                models += [m.fit.model for m in fits[:1]]
+        for size, wanted in enumerate(chain[1:], start=1):
+            listed = [m for m in _laws(found) if len(m.competitors) == size]
+            named = [m for m in listed[_SHORTLIST:] if m.families == wanted]
+            made = [refit(fitter, m, turns=1) for m in [*listed[:_SHORTLIST], *named[:_SHORTLIST]]]
+            fits = sorted((m for m in made if m is not None), key=lambda m: -m.weight)
+            if size < len(chain) - 1:
+                fits = [m for m in fits if m.families == wanted] or fits
+            models += [m.fit.model for m in fits[:1]]
         return models
 
     return cross_validate(problem.points, choose, len(chain))

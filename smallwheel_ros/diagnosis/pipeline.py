@@ -18,15 +18,24 @@ from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_pull
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
-from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
-from smallwheel_ros.diagnosis.search import Budget, Search, search
+from smallwheel_ros.diagnosis.residuals import (
+    lack_of_fit,
+    residuals_left,
+    setting_of,
+    where_it_fails,
+    worst_left,
+)
+from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
-from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide
+from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted
+from smallwheel_ros.display import listed, number, p_text, percent, words
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import (
     ALARM,
+    CHANNEL_SCATTER,
     FEWEST_RUNS,
+    LACK_OF_FIT,
     SOIL_SCATTER,
     SPREAD,
     THRUST_LAW,
@@ -43,6 +52,21 @@ if TYPE_CHECKING:
     from smallwheel_ros.model_file import CalibratedModel
 
 _LISTED = 5  # families whose held-out error is worked out for the ranking
+
+# By component of the scatter: what is usual, and what is said of much more.
+_UNUSUAL = {
+    "tau": (
+        SOIL_SCATTER,
+        "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
+        "from run to run",
+    ),
+    "own": (
+        CHANNEL_SCATTER,
+        "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
+        "that is not recorded, differs",
+    ),
+    "fit": (LACK_OF_FIT, "{channel} strays from the law by {size} from setting to setting"),
+}
 
 Progress = Callable[[str], None]
 
@@ -189,7 +213,7 @@ def diagnose(
         return Diagnosis(written.insufficient(problem, reason, field), problem)
     progress("testing each effect")
     found = search(judged.fitter, judged.fit, field, seed=seed)
-    verdict = _with_scatter(found, decide(found))
+    verdict = decide(found)
     progress("held-out error of each step")
     verdict, steps = _steps(problem, found, verdict)
     progress("ranking")
@@ -223,46 +247,68 @@ def _insufficient(points: Points) -> str:
 
 
 def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, list[Step]]:
-    """Held-out errors of the base and of it with each name; a channel that gets worse is said."""
-    judged = problem.judged
+    """Held-out errors of the base and of it with each name.
+
+    A name that helps no channel on runs that the choice never saw is a candidate and no name; a channel
+    that gets worse is said.
+    """
     models = staircase(found, verdict)
-    errors = nested(judged, found, [m.families for m in models])
-    if len(models) > 1:
-        worse = compare_cv(errors[0], errors[-1]).worse
-        if worse:
-            said = (
-                f"on runs that the choice never saw, the error of {' and '.join(worse)} rises with what "
-                "is named: its law does not carry over to settings outside those measured"
-            )
-            verdict = replace(verdict, reasons=(*verdict.reasons, said))
+    errors = nested(problem.judged, found, [m.families for m in models])
+    added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
+    changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
+    useless = [name for name, change in zip(added, changes, strict=True) if not change.helps]
+    if useless:
+        return _steps(problem, found, demoted(found, verdict, useless))
+    worse = compare_cv(errors[0], errors[-1]).worse
+    if worse:
+        verdict = verdict.saying(
+            f"on runs that the choice never saw, the error of {listed(worse)} rises with what is named: "
+            "its law does not carry over to settings outside those measured"
+        )
     errors = with_pull(problem, models, errors)
     if "drawbar_pull" in compare_cv(errors[0], errors[-1]).worse and problem.judged is not problem:
-        said = "the held-out error of drawbar pull rises with what is named: its law is crude"
-        verdict = replace(verdict, reasons=(*verdict.reasons, said))
-    added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
+        verdict = verdict.saying(
+            "the held-out error of drawbar pull rises with what is named: its law is crude"
+        )
     verdict = replace(verdict, named=tuple(added) or verdict.named)
-    return verdict, [
-        Step(name, model, error)
-        for name, model, error in zip([None, *added], models, errors, strict=True)
-    ]
+    steps = [Step(*step) for step in zip([None, *added], models, errors, strict=True)]
+    verdict = _with_misfit(found, verdict)
+    return verdict, steps if verdict.named else steps[:1]
 
 
-def _with_scatter(found: Search, verdict: Verdict) -> Verdict:
-    """What runs of one setting differ by, where that is more than soil does that was prepared.
+def _with_misfit(found: Search, verdict: Verdict) -> Verdict:
+    """The verdict after its model was held against the repeats, and its scatter against the usual.
 
-    Beyond the prior's usual range it is said; beyond twice that, something unknown differs.
+    Where the settings' means stray from the model by more than their runs allow, or scatter is beyond
+    twice the usual range, something is left that no law here describes.
     """
-    tau = found.ordered[0].fit.scatter.as_dict(found.fitter.variance)["tau"]
-    if tau <= SOIL_SCATTER * np.exp(SPREAD):
-        return verdict
-    said = (
-        f"runs differ by {100 * tau:.0f} % of k, more than most prepared soil: something that is not "
-        "recorded differs from run to run"
-    )
-    word = verdict.word
-    if word == "adequate" and tau > SOIL_SCATTER * np.exp(2.0 * SPREAD):
-        word = "unknown_effect"
-    return replace(verdict, word=word, reasons=(*verdict.reasons, said))
+    alone = verdict.named and not verdict.rivals and not verdict.unknown
+    model = (verdict.best if alone else found.ordered[0]).fit
+    judged = found.none.fit if verdict.word == "adequate" else model
+    misfits = lack_of_fit(found.fitter, judged)
+    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= ALARM}
+    if rejected and verdict.word in ("adequate", "missing_effect"):
+        name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
+        at = setting_of(found.fitter.points, worst.rows)
+        verdict = verdict.not_described(
+            f"runs of one setting repeat each other, and their means stray from the model: {words(name)} "
+            f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
+            f"p {p_text(worst.p)}), most at {at}"
+        )
+    sizes = model.scatter.as_dict(found.fitter.variance)
+    for name, size in sizes.items():
+        component, _, channel = name.partition(":")
+        if component not in _UNUSUAL:
+            continue
+        usual, said = _UNUSUAL[component]
+        if size <= usual * np.exp(SPREAD):
+            continue
+        reason = said.format(channel=words(channel), size=percent(size))
+        if verdict.word == "adequate" and size > usual * np.exp(2.0 * SPREAD):
+            verdict = verdict.not_described(reason)
+        else:
+            verdict = verdict.saying(reason)
+    return verdict
 
 
 def _document(
@@ -330,8 +376,7 @@ def _about_pull(problem: Problem, found: Search, errors: CvErrors, seed: int) ->
     """Whether drawbar pull would say something else of the effects, in words. errors: held out."""
     if problem.judged is problem:
         return []
-    with_pull = search(problem.fitter, problem.fit, found.field, seed=seed,
-                       budget=Budget(0, 0, 0, 0))  # fmt: skip
+    with_pull = search(problem.fitter, problem.fit, found.field, seed=seed, most=0)
     said = "drawbar pull did not decide: its law is known to about 30 % of the load only"
     share = errors.error["drawbar_pull"] / problem.measurements.conditions.load
     off = float(np.sqrt(np.nanmean(share**2)))
@@ -340,15 +385,15 @@ def _about_pull(problem: Problem, found: Search, errors: CvErrors, seed: int) ->
             f". It is off by {100 * off:.0f} % of the load, more than any such law: the two channels "
             "disagree; check its sign, its zero and what else pulls"
         )
-    if with_pull.p <= ALARM < found.p:
+    if with_pull.p_drawn <= ALARM < found.p:
         first = min(with_pull.p_values, key=lambda f: with_pull.p_values[f])
         said += (
-            f". With it something is missing (p {with_pull.p:.2g}, most likely {first}), without it "
+            f". With it something is missing (p {with_pull.p_drawn:.2g}, most likely {first}), without it "
             "nothing is: the two channels disagree"
         )
-    elif found.p <= ALARM < with_pull.p:
+    elif found.p <= ALARM < with_pull.p_drawn:
         said += (
-            f". With it the test would say that nothing is missing (p {with_pull.p:.2g}): "
+            f". With it the test would say that nothing is missing (p {with_pull.p_drawn:.2g}): "
             "the two channels disagree"
         )
     return [said]

@@ -20,16 +20,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
 from smallwheel_ros.diagnosis.candidate import FAILURES, Competitor, changed
-from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, HIDE, SPREAD
+from smallwheel_ros.fitting.constants import HIDE, SPREAD
 from smallwheel_ros.fitting.covariance import Covariance
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
 
 Array = NDArray[np.float64]
 
-_WAY = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
+_WAY = (1.0, 0.5, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 
 
@@ -168,30 +167,6 @@ class Screen:
         together = np.logaddexp.reduce
         return np.asarray(together(np.array(none))), np.asarray(together(np.array(each)))
 
-    def pairs(self, errors: Array, families: int) -> Array:
-        """ln of the evidence of all pairs of named families times their odds, (data sets,).
-
-        Each by its clearest column; two columns a, b with products g have the evidence of `evidence`
-        with C = (a, b), written out.
-        """
-        chosen = [i for i in self._clearest() if self._single[i]]
-        at = self._first[np.array(chosen, dtype=np.intp)]
-        i, j = np.triu_indices(at.size, 1)
-        odds = 2.0 * np.log(EXPECTED_EFFECTS / families)
-        found = []
-        for inside, level, white, gram in self._parts:
-            base, pulled = _whitened(inside, level, white, errors)
-            a, b = 1.0 + gram[at[i], at[i]], 1.0 + gram[at[j], at[j]]
-            g = gram[at[i], at[j]]
-            area = a * b - g**2
-            total = np.full(errors.shape[1], -np.inf)
-            for k in range(errors.shape[1]):
-                u, v = pulled[at[i], k], pulled[at[j], k]
-                fit = 0.5 * (b * u**2 - 2.0 * g * u * v + a * v**2) / area - 0.5 * np.log(area)
-                total[k] = logsumexp(fit)
-            found.append(base + total + odds)
-        return np.asarray(np.logaddexp.reduce(np.array(found)))
-
     def _clearest(self) -> list[int]:
         best: dict[str, tuple[float, int]] = {}
         for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
@@ -216,10 +191,5 @@ class Screen:
         return found
 
     def missing(self, errors: Array) -> Array:
-        """ln of the mass of one or two missing effects over none, shape (data sets,)."""
-        single = self.by_family(errors)
-        none, _ = self.evidence(errors)
-        mass = np.logaddexp.reduce(np.array(list(single.values())))
-        if np.count_nonzero(self._single) < 2 or len(single) < 2:
-            return np.asarray(mass)
-        return np.asarray(np.logaddexp(mass, self.pairs(errors, len(single)) - none))
+        """ln of the mass of one missing effect over none, shape (data sets,)."""
+        return np.asarray(np.logaddexp.reduce(np.array(list(self.by_family(errors).values()))))

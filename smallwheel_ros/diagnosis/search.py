@@ -19,6 +19,7 @@ from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, Key, re
 from smallwheel_ros.diagnosis.competitors import Field
 from smallwheel_ros.diagnosis.screen import Column, Screen, columns_of
 from smallwheel_ros.fitting.constants import (
+    EXPECTED_EFFECTS,
     FIRST_REFITS,
     MOST_EFFECTS,
     PARENTS,
@@ -31,39 +32,25 @@ from smallwheel_ros.fitting.fit import Fit, Fitter
 
 Array = NDArray[np.float64]
 
-_SIBLINGS = 2  # best models of which every form is fitted
 _FORMS = 2  # of a family, refitted among the extensions of one model
+# Of anything missing over nothing: a Poisson number of effects, of which so many are expected.
+_PRIOR_ODDS = float(np.expm1(EXPECTED_EFFECTS))
 _REST = 4.0  # nats: a larger model that is so far behind the best is not extended further
-
-
-@dataclass(frozen=True)
-class Budget:
-    """How far a search goes."""
-
-    first: int = FIRST_REFITS
-    more: int = REFITS
-    parents: int = PARENTS
-    most: int = MOST_EFFECTS
-    turns: int = 4
-
-
-FULL = Budget()
-FOLD = Budget(4, 2, 1, MOST_EFFECTS, 1)  # of a held-out fold: started where the search of all ended
 
 
 @dataclass
 class Search:
     """Every model that was refitted, and the test of whether anything is missing.
 
-    field: who competed; what the design cannot show was taken out. p: chance of so large a mass of
-    missing effects if none is. p_values: by family, against the largest of all families. screen: at
-    the base, None where nothing could be tested.
+    field: who competed; what the design cannot show was taken out. p_drawn: chance of so large a mass of
+    missing effects if none is, by simulation. p_values: by family, against the largest of all families.
+    screen: at the base, None where nothing could be tested.
     """
 
     fitter: Fitter
     field: Field
     models: dict[Key, CandidateFit]
-    p: float
+    p_drawn: float
     p_values: dict[str, float]
     screen: Screen | None = None
 
@@ -93,6 +80,19 @@ class Search:
         shares = np.exp(weights - weights.max())
         return dict(zip(self.models, (shares / shares.sum()).tolist(), strict=True))
 
+    @property
+    def p(self) -> float:
+        """Chance of such data if nothing were missing: the smaller of two bounds.
+
+        `p_drawn` holds for the scatter that the base model needs, however unusual. Where scatter is as
+        soils and rigs have it (its prior), data with odds of something missing over none, posterior over
+        prior, of B come up with probability 1 / B at most (Markov's inequality for the likelihood
+        ratio: Good 1950). What is left of the two is how much unusual scatter one believes.
+        """
+        none = self.probabilities[()]
+        bound = _PRIOR_ODDS * none / max(1.0 - none, 1e-12)
+        return max(min(self.p_drawn, bound), 1.0 / (1.0 + REPLICATES))
+
     def add(self, model: CandidateFit | None) -> None:
         """Keep a further model."""
         if model is not None and np.isfinite(model.weight):
@@ -102,49 +102,32 @@ class Search:
 
 
 def search(
-    fitter: Fitter,
-    base: Fit,
-    field: Field,
-    *,
-    seed: int = 0,
-    budget: Budget = FULL,
-    replicates: int = REPLICATES,
-    columns: list[Column] | None = None,
+    fitter: Fitter, base: Fit, field: Field, *, seed: int = 0, most: int = MOST_EFFECTS
 ) -> Search:
-    """Search the models that explain the data.
-
-    replicates: draws of the null; with none nothing is tested, p is 0. columns: of the competitors,
-    where they are known.
-    """
-    if columns is None:
-        columns = columns_of(fitter, base, field.competitors)
+    """Search the models that explain the data. most: effects of the largest; with 0 only p is found."""
+    columns = columns_of(fitter, base, field.competitors)
     screen = Screen(fitter, base, columns)
     field, columns, screen = _testable(fitter, base, field, columns, screen)
     none = CandidateFit((), base, base.evidence)
     if not columns:
         return Search(fitter, field, {(): none}, 1.0, {})
-    p, p_values = _tested(screen, base, seed, replicates) if replicates else (0.0, {})
-    found = Search(fitter, field, {(): none}, p, p_values, screen)
-    for size in range(1, budget.most + 1):
-        if not _extend(found, screen, columns, size, budget):
+    found = Search(fitter, field, {(): none}, *_tested(screen, base, seed), screen)
+    for size in range(1, most + 1):
+        if not _extend(found, screen, columns, size):
             break
-    if budget is FULL:
-        _siblings(found)
     return found
 
 
-def _tested(
-    screen: Screen, base: Fit, seed: int, replicates: int
-) -> tuple[float, dict[str, float]]:
+def _tested(screen: Screen, base: Fit, seed: int) -> tuple[float, dict[str, float]]:
     """p of "is anything missing", and of each family against the largest of all, by simulation."""
     errors = (screen.fitter.points.value - base.predicted)[:, None]
-    drawn = np.hstack([errors, screen.draws(replicates, seed)])
+    drawn = np.hstack([errors, screen.draws(REPLICATES, seed)])
     missing = screen.missing(drawn)
     families = screen.by_family(drawn)
     largest = np.max(np.array(list(families.values()))[:, 1:], axis=0)
 
     def p_value(null: Array, seen: float) -> float:
-        return float((1 + np.sum(null >= seen)) / (1 + replicates))
+        return float((1 + np.sum(null >= seen)) / (1 + REPLICATES))
 
     of_family = {name: p_value(largest, float(mass[0])) for name, mass in families.items()}
     return p_value(missing[1:], float(missing[0])), of_family
@@ -194,24 +177,22 @@ def _different(columns: list[Column], competitors: list[Competitor]) -> list[Com
     return kept
 
 
-def _extend(
-    found: Search, screen: Screen, columns: list[Column], size: int, budget: Budget
-) -> bool:
+def _extend(found: Search, screen: Screen, columns: list[Column], size: int) -> bool:
     """Refit the most promising extensions of the best models of the size before."""
     parents = [m for m in found.ordered if len(m.competitors) == size - 1]
-    parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][: budget.parents]
+    parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][:PARENTS]
     best = found.ordered[0].weight
     reached = -np.inf
     for parent in parents:
         here = screen if size == 1 else _screen_at(found, parent, columns)
         none, each = here.evidence((found.fitter.points.value - parent.fit.predicted)[:, None])
         gain = each[:, 0] - none[0] + np.log([c.competitor.share for c in here.columns])
-        most, forms = (budget.first, _FORMS + 1) if size == 1 else (budget.more, _FORMS)
+        most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
         for column in _promising(here.columns, gain, most, forms):
             key = tuple(sorted([*(c.key for c in parent.competitors), column.competitor.key]))
             if key in found.models:
                 continue
-            made = refit(found.fitter, parent, column.competitor, column.start, turns=budget.turns)
+            made = refit(found.fitter, parent, column.competitor, column.start)
             found.add(made)
             if made is not None:
                 reached = max(reached, made.weight)
@@ -244,29 +225,14 @@ def _screen_at(found: Search, parent: CandidateFit, columns: list[Column]) -> Sc
     return Screen(found.fitter, parent.fit, shifted)
 
 
-def _siblings(found: Search) -> None:
-    """The other forms of what the best models hold, published ones in place of free curves too."""
-    for model in found.ordered[:_SIBLINGS]:
-        for i, competitor in enumerate(model.competitors):
-            rest = model.competitors[:i] + model.competitors[i + 1 :]
-            others = [
-                c
-                for c in found.field.competitors
-                if c.key != competitor.key
-                and (c.family == competitor.family or competitor.generalises(c))
-                and c.family not in {r.family for r in rest}
-            ]
-            for other in others:
-                found.add(exchanged(found, model, competitor, other))
-
-
 def exchanged(
-    found: Search, model: CandidateFit, out: Competitor, put_in: Competitor
+    found: Search, model: CandidateFit, out: Competitor | None, put_in: Competitor | None
 ) -> CandidateFit | None:
-    """The model with one competitor in the place of another."""
-    key = tuple(sorted([*(k for k in model.key if k != out.key), put_in.key]))
-    if key in found.models:
-        return found.models[key]
-    if out.geometry is not None or put_in.geometry is not None:
-        return None
-    return refit(found.fitter, model, put_in, out=out)
+    """The model with one competitor in the place of another; None stands for none. It is kept."""
+    there = [k for k in model.key if out is None or k != out.key]
+    key = tuple(sorted([*there, *([] if put_in is None else [put_in.key])]))
+    if key not in found.models:
+        if any(c is not None and c.geometry is not None for c in (out, put_in)):
+            return None
+        found.add(refit(found.fitter, model, put_in, out=out))
+    return found.models.get(key)

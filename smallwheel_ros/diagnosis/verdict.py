@@ -3,7 +3,8 @@
 
 - A family that is in the models of at least `NAMED` of the probability is named.
 - Families that take each other's place and together have that much are indistinguishable.
-- Nothing is named unless the test of "is anything missing" has p up to `ALARM`.
+- Something is missing where p of `Search` is up to `ALARM`: then nothing is called adequate. Above it
+  nothing is named.
 - A curve without a name counts for the named effect whose most general form it is, as long as a law
   of that effect does better than none; otherwise something unknown follows that setting.
 - A name whose setting moved with another one is a tie, where a law of the other does as well.
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, Key
 from smallwheel_ros.diagnosis.search import Search, exchanged
+from smallwheel_ros.display import listed, percent
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
     ALARM,
@@ -30,6 +32,7 @@ from smallwheel_ros.fitting.constants import (
     TIE,
     TIED,
     TOGETHER,
+    USEFUL,
 )
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -44,9 +47,9 @@ class Verdict:
     """What can be said.
 
     named: families that are missing, the clearest first. rivals: families of which one is missing,
-    and the data cannot tell which. unknown: curves without a name. probabilities: of each family.
-    best: the model that explains the data best, with laws of the library alone where they do.
-    reasons: sentences.
+    and the data cannot tell which. unknown: curves without a name. closest: names that describe the data
+    best and not well enough. probabilities: of each family. best: the model that explains the data best,
+    with laws of the library alone where they do. reasons: sentences.
     """
 
     word: Word
@@ -55,7 +58,18 @@ class Verdict:
     unknown: tuple[str, ...]
     probabilities: Mapping[str, float]
     best: CandidateFit
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+    closest: tuple[str, ...] = ()
+
+    def saying(self, reason: str, **changes: Any) -> Verdict:
+        """The verdict with one more reason, and what that changes."""
+        return replace(self, reasons=(*self.reasons, reason), **changes)
+
+    def not_described(self, reason: str) -> Verdict:
+        """Something is left that no law here describes: what was named is its closest description."""
+        return self.saying(
+            reason, word="unknown_effect", named=(), rivals=(), closest=(*self.named, *self.rivals)
+        )
 
 
 def family_of(search: Search, competitor: Competitor) -> str:
@@ -78,19 +92,19 @@ def decide(search: Search) -> Verdict:
     families = sorted({f for m in members.values() for f in m})
     probability = {f: sum(share[k] for k, m in members.items() if f in m) for f in families}
     ordered = sorted(families, key=lambda f: -probability[f])
-    none = share[()]
     if search.p > ALARM:
-        return _nothing(search, probability, none)
+        return Verdict("adequate", (), (), (), probability, search.none)
     named = [f for f in ordered if probability[f] >= NAMED]
     rest = [f for f in ordered if f not in named and probability[f] >= MENTIONED]
     groups = _rival_groups(rest, probability, members, share)
-    if not named and not groups and none < 1.0 - NAMED:
-        groups = [[f for f in ordered if probability[f] >= MENTIONED]]
     if not named and not groups:
-        return _nothing(search, probability, none)
+        groups = [[f for f in ordered if probability[f] >= MENTIONED]]
     best = search.ordered[0]
     named, unknown = _without_a_law(search, best, named, speaks)
-    rivals = groups[0] if groups else []
+    # A set that has the truth holds what is likely, too.
+    rivals = list(
+        dict.fromkeys([*(groups[0] if groups else []), *[f for f in rest if probability[f] > 0.5]])
+    )
     reasons: list[str] = []
     library = _by_library(search, best, named)
     for name in list(named):
@@ -98,7 +112,7 @@ def decide(search: Search) -> Verdict:
         if tied:
             named.remove(name)
             rivals = [name, *(t for t in tied if t not in rivals and t not in named), *rivals]
-            reasons.append(f"{name} and {', '.join(tied)} were varied together")
+            reasons.append(f"{listed([name, *tied])} were varied together")
     if len(rivals) == 1 and named:
         rivals = []
     word: Word = (
@@ -107,12 +121,9 @@ def decide(search: Search) -> Verdict:
     if not named and unknown and not groups:
         word = "unknown_effect"
     if word == "unknown_effect":
-        unknown = unknown or rivals
+        unknown = unknown or [r for r in rivals if r.startswith("unknown:")]
     if unknown:
-        shown = " and ".join(
-            u.removeprefix("unknown:").replace("@", " at the stage ") for u in unknown
-        )
-        reasons.append(f"something follows {shown}, and no law of the library does")
+        reasons.append(f"there is {listed(unknown)}, and no law of the library does")
     return Verdict(
         word,
         tuple(named),
@@ -121,18 +132,22 @@ def decide(search: Search) -> Verdict:
         probability,
         library if named else best,
         tuple(reasons),
+        tuple(r for r in rivals if r not in unknown) if word == "unknown_effect" else (),
     )
 
 
-def _nothing(search: Search, probability: Mapping[str, float], none: float) -> Verdict:
-    reasons = []
-    if none < 0.5 or search.p <= ALARM:
-        first = max(probability, key=lambda f: probability[f], default="")
-        reasons.append(
-            f"a weak sign of {first} (probability {probability[first]:.2f}, p {search.p:.2g}): "
-            "measure more runs to know" if first else "a weak sign: measure more runs to know"
-        )  # fmt: skip
-    return Verdict("adequate", (), (), (), probability, search.none, tuple(reasons))
+def demoted(search: Search, verdict: Verdict, names: list[str]) -> Verdict:
+    """The verdict with some of its names as candidates: they help on no run that was held out."""
+    named = [n for n in verdict.named if n not in names]
+    best = _by_library(search, verdict.best, named) if named else search.ordered[0]
+    rivals = tuple(dict.fromkeys([*names, *verdict.rivals]))
+    said = f"with {listed(names)} no error on held-out runs falls by {percent(USEFUL)}"
+    verdict = replace(verdict, named=tuple(named), rivals=rivals, best=best)
+    if named:
+        return verdict.saying(said)
+    if len(rivals) > 1:
+        return verdict.saying(said, word="indistinguishable")
+    return verdict.not_described(said)
 
 
 def _rival_groups(
@@ -175,12 +190,9 @@ def _without_a_law(
             continue
         rest = tuple(c for c in best.competitors if c not in curves)
         without = search.models.get(tuple(sorted(c.key for c in rest)))
-        laws = [
-            m for m in search.models.values()
-            if name in m.families and {c.key for c in rest} <= set(m.key) and len(m.key) == len(rest) + 1
-        ]  # fmt: skip
         least = -np.inf if without is None else without.fit.evidence
-        if any(m.fit.evidence > least + BEATS for m in laws):
+        law = _best_form(search, best, curves[0], name)
+        if name in law.families and law.fit.evidence > least + BEATS:
             kept.append(name)
         else:
             unknown.append(curves[0].family)
@@ -189,30 +201,30 @@ def _without_a_law(
 
 def _by_library(search: Search, best: CandidateFit, named: list[str]) -> CandidateFit:
     """The best model with laws of the library for exactly what is named, of all their forms."""
-    wanted = frozenset(named)
-    model = best
+    wanted, model = frozenset(named), best
     for competitor in best.competitors:
         family = family_of(search, competitor)
         if competitor.family != family and family in wanted - model.families:
             model = _best_form(search, model, competitor, family)
-    listed = [model, *search.ordered]
-    model = next((m for m in listed if m.families == wanted), None) or next(
-        (m for m in listed if wanted & m.families), best
-    )
+    for family in sorted(wanted - model.families):
+        model = _best_form(search, model, None, family)
     for competitor in model.competitors:
-        if competitor.kind != "unknown":
-            model = _best_form(search, model, competitor, competitor.family)
-    return model
+        if competitor.family not in wanted:
+            model = exchanged(search, model, competitor, None) or model
+    for competitor in model.competitors:
+        model = _best_form(search, model, competitor, competitor.family)
+    listed = [m for m in search.ordered if m.families == model.families]
+    return max([model, *listed], key=lambda m: m.weight)
 
 
-def _best_form(search: Search, model: CandidateFit, out: Competitor, family: str) -> CandidateFit:
-    """The model with the family's best form in the place of a competitor."""
-    forms = [c for c in search.field.competitors if c.family == family and c.key != out.key]
-    made = [exchanged(search, model, out, form) for form in forms]
-    for one in made:
-        search.add(one)
+def _best_form(
+    search: Search, model: CandidateFit, out: Competitor | None, family: str
+) -> CandidateFit:
+    """The model with the family's best form in the place of a competitor, or beside all it has."""
+    forms = [c for c in search.field.competitors if c.family == family]
+    made = [exchanged(search, model, out, c) for c in forms if out is None or c.key != out.key]
     good = [m for m in made if m is not None]
-    if out.family == family:
+    if out is not None and out.family == family:
         good.append(model)
     return max(good, key=lambda m: m.weight, default=model)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""k as a function of one recorded column: what `moisture` and `covariate:NAME` share."""
+"""Laws of one recorded column: k (`moisture`, `covariate:NAME`) and zeros that drift over it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _POSITIVE = (1e-12, 1e12)
 
 @dataclass(frozen=True)
 class ColumnLaw(Effect):
-    """k follows the one column in `needs`."""
+    """Something follows the one column in `needs`."""
 
     @classmethod
     def column(cls, conditions: Conditions) -> Array:
@@ -89,3 +89,53 @@ class PowerLaw(ColumnLaw):
     def modulus_factor(self, conditions: Conditions) -> Array:
         ratio = self.column(conditions) / self.reference
         return np.asarray(np.where(ratio > 0.0, ratio, np.nan) ** self.p)
+
+
+@dataclass(frozen=True)
+class _Drift(ColumnLaw):
+    """A zero that moves evenly from the column's lowest value to its highest."""
+
+    form = "even"
+    kind = "instrument"
+    source = "instrument, not soil: the first order of any slow change"
+
+    reference: float = constant(0.0, _ANY, "value of the column at which the zero is right")
+    scale: float = constant(
+        1.0, _POSITIVE, "difference in the column over which it moves by `drift`"
+    )
+
+    @classmethod
+    def suited_to(cls, conditions: Conditions) -> Effect:
+        """The zero is right at the lowest value; the drift is that over the whole range."""
+        values = cls.known(conditions)
+        if values.size == 0 or np.ptp(values) == 0.0:
+            return cls()
+        return cls(reference=float(values.min()), scale=float(np.ptp(values)))
+
+    def share(self, conditions: Conditions) -> Array:
+        """How much of the drift there is on each row."""
+        return np.asarray((self.column(conditions) - self.reference) / self.scale)
+
+
+@dataclass(frozen=True)
+class SinkageDrift(_Drift):
+    """The sinkage instrument's zero drifts."""
+
+    formula = "shown z = z + drift (w - reference) / scale"
+
+    drift: float = parameter(0.001, (-0.05, 0.05), "what the zero moves by", unit="m")
+
+    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return np.asarray(sinkage + self.drift * self.share(conditions))
+
+
+@dataclass(frozen=True)
+class ResistanceDrift(_Drift):
+    """The force sensor's zero drifts."""
+
+    formula = "shown R = R + drift (w - reference) / scale"
+
+    drift: float = parameter(1.0, (-1e3, 1e3), "what the zero moves by", unit="N")
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return np.asarray(resistance + self.drift * self.share(conditions))

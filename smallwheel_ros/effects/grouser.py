@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
+from smallwheel_ros.effects.digging import partly_dug
 from smallwheel_ros.effects.slip_sinkage import driven_slip, lacks_driven_slip
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import contact_length
@@ -59,6 +60,10 @@ class LugDigging(_Digging):
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         i = np.minimum(driven_slip(conditions), _LARGEST_SLIP)
         return np.asarray(sinkage + self.a * conditions["grouser_height"] * i / (1.0 - i))
+
+
+PartlyDugDigging = partly_dug(Digging)
+PartlyDugLugDigging = partly_dug(LugDigging)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.effects.digging import partly_dug
 from smallwheel_ros.physics.conditions import Conditions
 
 
@@ -78,3 +79,6 @@ class Hardening(_Multipass):
 
     def modulus_factor(self, conditions: Conditions) -> Array:
         return np.asarray(passes(conditions) ** self.p)
+
+
+PartlyDugPower = partly_dug(Power)

@@ -21,48 +21,82 @@ from typing import Any
 
 from smallwheel_ros import effects as package
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.effects.column_law import ExponentialLaw, PowerLaw
+from smallwheel_ros.effects.column_law import (
+    ColumnLaw,
+    ExponentialLaw,
+    PowerLaw,
+    ResistanceDrift,
+    SinkageDrift,
+)
 from smallwheel_ros.physics.soil import nearest
 
 Forms = tuple[type[Effect], ...]
 Families = Mapping[str, Forms]
 
 GROUP = "smallwheel_ros.effects"  # of entry points
-_COVARIATE = "covariate:"
 _EXPECTED = "expected a class that derives from Effect and has an id"
 
 
-def _rebuild(form: type[Effect], column: str, values: dict[str, float]) -> Effect:
-    made = next(cls for cls in covariate(column) if issubclass(cls, form))
-    return made(**values)
+# By prefix of the id: the laws that any column may drive, what each says, and how to make sure.
+_OF_COLUMN: dict[str, tuple[tuple[type[ColumnLaw], ...], str, str]] = {
+    "covariate": (
+        (ExponentialLaw, PowerLaw),
+        "The soil's modulus k depends on column '{}'.",
+        "Vary '{}' alone, at one load and one slip, in eight runs or more.",
+    ),
+    "sinkage_drift": (
+        (SinkageDrift,),
+        "The zero of the sinkage instrument drifts with '{}'.",
+        "Take the zero of sinkage at touch-down before each run; repeat the first run at the end.",
+    ),
+    "resistance_drift": (
+        (ResistanceDrift,),
+        "The zero of the force sensor drifts with '{}'.",
+        "Read the force sensor with the wheel lifted before each run; repeat the first run at the end.",
+    ),
+}
+DRIFTS = tuple(prefix for prefix in _OF_COLUMN if prefix != "covariate")
 
 
-class _Covariate(Effect):
-    """What the classes that `covariate` makes have in common: copies reach other processes."""
+def _rebuild(id: str, form: str, values: dict[str, float]) -> Effect:
+    return next(cls for cls in of_column(id) if cls.form == form)(**values)
+
+
+class _OfColumn(Effect):
+    """What the classes that `of_column` makes have in common: copies reach other processes."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        form = next(cls for cls in (ExponentialLaw, PowerLaw) if isinstance(self, cls))
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return _rebuild, (form, self.needs[0], values)
+        return _rebuild, (self.id, self.form, {f.name: getattr(self, f.name) for f in fields(self)})
+
+
+def is_of_column(id: str) -> bool:
+    """Whether an id is `covariate:NAME` or another whose law any column may drive."""
+    return id.partition(":")[0] in _OF_COLUMN and ":" in id
 
 
 @lru_cache(maxsize=256)
-def covariate(column: str) -> Forms:
-    """Make the family in which k depends on that column of the data: exponential and power law."""
+def of_column(id: str) -> Forms:
+    """Make the family of `PREFIX:COLUMN`: its laws, driven by that column of the data."""
+    prefix, _, column = id.partition(":")
     if not column:
         raise EffectError(
-            "'covariate:' names no column: write covariate:NAME, like covariate:moisture"
+            f"'{prefix}:' names no column: write {prefix}:NAME, like {prefix}:moisture"
         )
+    laws, summary, next_step = _OF_COLUMN[prefix]
     own = {
-        "id": f"{_COVARIATE}{column}",
+        "id": id,
         "needs": (column,),
         "drivers": (column,),
-        "summary": f"The soil's modulus k depends on column '{column}'.",
-        "next_step": f"Vary '{column}' alone, at one load and one slip, in eight runs or more.",
+        "summary": summary.format(column),
+        "next_step": next_step.format(column),
         "__module__": __name__,
     }
-    laws: tuple[type[Effect], ...] = (ExponentialLaw, PowerLaw)
-    return tuple(type(law.__name__, (law, _Covariate), own | {"form": law.form}) for law in laws)
+    return tuple(type(law.__name__, (law, _OfColumn), own | {"form": law.form}) for law in laws)
+
+
+def covariate(column: str) -> Forms:
+    """Make the family in which k depends on that column of the data: exponential and power law."""
+    return of_column(f"covariate:{column}")
 
 
 def _forms_in(module: ModuleType) -> list[type[Effect]]:
@@ -95,8 +129,8 @@ def _check(form: type[Effect], origin: str) -> None:
     where = f"{origin}: class {form.__name__}"
     if "__dataclass_params__" not in vars(form) or not is_dataclass(form):
         raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
-    if form.id.startswith(_COVARIATE):
-        raise EffectError(f"{where}: ids that begin with '{_COVARIATE}' are made for columns")
+    if is_of_column(form.id):
+        raise EffectError(f"{where}: ids like '{form.id}' are made for columns")
     for name in ("needs", "drivers"):
         value = getattr(form, name)
         if not isinstance(value, tuple):
@@ -159,14 +193,14 @@ class Registry(Mapping[str, type[Effect]]):
         return {id: self.known[id] for id in sorted(self.known)}
 
     def family(self, id: str) -> Forms:
-        """Give the forms of one effect; `covariate:NAME` works for any NAME.
+        """Give the forms of one effect; `covariate:NAME` and drifts work for any column.
 
         Raises EffectError with the nearest match and a list of what exists.
         """
-        if id.startswith(_COVARIATE):
-            return covariate(id[len(_COVARIATE) :])
+        if is_of_column(id):
+            return of_column(id)
         if id not in self.known:
-            names = [*self.known, "covariate:NAME"]
+            names = [*self.known, *(f"{prefix}:NAME" for prefix in _OF_COLUMN)]
             raise EffectError(f"no effect '{id}': {nearest(id, names)}")
         return self.known[id]
 

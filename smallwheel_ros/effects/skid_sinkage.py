@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.effects.digging import dug, partly_dug
 from smallwheel_ros.effects.slip_sinkage import FREE_ROLLING
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -77,38 +78,21 @@ class Linear(_SkidSinkage):
         return 1.0 + self.s * slip
 
 
-@dataclass(frozen=True)
-class DugQuadratic(Quadratic):
-    formula = "z = z0 (1 + s [(1 - q) |i| + q i^2]), i < 0; compaction resistance at z0"
-    channels = ("sinkage", "drawbar_pull")
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
+DugQuadratic = dug(Quadratic)
+PartlyDugQuadratic = partly_dug(Quadratic)
 
 
 @dataclass(frozen=True)
-class PartlyDugQuadratic(Quadratic):
-    formula = "z = z0 g, g = 1 + s [(1 - q) |i| + q i^2], i < 0; compaction resistance at z0 g^c"
-    source = (
-        "between the two: of the soil below a skidding wheel some is compacted, some carried away"
-    )
-
-    c: float = parameter(
-        0.5, (0.0, 1.0), "share of the growth (in ln) that costs compaction", neutral=None
-    )
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage * self.growth(skid(conditions)) ** self.c)
-
-
-@dataclass(frozen=True)
-class FadingQuadratic(DugQuadratic):
+class FadingQuadratic(Quadratic):
     formula = "z = z0 (1 + s [(1 - q) |i| + q i^2] cos^p beta), i < 0; compaction resistance at z0"
     source = "empirical: at a slip angle, skid along the wheel's plane counts for less"
     needs = ("slip", "slip_angle")
     channels = ("sinkage", "drawbar_pull")
 
     p: float = parameter(1.0, (0.0, 12.0), "how fast it fades with the slip angle", neutral=None)
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         fading = np.maximum(np.cos(conditions["slip_angle"]), 1e-6) ** self.p

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, constant, parameter
+from smallwheel_ros.effects.digging import partly_dug
 from smallwheel_ros.physics.conditions import Conditions
 
 
@@ -63,3 +64,6 @@ class Exponential(_SlipAngleSinkage):
 
     def growth(self, angle: Array) -> Array:
         return np.exp(self.a * angle)
+
+
+PartlyDugPower = partly_dug(Power)

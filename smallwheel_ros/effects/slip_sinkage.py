@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""slip_sinkage: a driven wheel that slips digs itself in.
-
-Whether soil that the wheel dug away also costs compaction work is not settled: in the forms named
-`dug_...` only the static sinkage does, in the others all of it.
-"""
+"""slip_sinkage: a driven wheel that slips digs itself in."""
 
 from __future__ import annotations
 
@@ -13,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.effects.digging import dug, partly_dug
 from smallwheel_ros.physics.conditions import Conditions
 
 _LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
@@ -125,8 +122,8 @@ class AddedDepth(_SlipSinkage):
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         slip = driven_slip(conditions)
-        dug = self.a * conditions.diameter * slip * (1.0 - self.q + self.q * slip)
-        return np.asarray(sinkage + dug)
+        depth = self.a * conditions.diameter * slip * (1.0 - self.q + self.q * slip)
+        return np.asarray(sinkage + depth)
 
 
 @dataclass(frozen=True)
@@ -141,39 +138,6 @@ class ExponentShift(_DrivenSlip):
 
 
 @dataclass(frozen=True)
-class DugExponential(Exponential):
-    formula = "z = z0 exp(a i), i > 0; compaction resistance at z0"
-    channels = ("sinkage", "drawbar_pull")
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
-
-
-@dataclass(frozen=True)
-class DugQuadratic(Quadratic):
-    formula = "z = z0 (1 + s [(1 - q) i + q i^2]), i > 0; compaction resistance at z0"
-    channels = ("sinkage", "drawbar_pull")
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
-
-
-@dataclass(frozen=True)
-class PartlyDugQuadratic(Quadratic):
-    formula = "z = z0 g, g = 1 + s [(1 - q) i + q i^2], i > 0; compaction resistance at z0 g^c"
-    source = (
-        "between the two: of the soil below a slipping wheel some is compacted, some carried away"
-    )
-
-    c: float = parameter(
-        0.5, (0.0, 1.0), "share of the growth (in ln) that costs compaction", neutral=None
-    )
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage * self.growth(driven_slip(conditions)) ** self.c)
-
-
-@dataclass(frozen=True)
 class FadingQuadratic(Quadratic):
     formula = "z = z0 (1 + s [(1 - q) i + q i^2] cos^p beta), i > 0"
     source = "empirical: at a slip angle, slip along the wheel's plane counts for less"
@@ -185,3 +149,8 @@ class FadingQuadratic(Quadratic):
         fading = np.maximum(np.cos(conditions["slip_angle"]), 1e-6) ** self.p
         grown = self.growth(driven_slip(conditions))
         return np.asarray(sinkage * (1.0 + (grown - 1.0) * fading))
+
+
+DugExponential = dug(Exponential)
+DugQuadratic = dug(Quadratic)
+PartlyDugQuadratic = partly_dug(Quadratic)

@@ -107,6 +107,10 @@ DETERMINED = _constant(
     "at half, three quarters of what is known is data",
 )  # fmt: skip
 
+USEFUL = _constant(
+    "least fall of a held-out error for which a name is given", 0.02,
+    "what an instrument's calibration is good to: nobody would miss less",
+)  # fmt: skip
 MENTIONED = _constant("probability under which a family is no rival", 0.02, "50 to 1")
 APART = _constant(
     "share of a rival's probability in models without the other", 0.7,
@@ -154,7 +158,7 @@ WINDOW = _constant(
     "nats below the best model that are searched on", 7.0, "1000 to 1 (Occam's window)"
 )
 PARENTS = int(_constant("models that are extended at each size", 3, "search budget"))
-FIRST_REFITS = int(_constant("single effects that are refitted", 16, "search budget"))
+FIRST_REFITS = int(_constant("single effects that are refitted", 8, "search budget"))
 REFITS = int(_constant("extensions of each model that are refitted", 6, "search budget"))
 MOST_EFFECTS = int(_constant("effects of the largest model", 4, "search budget"))
 FOLDS = int(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.constants import FOLDS
+from smallwheel_ros.fitting.constants import FOLDS, USEFUL
 from smallwheel_ros.fitting.points import Points, filled
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, predict
@@ -99,9 +99,9 @@ class Comparison:
         return tuple(name for name, z in self.z_score.items() if z < -1.0)
 
     @property
-    def better(self) -> tuple[str, ...]:
-        """Channels whose error falls by more than its standard error."""
-        return tuple(name for name, z in self.z_score.items() if z > 1.0)
+    def helps(self) -> bool:
+        """Whether an error falls by `USEFUL`, and by more than its standard error."""
+        return any(z > 1.0 and self.reduction[name] >= USEFUL for name, z in self.z_score.items())
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.noise import repeats_of
 from smallwheel_ros.fitting.parameters import Array, ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
@@ -97,29 +97,6 @@ def levels_from(points: Points, predicted: Array) -> Array:
     return _floored(points, np.where(pull, points.column("load"), level))
 
 
-def shrunken_levels(points: Points, fitter: Fitter, fit: Fit) -> Array:
-    """Levels between what was measured and what a fit says, by how much of the difference is noise.
-
-    A weight that follows each measured value favours the low ones (their error looks smaller); one
-    that follows a model that lacks an effect is wrong. ln L = ln f + s ln(y / f) with James and
-    Stein's s = 1 - (variance of noise) / (mean square of ln(y / f)), not under 0, by channel.
-    """
-    level = levels_from(points, fit.predicted)
-    prior = fitter.variance.start
-    v = fitter.variance.covariance(prior, stiffness(fit.vector, fit.slopes))
-    noise = v.variance() / fitter.level**2
-    measured = first_levels(points)
-    for channel, name in enumerate(points.channels):
-        mine = points.channel == channel
-        good = mine & (points.value > 0) & (fit.predicted > 0)
-        if name == "drawbar_pull" or not good.any():
-            continue
-        apart = np.log(measured[good] / fit.predicted[good])
-        share = max(0.0, 1.0 - float(np.mean(noise[good]) / max(np.mean(apart**2), 1e-30)))
-        level[good] = fit.predicted[good] * np.exp(share * apart)
-    return _floored(points, level)
-
-
 def make_fitter(
     points: Points, vector: ParameterVector, start: Array | None = None
 ) -> tuple[Fitter, Fit]:
@@ -130,11 +107,8 @@ def make_fitter(
     if len(points) < 2:
         raise FittingError("one measurement cannot be fitted: measure at least a few loads")
     level = first_levels(points)
-    rough = Fitter(points, level, repeats_of(points, level))
-    fit = rough.fit(vector, opening(points, vector) if start is None else start, turns=1)
-    fit = rough.fit(vector, fit.theta, fit.scatter)
-    level = shrunken_levels(points, rough, fit)
     fitter = Fitter(points, level, repeats_of(points, level))
+    fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
     return fitter, fitter.fit(vector, fit.theta, fit.scatter)
 
 

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.fitting.constants import FEWEST_VALUES
 from smallwheel_ros.fitting.runs import Group, groups_of, runs_of
 from smallwheel_ros.measurements.settings import (
+    order_columns,
     setting_columns,
     settings_of_rows,
     varies,
@@ -98,13 +100,26 @@ class Points:
 
     @property
     def settings(self) -> dict[str, Array]:
-        """Everything that was set by name, at each value."""
-        return {name: self.column(name) for name in setting_columns(self.measurements)}
+        """Everything that was set by name, at each value, and when it was."""
+        names = (*setting_columns(self.measurements), *([self.order] if self.order else []))
+        return {name: self.column(name) for name in names}
 
     @property
     def varied(self) -> dict[str, Array]:
         """The settings that were varied, by name, at each value."""
-        return {name: column for name, column in self.settings.items() if varies(column)}
+        found = self.settings.items()
+        return {name: column for name, column in found if name == self.order or varies(column)}
+
+    @cached_property
+    def order(self) -> str:
+        """The column that tells best when each run was made, "" where none does for enough runs."""
+        found = {}
+        for name in order_columns(self.measurements):
+            column = self.column(name)
+            if np.isfinite(column).all():
+                found[name] = np.unique(column).size
+        best = max(found, key=lambda name: found[name], default="")
+        return best if found.get(best, 0) >= FEWEST_VALUES else ""
 
 
 def filled(conditions: Conditions) -> Conditions:

@@ -169,7 +169,7 @@ def is_response(name: str, unit: str = "") -> bool:
 
 _BOOKKEEPING_WORDS = {
     "t", "time", "timestamp", "stamp", "date", "trial", "repeat", "repetition", "replicate",
-    "row", "line", "index", "id", "sample", "no",
+    "row", "line", "index", "id", "sample", "no", "order", "sequence", "clock", "elapsed",
 }  # fmt: skip
 # A time that soil or wheel was left for is set: rest_time, drying_time.
 _WAITING_WORDS = {

@@ -52,6 +52,12 @@ def set_columns(measurements: Measurements) -> tuple[str, ...]:
     return tuple(name for name in names if name not in answers and not is_bookkeeping(name))
 
 
+def order_columns(measurements: Measurements) -> tuple[str, ...]:
+    """Covariates that could tell when a row was measured: a time, or the number of row or trial."""
+    names = measurements.conditions.covariates
+    return tuple(name for name in names if is_bookkeeping(name))
+
+
 def setting_columns(measurements: Measurements) -> dict[str, Array]:
     """Settings by name: load, diameter, width and every covariate that was set, shape (rows,)."""
     names = ("load", "diameter", "width", *set_columns(measurements))
