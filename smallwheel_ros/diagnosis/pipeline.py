@@ -31,6 +31,7 @@ from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted
 from smallwheel_ros.display import listed, number, p_text, percent, words
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
+from smallwheel_ros.fitting.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.fitting.constants import (
     ALARM,
     CHANNEL_SCATTER,
@@ -208,21 +209,61 @@ def diagnose(
     reason = _insufficient(judged.points)
     if len(problem.points) < 2:
         return Diagnosis(written.insufficient(problem, reason or "one measurement only"), problem)
-    field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
     if reason:
+        field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
         return Diagnosis(written.insufficient(problem, reason, field), problem)
     progress("testing each effect")
-    found = search(judged.fitter, judged.fit, field, seed=seed)
-    verdict = decide(found)
+    found = _searched(problem, known, without, seed)
+    with_all = verdict = decide(found)
+    bad: list[BadRun] = []
+    while more := bad_runs(found.fitter, found.ordered[0].fit):
+        if len(bad) + len(more) > most_bad(judged.points.run_count):
+            break
+        bad += more
+        problem = problem.without(np.concatenate([one.rows for one in more]))
+        found = _searched(problem, known, without, seed)
+        verdict = decide(found)
+    for one in bad:
+        verdict = verdict.saying(_bad_words(one, measurements))
+    if bad:
+        verdict = verdict.saying(_changes(with_all, verdict, len(bad)))
     progress("held-out error of each step")
     verdict, steps = _steps(problem, found, verdict)
     progress("ranking")
     document = _document(problem, found, verdict, steps, seed)
+    document["bad_runs"] = [
+        {"run": one.name, "lines": measurements.line[one.rows], "channel": one.channel,
+         "size": one.deviations, "against": one.against}
+        for one in bad
+    ]  # fmt: skip
     if verdict.word == "unknown_effect":
         document["notes"].insert(0, _may_learn(measurements, without))
     progress("what to measure next")
     document["next_measurements"] = [asdict(p) for p in proposals(found, verdict, limits or {})]
     return Diagnosis(written.plain(document), problem, found, verdict, tuple(steps))
+
+
+def _searched(problem: Problem, known: Registry, without: Collection[str], seed: int) -> Search:
+    judged = problem.judged
+    field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
+    return search(judged.fitter, judged.fit, field, seed=seed)
+
+
+def _bad_words(bad: BadRun, measurements: Measurements) -> str:
+    lines = ", ".join(str(line) for line in measurements.line[bad.rows][:5])
+    return (
+        f"run {bad.name} ({measurements.source}, line {lines}) is left out: its {words(bad.channel)} is "
+        f"{number(bad.deviations, 2)} {bad.against}. Look it up in the protocol"
+    )
+
+
+def _changes(before: Verdict, after: Verdict, count: int) -> str:
+    """Whether bad runs would change the verdict, in words."""
+    those = "it" if count == 1 else "them"
+    if (before.word, set(before.named)) == (after.word, set(after.named)):
+        return f"with {those} the verdict would be the same"
+    named = f" of {listed(before.named)}" if before.named else ""
+    return f"with {those} the verdict would be '{words(before.word)}'{named}"
 
 
 def _may_learn(measurements: Measurements, without: Collection[str]) -> str:

@@ -99,8 +99,12 @@ TOGETHER = _constant(
 )  # fmt: skip
 REPLICATES = int(_constant("draws of the null distribution", 199, "p down to 1/200"))
 OUTLIER = _constant(
-    "deviations of a row from its run that make it an outlier", 6.0,
-    "one in 10^9 rows of Gaussian noise; with few repeats as many by Student's t",
+    "deviations of a row or a run that make it an outlier", 6.0,
+    "no chance for Gaussian noise, and rare for any other that an instrument has",
+)  # fmt: skip
+CLEAN = _constant(
+    "share of clean tables in which few values exceed that by chance", 0.01,
+    "a deviation that is known from few values is not known well: the limit then is higher",
 )  # fmt: skip
 DETERMINED = _constant(
     "posterior over prior deviation of a determined parameter", 0.5,

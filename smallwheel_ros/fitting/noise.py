@@ -14,10 +14,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 from scipy.stats import t as student
 
-from smallwheel_ros.fitting.constants import OUTLIER, ROW_NOISE
+from smallwheel_ros.fitting.constants import CLEAN, OUTLIER, ROW_NOISE
 from smallwheel_ros.fitting.points import Points
 
 Array = NDArray[np.float64]
@@ -25,8 +24,8 @@ Index = NDArray[np.intp]
 Source = Literal["repeats", "declared", "residuals"]
 
 _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
-_MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
-_NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
+MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
+NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
 _FEWEST = 3  # rows of a point from which its middle is told from an outlier
 
 
@@ -67,32 +66,42 @@ def _apart(values: Array, swept: bool) -> tuple[Array, int]:
     return np.asarray(apart - x * (x @ apart) / (x @ x)), n - 2
 
 
-def outlier_rows(points: Points) -> Index:
-    """Rows that lie grossly off the others of their point, a few at most.
+def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
+    """Group and place of each value that lies grossly off the others of its group, a few at most.
 
-    Deviations from the point's median over the channel's robust deviation, which a few repeats hardly
-    know: the limit is as unlikely by Student's t as `OUTLIER` deviations are for Gaussian noise. Only
-    the worst row of a point, since it pulls the others.
+    Deviations from the group's median over their robust deviation, relative to the group's size. Only the
+    worst of a group, since it pulls the others.
     """
+    off = [values - np.median(values) for values in groups]
+    size = np.array([max(abs(float(np.median(values))), 1e-12) for values in groups])
+    size = np.maximum(size, 0.1 * np.median(size))
+    shares = [np.abs(o) / s for o, s in zip(off, size, strict=True)]
+    known = np.concatenate([np.delete(share, np.argmin(share)) for share in shares])
+    deviation = max(NORMAL * float(np.median(known)), 1e-6)
+    limit = outlier_limit(known.size) * deviation
+    found = [(g, int(np.argmax(s))) for g, s in enumerate(shares) if float(s.max()) > limit]
+    return found if len(found) <= max(1.0, MOST_OUTLIERS * len(groups)) else []
+
+
+def outlier_limit(count: int) -> float:
+    """Robust deviations from which one of so many values is an outlier.
+
+    `OUTLIER`, and more where so few values know their deviation that chance alone would exceed it in one
+    table of `1 / CLEAN`: a median knows about half as much as a sum of squares.
+    """
+    return max(OUTLIER, float(student.isf(0.5 * CLEAN / max(count, 1), max(0.5 * count, 1.0))))
+
+
+def outlier_rows(points: Points) -> Index:
+    """Rows that lie grossly off the others of their point."""
     found: list[int] = []
     for name in points.channels:
         measured = points.measurements.channels[name]
         mask = points.of_channel(name) & (points.count >= _FEWEST) & ~points.swept
         members = [points.rows[i] for i in np.flatnonzero(mask)]
-        if not members:
-            continue
-        off = [measured[rows] - np.median(measured[rows]) for rows in members]
-        size = np.array([max(abs(float(np.median(measured[rows]))), 1e-12) for rows in members])
-        size = np.maximum(size, 0.1 * np.median(size))
-        shares = np.concatenate([np.delete(np.abs(o), np.argmin(np.abs(o))) / s
-                                 for o, s in zip(off, size, strict=True)])  # fmt: skip
-        deviation = _NORMAL * float(np.median(shares))
-        freedom = sum(rows.size - 1 for rows in members) / 2  # a median knows about half as much
-        limit = float(student.isf(norm.sf(OUTLIER), freedom)) * max(deviation, 1e-6)
-        worst = [int(rows[np.argmax(np.abs(o))]) for rows, o, s in
-                 zip(members, off, size, strict=True) if np.max(np.abs(o)) / s > limit]  # fmt: skip
-        if len(worst) <= max(1.0, _MOST_OUTLIERS * len(members)):
-            found += worst
+        if members:
+            far = furthest_off([measured[rows] for rows in members])
+            found += [int(members[g][i]) for g, i in far]
     return np.unique(np.array(found, dtype=np.intp))
 
 

@@ -144,11 +144,15 @@ class Problem:
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
         """Reduce a table, without gross outliers. Raises FittingError where nothing is usable."""
-        points = points_of(measurements)
-        outliers = outlier_rows(points)
-        if outliers.size:
-            points = points_of(measurements, outliers)
-        return cls(points, outliers, base or Base())
+        problem = cls(points_of(measurements), np.zeros(0, dtype=np.intp), base or Base())
+        return problem.without(outlier_rows(problem.points))
+
+    def without(self, rows: NDArray[np.intp]) -> Problem:
+        """The same table without some more of its rows."""
+        if not rows.size:
+            return self
+        outliers = np.union1d(self.outliers, rows)
+        return Problem(points_of(self.measurements, outliers), outliers, self.base)
 
     @property
     def measurements(self) -> Measurements:
