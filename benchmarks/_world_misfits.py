@@ -6,6 +6,7 @@ A lab's grids differ from table to table: one to four loads, four to eight slips
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -94,7 +95,7 @@ def _transposed(value: float) -> float:
     text = f"{value:.1f}"
     digits = [i for i, c in enumerate(text) if c.isdigit()]
     made = []
-    for a, b in zip(digits, digits[1:], strict=False):
+    for a, b in itertools.pairwise(digits):
         swapped = list(text)
         swapped[a], swapped[b] = swapped[b], swapped[a]
         made.append(float("".join(swapped)))
@@ -126,7 +127,8 @@ def bad_run(
         table.loc[rows[0], _SINKAGE] /= 10.0
     elif fault == "transposed":
         by = [abs(np.log(max(_transposed(v), 0.05) / v)) for v in table[_SINKAGE]]
-        rows = [int(rng.choice(np.flatnonzero(np.array(by) > np.log(1.7))))] if max(by) > np.log(1.7) else [int(np.argmax(by))]  # fmt: skip
+        plain = np.flatnonzero(np.array(by) > np.log(1.7))  # else the clearest there is
+        rows = [int(rng.choice(plain)) if plain.size else int(np.argmax(by))]
         table.loc[rows[0], _SINKAGE] = max(_transposed(float(table.loc[rows[0], _SINKAGE])), 0.05)
     elif fault == "force-tenfold":
         table.loc[rows[0], _RESISTANCE] *= 10.0
@@ -154,7 +156,7 @@ def drifting(
     hidden: Sequence[str] = (),
     design: str = "lab",
 ) -> pd.DataFrame:
-    """Something drifts over the day, and the order of the runs is in the table. what: none, k, zero, force."""
+    """Something drifts over the day; the order of the runs is in the table. what: none, k, zero, force."""
     rows = 1 if design == "lab" else 3
     table = (
         any_lab(seed, part, hidden, repeats=(3, 4))

@@ -154,6 +154,15 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
     channels = tuple(name for name in CHANNELS if name in usable and usable[name].any())
     names, run = runs_of(measurements)
     groups = groups_of(measurements, run, np.any([usable[c] for c in channels], axis=0))
+    there, kept = (
+        np.unique(run[np.any(list(usable.values()), axis=0)]).size,
+        np.unique(run[[group.rows[0] for group in groups]]).size,
+    )
+    if kept < there:
+        notes.append(
+            f"of {there} runs {kept}, drawn at random, are fitted and judged: more take longer and say "
+            "the same"
+        )
     # Rows of a swept run that belong to no steady part are in no group.
     channels = tuple(c for c in channels if any(usable[c][group.rows].any() for group in groups))
     # A value for each channel and group of rows that has it.

@@ -47,16 +47,23 @@ class Group(NamedTuple):
 
 
 def groups_of(measurements: Measurements, run: Index, usable: Mask) -> list[Group]:
-    """The rows of each point."""
+    """The rows of each point; of more runs than `MOST_POINTS` has room for, those of a sample."""
     setting = settings_of_rows(measurements)
-    runs = [np.flatnonzero((run == r) & usable) for r in range(int(run.max()) + 1)]
-    runs = [rows for rows in runs if rows.size]
-    room = MOST_POINTS // max(1, len(measurements.channels) * len(runs))
-    bins = int(np.clip(room, _FEWEST_BINS, CURVE_POINTS))
+    used = np.flatnonzero(usable)
+    used = used[np.argsort(run[used], kind="stable")]
+    runs = np.split(used, np.flatnonzero(np.diff(run[used])) + 1)
+    swept = [_is_swept(measurements.conditions, rows) for rows in runs]
+    room = MOST_POINTS // max(1, len(measurements.channels))
+    most = max(1, room // (_FEWEST_BINS if any(swept) else 1))
+    kept = np.arange(len(runs))
+    if kept.size > most:
+        kept = np.sort(np.random.default_rng(5).choice(kept, most, replace=False))
+    bins = int(np.clip(room // kept.size, _FEWEST_BINS, CURVE_POINTS))
     groups: list[Group] = []
-    for rows in runs:
+    for i in kept:
+        rows = runs[i]
         parts = [rows]
-        if _is_swept(measurements.conditions, rows):
+        if swept[i]:
             parts = _along(measurements, rows, setting, bins)
         last = max(len(parts) - 1, 1)
         groups += [Group(part, len(parts) > 1, i / last) for i, part in enumerate(parts)]
