@@ -129,6 +129,20 @@ def _densities(worlds: Sequence[World], trials: Mapping[str, Sequence[Trial]]) -
     )
 
 
+def _bad_runs(trials: Sequence[Trial]) -> str:
+    """How often runs that were written down wrong are named, and others are."""
+    done = [one for one in trials if "bad_runs" in one]
+    spoilt = [one for one in done if one["bad"]]
+    if not spoilt:
+        return ""
+    found = sum(bool({*one["bad"]} & {*one["bad_runs"]}) for one in spoilt)
+    false = sum(bool({*one["bad_runs"]} - {*one["bad"]}) for one in done)
+    return (
+        f"\nA run that was written down wrong is named in {rate(found, len(spoilt))} of {len(spoilt)} tables "
+        f"with one; a run that was not, in {rate(false, len(done))} of all {len(done)}.\n"
+    )
+
+
 def document(worlds: Sequence[World], trials: Sequence[Trial], arguments: str) -> str:
     """All tables: one line a world, one a group, and the densities."""
     by_world: dict[str, list[Trial]] = defaultdict(list)
@@ -144,6 +158,7 @@ def document(worlds: Sequence[World], trials: Sequence[Trial], arguments: str) -
     text = (
         _HEAD.format(arguments=arguments) + "\n".join(lines) + "\n" + _densities(worlds, by_world)
     )
+    text += _bad_runs(trials)
     failed = [one for one in trials if "failed" in one]
     if failed:
         text += "\nFailed:\n\n"

@@ -85,6 +85,8 @@ def trial(world: str, seed: int) -> Trial:
             "candidates": answer["candidates"],
             "p_value": answer.get("lack_of_fit", {}).get("p_value"),
             "seconds": seconds,
+            "bad": table.attrs.get("bad", []),
+            "bad_runs": [one["run"] for one in answer.get("bad_runs", [])],
         }
         steps = answer["steps"]
         if not steps or expected.truth_fresh is None or not hasattr(diagnosis, "fitted"):

@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks import _world_curves as swept
 from benchmarks import _world_labs as labs
+from benchmarks import _world_misfits as misfits
 from benchmarks._bench import rig_table
 
 Table = Callable[..., pd.DataFrame]
@@ -31,6 +32,8 @@ NOTHING, NAMED = frozenset({"adequate"}), frozenset({"missing_effect"})
 TIED, TOO_FEW = frozenset({"indistinguishable"}), frozenset({"insufficient_data"})
 # Something is wrong that no name covers: to say so and not to notice are both no lie.
 OPEN = frozenset({"adequate", "unknown_effect"})
+# Something is wrong, and any way to say so is right.
+SAID = frozenset({"missing_effect", "indistinguishable", "unknown_effect"})
 
 
 @dataclass(frozen=True)
@@ -219,9 +222,37 @@ def _odd() -> Iterator[World]:
         yield _world(f"odd/load-falls-{label}", table, hidden)
 
 
+_GROSS: dict[str, Table] = {
+    "one-slip-60%-deeper": misfits.deeper_at_one,
+    "one-load-60%-deeper": partial(misfits.deeper_at_one, setting="load"),
+    "sinkage-saturates": partial(misfits.saturated, hidden=()),
+    "resistance-saturates": partial(misfits.saturated, hidden=(), column="resistance [N]"),
+}
+
+
+def _misfits() -> Iterator[World]:
+    """What no effect of the library explains, and mistakes of one run; labs of any grid."""
+    for name, table in _GROSS.items():
+        yield World(f"gross/{name}", table, verdicts=SAID, fresh=False)
+    for hidden in ((), ("slip_sinkage",)):
+        label = "+".join(hidden) or "nothing"
+        for design in ("drawn", "lab"):
+            for fault in misfits.FAULTS:
+                table = partial(misfits.bad_run, fault=fault, hidden=hidden, design=design)
+                yield _world(f"bad/{fault}-{design}-{label}", table, hidden, fresh=False)
+    for what in ("none", "k", "zero", "force"):
+        verdicts = NOTHING if what == "none" else SAID
+        for column in ("time [s]", "index", "trial"):
+            table = partial(misfits.drifting, what=what, column=column)
+            yield World(f"drift/{what}-{column}", table, verdicts=verdicts, fresh=False)
+    for hidden in ((), *((name,) for name in _SINGLE[:9]), *_PAIRS):
+        label = "+".join(hidden) or "nothing"
+        yield _world(f"any-lab/{label}", partial(misfits.any_lab, hidden=hidden), hidden)
+
+
 WORLDS: dict[str, World] = {
     world.name: world
-    for group in (_soils, _designs, _published, _faults, _curves, _labs, _pulls, _odd)
+    for group in (_soils, _designs, _published, _faults, _curves, _labs, _pulls, _odd, _misfits)
     for world in group()
 }
 

@@ -99,11 +99,16 @@ def effects_of(given: AnyEffect | Iterable[AnyEffect], measurements: Measurement
     from smallwheel_ros.effects.base import Effect
     from smallwheel_ros.effects.registry import default_registry
 
-    listed = [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
+    listed: list[Any] = (
+        [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
+    )
     known, made = default_registry(), []
     for one in listed:
         if isinstance(one, str) and one.endswith(".py"):
-            known = known.with_file(one)
+            before, known = set(known), known.with_file(one)
+            theirs = set(known) - before
+            if not theirs & {str(other).partition("/")[0] for other in listed}:
+                listed += sorted(theirs)  # no law of the file is named: all are meant
     for one in listed:
         if isinstance(one, str) and not one.endswith(".py"):
             id, _, form = one.partition("/")

@@ -16,10 +16,6 @@ import smallwheel_ros
 from smallwheel_ros import __version__
 from smallwheel_ros.errors import SmallwheelError
 
-# Matrices here are small: threads of the linear algebra library cost more than they bring, many
-# times more on a busy machine. It is set before a command loads numpy, and where nobody chose.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 # name: (where it is, what `smallwheel --help` says of it)
 COMMANDS = {
     "predict": (

@@ -18,7 +18,7 @@ from plain_rig import PlainRig, rolled, table
 from smallwheel_ros.diagnosis import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.next_measurement import propose
-from smallwheel_ros.diagnosis.search import Budget, search
+from smallwheel_ros.diagnosis.search import search
 from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
@@ -233,7 +233,7 @@ def test_no_setting_is_proposed_that_has_six_runs() -> None:
         measured = PlainRig(slip_growth=2.0).measure(runs, 3, rows=1)
         problem = Problem.of(measured)
         field = field_of(problem.points, problem.vector.model(problem.vector.start), REGISTRY)
-        found = search(problem.fitter, problem.fit, field, budget=Budget(4, 1, 1, 1))
+        found = search(problem.fitter, problem.fit, field, most=1)
         first, second = found.ordered[0], found.none
         proposal = propose(found.fitter, first, second, ("one", "other"), limits=limits)
         assert (proposal is None) == (expected is None)

@@ -173,7 +173,7 @@ def test_the_same_comparison_gives_the_same_bytes(compared: str, compared_again:
 def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) -> None:
     text = Parsed(compared).text
     assert re.search(r"has the smallest held-out error, [\d.]+ mm RMSE over 36 rows", text)
-    assert "times the noise floor" not in text  # that is for a diagnosis to say
+    assert "of a true model" not in text  # that is for a diagnosis to say
     assert "sinks to the axle in" in text  # of the soft model
     assert "worst first" in text
 
@@ -349,7 +349,7 @@ def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> No
     assert headings == titles
     text = parsed.text
     assert "1.23" in text  # the floor of the diagnosis, not what repeats differ by
-    assert "times the noise floor of 1.23 mm" in text
+    assert "times the expected error of a true model, 1.23 mm" in text
     assert "0.456" in text
     assert "could not tell noise from misfit" in text  # of resistance
     assert text.index("The model lacks slip sinkage") < text.index("bekker")

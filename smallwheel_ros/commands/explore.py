@@ -48,7 +48,7 @@ def explore(
     """Open a page on the measurements in DATA, for this machine only; Ctrl-C ends it.
 
     The data is diagnosed once. Then set and unset effects: the page shows the model's parameters, its
-    held-out error beside the noise floor, and what is left over a setting. Each effect and each pair
+    held-out error beside that of a true model, and what is left over a setting. Each effect and each pair
     is fitted while you look, any other choice when you make it.
     """
     measurements = read_table(data, how)

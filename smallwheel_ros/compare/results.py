@@ -28,7 +28,7 @@ from smallwheel_ros.model import Model, ModelError, predict
 Index = NDArray[np.intp]
 Reasons = tuple[tuple[str, Index], ...]
 _ASK_DIAGNOSE = (
-    "how low the error could get (the noise floor) is not known before what is missing is: "
+    "how low the error could get is not known before what is missing is: "
     "`smallwheel diagnose` works it out"
 )
 _REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_std"
@@ -37,7 +37,7 @@ Progress = Callable[[int, int], object]  # fits done, fits needed
 
 @dataclass(frozen=True)
 class Floor:
-    """Noise floor of a channel: the held-out error that a true model would leave, m or N.
+    """The expected error of a true model on held-out runs, by channel, m or N.
 
     value, source: from a diagnosis of the same data; None where there is none. reason: how it was
     found, or why it was not.
@@ -97,7 +97,7 @@ def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -
 
 
 def floors_of(points: Points) -> dict[str, Floor]:
-    """What rows of one run differ by, by channel. The noise floor is for a diagnosis to say."""
+    """What rows of one run differ by, by channel. What a true model would leave is for a diagnosis to say."""
     repeats = repeatability(points.measurements)
     return {
         name: Floor(

@@ -21,7 +21,7 @@ from smallwheel_ros.fitting.constants import CURVE_SIZE
 from smallwheel_ros.fitting.fit import Fit
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter
 from smallwheel_ros.fitting.prior import Prior
-from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.conditions import PLATE, Conditions
 from smallwheel_ros.physics.traction import compaction_resistance
 
 Array = NDArray[np.float64]
@@ -38,8 +38,8 @@ _FALLS = (1.0, 0.5, 0.375)  # of the higher terms: curves are smooth
 _LEGENDRE: tuple[Callable[[Array], Array], ...] = (
     np.ones_like,
     lambda u: u,
-    lambda u: 1.5 * u**2 - 0.5,
-    lambda u: 2.5 * u**3 - 1.5 * u,
+    lambda u: 1.5 * u * u - 0.5,
+    lambda u: (2.5 * u * u - 1.5) * u,
 )
 
 
@@ -223,7 +223,13 @@ def curve_shown(
     """A fitted curve: factor over the setting, with its 95 % band. values: of the setting, met."""
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
     x = np.linspace(float(mine.min()), float(mine.max()), _POINTS)
-    conditions = Conditions.of(**({"load": 1.0, "diameter": 1.0, "width": 1.0} | {span.column: x}))
+    one: dict[str, Any] = {
+        "load": 1.0,
+        "diameter": 1.0,
+        "width": 1.0,
+        "contact": PLATE,
+    }  # its width may be 0
+    conditions = Conditions.of(**(one | {span.column: x}))
     names = [p.field for p in part.parameters]
     rows = []
     for unit in np.eye(len(names)):

@@ -48,8 +48,10 @@ def head(problem: Problem, word: str, reason: str) -> Entry:
         "schema": SCHEMA,
         "verdict": word,
         "reason": reason,
+        "table": measurements.source,
         "missing_effects": [],
         "candidates": [],
+        "closest": [],
         "channels": {},
         "lack_of_fit": {"p_value": None},
         "where_it_fails": [],
@@ -80,13 +82,19 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
     return dict(plain(document))
 
 
-def channels(problem: Problem, errors: CvErrors, floors: Mapping[str, float]) -> Entry:
+def channels(
+    problem: Problem,
+    errors: CvErrors,
+    floors: Mapping[str, float],
+    findings: Mapping[str, str] | None = None,
+) -> Entry:
     """Errors of each channel beside the noise. floors: what the true model would leave."""
     repeats = repeatability(problem.measurements)
     found = {}
     for name, score in errors.scores().items():
         noise = problem.fitter.repeats.channels[name]
         found[name] = {
+            "finding": (findings or {}).get(name, ""),
             "rows": score.rows,
             "rmse": score.rmse,
             "bias": score.bias,

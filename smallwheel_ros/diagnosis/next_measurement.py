@@ -23,7 +23,7 @@ from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.search import Search, exchanged
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.display import setting_words, words
+from smallwheel_ros.display import effect_words, setting_words, words
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
 from smallwheel_ros.fitting.fit import Fitter, stiffness
 from smallwheel_ros.fitting.points import Points
@@ -78,6 +78,7 @@ def candidate_runs(points: Points, limits: Limits) -> tuple[Conditions, list[dic
     limits: by setting (SI), the levels that the user can set.
     """
     columns, conditions = independent(points), points.conditions
+    columns.pop(points.order, None)  # nobody sets the time
     order = [*(n for n in limits if n in conditions), *(n for n in columns if n not in limits)]
     order.sort(key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width")))
     used = order[:_MOST_SETTINGS]
@@ -148,7 +149,9 @@ def propose(
         return None
     power = float(norm.cdf(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
     shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings[best].items())
-    text = f"{RUNS} runs at {shown} tell {names[0]} from {names[1]}" + (f"; {hint}" if hint else "")
+    text = f"{RUNS} runs at {shown} tell {effect_words(names[0])} from {effect_words(names[1])}" + (
+        f"; {hint}" if hint else ""
+    )
     return Proposal(settings[best], names, RUNS, power, text)
 
 

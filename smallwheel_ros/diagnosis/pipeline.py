@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -17,30 +18,27 @@ from smallwheel_ros.diagnosis.candidate import CandidateFit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_pull
+from smallwheel_ros.diagnosis.misfit import of_channels, with_misfit
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.residuals import (
-    lack_of_fit,
     residuals_left,
-    setting_of,
     where_it_fails,
     worst_left,
 )
 from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
-from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted
-from smallwheel_ros.display import listed, number, p_text, percent, words
+from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted, no_help
+from smallwheel_ros.display import listed, number, words
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.fitting.constants import (
     ALARM,
-    CHANNEL_SCATTER,
     FEWEST_RUNS,
-    LACK_OF_FIT,
-    SOIL_SCATTER,
-    SPREAD,
     THRUST_LAW,
+    USEFUL,
 )
+from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import expected_error
@@ -53,21 +51,6 @@ if TYPE_CHECKING:
     from smallwheel_ros.model_file import CalibratedModel
 
 _LISTED = 5  # families whose held-out error is worked out for the ranking
-
-# By component of the scatter: what is usual, and what is said of much more.
-_UNUSUAL = {
-    "tau": (
-        SOIL_SCATTER,
-        "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
-        "from run to run",
-    ),
-    "own": (
-        CHANNEL_SCATTER,
-        "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
-        "that is not recorded, differs",
-    ),
-    "fit": (LACK_OF_FIT, "{channel} strays from the law by {size} from setting to setting"),
-}
 
 Progress = Callable[[str], None]
 
@@ -168,6 +151,7 @@ class Diagnosis(Result):
         }
 
 
+@one_thread
 def diagnose(
     measurements: Measurements,
     base: Base | None = None,
@@ -269,8 +253,9 @@ def _changes(before: Verdict, after: Verdict, count: int) -> str:
 def _may_learn(measurements: Measurements, without: Collection[str]) -> str:
     """What to run where no known effect explains what is missing."""
     taken_out = f" --without {','.join(without)}" if without else ""
+    table = shlex.quote(measurements.source or "TABLE")
     return (
-        f"to look for a law that explains it: `smallwheel learn {measurements.source}{taken_out} -o "
+        f"to look for a law that explains it: `smallwheel learn {table}{taken_out} -o "
         "law.py`, with the same --model if one was given"
     )
 
@@ -300,6 +285,10 @@ def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, 
     useless = [name for name, change in zip(added, changes, strict=True) if not change.helps]
     if useless:
         return _steps(problem, found, demoted(found, verdict, useless))
+    if verdict.word == "indistinguishable" and not _any_helps(
+        problem.judged, found, verdict.rivals
+    ):
+        verdict = verdict.not_described(no_help(verdict.rivals))
     worse = compare_cv(errors[0], errors[-1]).worse
     if worse:
         verdict = verdict.saying(
@@ -313,43 +302,16 @@ def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, 
         )
     verdict = replace(verdict, named=tuple(added) or verdict.named)
     steps = [Step(*step) for step in zip([None, *added], models, errors, strict=True)]
-    verdict = _with_misfit(found, verdict)
+    verdict = with_misfit(found, verdict)
     return verdict, steps if verdict.named else steps[:1]
 
 
-def _with_misfit(found: Search, verdict: Verdict) -> Verdict:
-    """The verdict after its model was held against the repeats, and its scatter against the usual.
-
-    Where the settings' means stray from the model by more than their runs allow, or scatter is beyond
-    twice the usual range, something is left that no law here describes.
-    """
-    alone = verdict.named and not verdict.rivals and not verdict.unknown
-    model = (verdict.best if alone else found.ordered[0]).fit
-    judged = found.none.fit if verdict.word == "adequate" else model
-    misfits = lack_of_fit(found.fitter, judged)
-    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= ALARM}
-    if rejected and verdict.word in ("adequate", "missing_effect"):
-        name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
-        at = setting_of(found.fitter.points, worst.rows)
-        verdict = verdict.not_described(
-            f"runs of one setting repeat each other, and their means stray from the model: {words(name)} "
-            f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
-            f"p {p_text(worst.p)}), most at {at}"
-        )
-    sizes = model.scatter.as_dict(found.fitter.variance)
-    for name, size in sizes.items():
-        component, _, channel = name.partition(":")
-        if component not in _UNUSUAL:
-            continue
-        usual, said = _UNUSUAL[component]
-        if size <= usual * np.exp(SPREAD):
-            continue
-        reason = said.format(channel=words(channel), size=percent(size))
-        if verdict.word == "adequate" and size > usual * np.exp(2.0 * SPREAD):
-            verdict = verdict.not_described(reason)
-        else:
-            verdict = verdict.saying(reason)
-    return verdict
+def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
+    """Whether with one of the rivals a held-out error falls, be it within its standard error."""
+    best = {f: next((m for m in found.ordered if f in m.families), found.none) for f in rivals}
+    base, *errors = of_model(judged, [found.none, *best.values()])
+    falls = [fall for e in errors for fall in compare_cv(base, e).reduction.values()]
+    return max(falls, default=0.0) >= USEFUL
 
 
 def _document(
@@ -359,6 +321,7 @@ def _document(
     points, fitter = judged.points, judged.fitter
     base = steps[0].errors
     best = (verdict.best if verdict.named else found.ordered[0]).fit
+    findings = of_channels(found, verdict, [s.errors for s in steps], points.channels)
     learnt = learnt_here(found, problem.measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, problem.measurements)
@@ -366,7 +329,8 @@ def _document(
         "missing_effects": list(verdict.named),
         "candidates": list(verdict.rivals),
         "unknown": list(verdict.unknown),
-        "channels": written.channels(problem, base, expected_error(fitter, best)),
+        "closest": list(verdict.closest),
+        "channels": written.channels(problem, base, expected_error(fitter, best), findings),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,
             "probability_of_none": found.probabilities[()],

@@ -6,16 +6,13 @@ Both look at errors relative to the size of a value, with the run as the unit of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_law
 
 from smallwheel_ros.display import column_display, percent, setting_words, words
-from smallwheel_ros.fitting.constants import LACK_OF_FIT, SPREAD
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.table import Measurements
@@ -134,54 +131,6 @@ def _worse_side(above: Mask, error: Array, rows: list[Index]) -> tuple[Array, Ar
         np.concatenate([error[rows[i]] for i in np.flatnonzero(side)]) for side in (~above, above)
     )
     return (low, high, "<") if np.mean(high**2) < np.mean(low**2) else (high, low, ">")
-
-
-@dataclass(frozen=True)
-class LackOfFit:
-    """What a model leaves of a channel's settings against what runs of one setting differ by.
-
-    ratio: root of F, the misfit in deviations of a setting's mean. misfit: root mean square relative
-    misfit of the settings. at: a setting's values that is furthest off.
-    """
-
-    ratio: float
-    p: float
-    misfit: float
-    rows: Index
-
-
-def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
-    """The F test of lack of fit (Fisher 1922; Draper and Smith 1998, ch. 2) by channel.
-
-    F = sum n m^2 / (settings - parameters)  over  sum (r - m)^2 / (runs - settings) + n u^2,
-    r the relative residual of a run, m the mean of a setting's n runs. No law is exact: u is what laws
-    are usually off by, at most. Only channels with settings that several runs repeat.
-    """
-    points = fitter.points
-    share = (points.value - fit.predicted) / fitter.level
-    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
-    leverage = np.sum((fit.slopes @ fit.covariance) * v.solve(fit.slopes), axis=1)
-    usual, found = LACK_OF_FIT * np.exp(SPREAD), {}
-    for c, name in enumerate(points.channels):
-        mine = np.flatnonzero((points.channel == c) & ~points.swept)
-        setting = np.unique(points.setting[mine], return_inverse=True)[1].reshape(-1)
-        count = np.bincount(setting)
-        spare = count.size - float(leverage[mine].sum())
-        repeats = mine.size - count.size
-        if repeats < 1 or spare < 1.0:
-            continue
-        mean = np.bincount(setting, share[mine]) / count
-        off = float(np.sum(count * mean**2)) / spare
-        apart = float(np.sum((share[mine] - mean[setting]) ** 2)) / repeats
-        noise = apart + float(count.mean()) * usual**2
-        worst = mine[setting == int(np.argmax(np.abs(mean) * np.sqrt(count)))]
-        found[name] = LackOfFit(
-            float(np.sqrt(off / noise)),
-            float(f_law.sf(off / noise, spare, repeats)),
-            float(np.sqrt(np.mean(mean**2))),
-            worst,
-        )
-    return found
 
 
 def setting_of(points: Points, values: Index) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,8 +33,8 @@ SAID = {
 
 
 _NEXT = {
-    "missing_effect": "Next: add it with `smallwheel diagnose --apply -o MODEL.yaml`, and make sure by the "
-    "measurements proposed.",
+    "missing_effect": "Next: add it with `smallwheel diagnose {table} --apply -o MODEL.yaml`, and make sure "
+    "by the measurements proposed.",
     "adequate": "Next: use the model within the settings measured; what this data could not show may still "
     "be there.",
     "unknown_effect": "Next: record what else differs between the runs, or let `smallwheel learn` look for a "
@@ -70,6 +71,9 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
             candidates=listed(document["candidates"], "or"),
         )
     ]
+    findings = {n: c.get("finding") for n, c in document["channels"].items()}
+    if len(findings) > 1:
+        lines += [f"{words(n).capitalize()}: {said}." for n, said in findings.items() if said]
     summaries = {r["effect"]: r["summary"] for r in document["ranking"] if r.get("summary")}
     named = [*document["missing_effects"], *document["candidates"]]
     lines += [f"{words(n).capitalize()}: {summaries[n]}" for n in named if n in summaries]
@@ -81,12 +85,16 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
     if blamed:
         said = f"{listed(blamed)}: the instrument, not the soil. Check it first"
         lines.append(sentence(said))
+    if document.get("closest"):
+        closest = listed(document["closest"], "or")
+        lines.append(f"The closest in the library: {closest}. It does not describe this data.")
     if document.get("reason"):
         lines.append(sentence(str(document["reason"])))
     p = document["lack_of_fit"]["p_value"]
     if p is not None:
         lines.append(f"Chance of such errors if nothing were missing: p = {p_text(p)}.")
-    lines.append(_NEXT[document["verdict"]])
+    table = shlex.quote(document.get("table") or "TABLE")
+    lines.append(_NEXT[document["verdict"]].format(table=table))
     return lines
 
 
@@ -98,7 +106,9 @@ def _steps(document: Mapping[str, Any]) -> list[str]:
     for name, channel in document["channels"].items():
         path = [shown_value(name, step["held_out_rmse"].get(name)) for step in document["steps"]]
         floor = channel.get("noise_floor")
-        known = "" if floor is None else f"; noise floor {shown_value(name, floor)}"
+        known = (
+            "" if floor is None else f"; expected error of a true model {shown_value(name, floor)}"
+        )
         if channel.get("repeatability") is not None:
             known += (
                 f" (repeats of one run differ by {shown_value(name, channel['repeatability'])})"

@@ -12,7 +12,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
@@ -136,12 +136,17 @@ def decide(search: Search) -> Verdict:
     )
 
 
+def no_help(names: Sequence[str]) -> str:
+    """That a name is worth nothing to who predicts, in words."""
+    return f"with {listed(names, 'or')} no error on held-out runs falls by {percent(USEFUL)}"
+
+
 def demoted(search: Search, verdict: Verdict, names: list[str]) -> Verdict:
     """The verdict with some of its names as candidates: they help on no run that was held out."""
     named = [n for n in verdict.named if n not in names]
     best = _by_library(search, verdict.best, named) if named else search.ordered[0]
     rivals = tuple(dict.fromkeys([*names, *verdict.rivals]))
-    said = f"with {listed(names)} no error on held-out runs falls by {percent(USEFUL)}"
+    said = no_help(names)
     verdict = replace(verdict, named=tuple(named), rivals=rivals, best=best)
     if named:
         return verdict.saying(said)

@@ -29,11 +29,11 @@ _CAPTION = (
     "Fitted to all runs. log_reference_pressure is ln of the pressure at 10 mm of sinkage under a wheel "
     "of 0.2 m."
 )
-_FLOOR = "Noise floor: the held-out error that the true model would leave."
+_FLOOR = "Expected of a true model: the held-out error that the true model would leave."
 _NO_FLOOR = (
     _FLOOR[:-1] + "; not known here: no run was repeated row by row, and no noise is stated."
 )
-_ERRORS = ["± s.e.", "bias", "noise floor", "repeats differ by"]
+_ERRORS = ["± s.e.", "bias", "expected of a true model", "repeats differ by"]
 _PARAMETERS = ["", "parameter", "value", "std", "unit", "bounds", "published", ""]
 _KEY = ","
 

@@ -16,11 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import ndtr
+from threadpoolctl import ThreadpoolController
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.covariance import Covariance
@@ -32,6 +34,18 @@ from smallwheel_ros.fitting.variance import Scatter, VarianceModel
 from smallwheel_ros.model import Model
 
 Array = NDArray[np.float64]
+
+_THREADS = ThreadpoolController()
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def one_thread(function: Function) -> Function:
+    """The function with one thread for linear algebra, whatever is set outside of it.
+
+    Matrices here are small: more threads cost more than they bring, many times more on a busy machine.
+    """
+    return cast(Function, _THREADS.wrap(limits=1, user_api="blas")(function))
+
 
 _TURNS = 4  # of theta and phi
 _STEPS = 10  # of Gauss-Newton in a turn
@@ -119,6 +133,7 @@ class Fitter:
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
         return Fitter(training, self.level[keep], part, self._law)
 
+    @one_thread
     def fit(
         self,
         vector: ParameterVector,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting import Base, FittingError, Problem
-from smallwheel_ros.fitting.fit import Fitter
+from smallwheel_ros.fitting.fit import Fitter, one_thread
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.learn.candidate import Candidate
 from smallwheel_ros.learn.chance import chance
@@ -71,6 +71,7 @@ class Sought:
     best: Judged | None = None
 
 
+@one_thread
 def seek(
     measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = silent
 ) -> Sought:

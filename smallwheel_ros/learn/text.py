@@ -102,7 +102,9 @@ def _evidence(document: Mapping[str, Any]) -> list[str]:
     lines = ["Held-out error, settings left out with the whole search inside"]
     for name, error in document["held_out"].items():
         floor = (
-            "" if error["floor"] is None else f"; noise floor {shown_value(name, error['floor'])}"
+            ""
+            if error["floor"] is None
+            else f"; expected error of a true model {shown_value(name, error['floor'])}"
         )
         before, after = (shown_value(name, error[k]) for k in ("before", "after"))
         lines.append(f"  {words(name)}: {before} -> {after}{floor}")

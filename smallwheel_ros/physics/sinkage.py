@@ -172,8 +172,11 @@ def _regula_falsi(
         if np.all((np.abs(f) < 1e-12) | sunk | (high - low < 1e-13)):
             break
         left = f < 0.0
-        f_high = np.where(left & (side < 0), 0.5 * f_high, f_high)
-        f_low = np.where(~left & (side > 0), 0.5 * f_low, f_low)
+        # The end that stays weighs less (Anderson and Bjorck 1973), and half where that is not under 0.
+        shrunk = 1.0 - f / np.where(left, f_low, f_high)
+        shrunk = np.where(shrunk > 0.0, shrunk, 0.5)
+        f_high = np.where(left & (side < 0), shrunk * f_high, f_high)
+        f_low = np.where(~left & (side > 0), shrunk * f_low, f_low)
         low, f_low = np.where(left, x, low), np.where(left, f, f_low)
         high, f_high = np.where(left, high, x), np.where(left, f_high, f)
         side = np.where(left, -1.0, 1.0)

@@ -65,7 +65,7 @@ def all_figures(comparison: Comparison) -> dict[str, Figure]:
 
 
 def error_bars(comparison: Comparison) -> Figure:
-    """Held-out and in-sample RMSE of each model beside each other, with the noise floor."""
+    """Held-out and in-sample RMSE of each model beside each other."""
     channels = comparison.channels
     height = 1.1 + 0.42 * len(comparison.models)
     figure = new_figure(max(3.6 * len(channels), 5.0), height)
@@ -73,8 +73,10 @@ def error_bars(comparison: Comparison) -> Figure:
     for axes, channel in zip(panels, channels, strict=True):
         draw_errors(axes, comparison, channel)
     panels[0].invert_yaxis()
+    expected = any(comparison.noise[channel].value is not None for channel in channels)
+    known = "   dashed: expected of a true model" if expected else ""
     figure.suptitle(
-        "solid: held out, with its standard error   pale: in sample   dashed: noise floor",
+        "solid: held out, with its standard error   pale: in sample" + known,
         fontsize=8.5,
         color=INK,
         x=0.01,

@@ -28,7 +28,7 @@ SHOWN = 0.01  # probability under which an effect is counted, not shown
 
 
 def staircase(document: Mapping[str, Any]) -> Figure | None:
-    """Held-out error after each effect was added, down to the noise floor; None without steps."""
+    """Held-out error after each effect was added, beside that of a true model; None without steps."""
     steps = document.get("steps") or []
     channels = [name for name in CHANNEL_UNITS if any(name in s["held_out_rmse"] for s in steps)]
     if not channels:
@@ -51,7 +51,7 @@ def errors_of_steps(document: Mapping[str, Any]) -> dict[str, dict[str, float | 
 
 
 def floors_of(document: Mapping[str, Any]) -> dict[str, float | None]:
-    """Noise floor by channel."""
+    """Expected error of a true model by channel."""
     channels = document.get("channels") or {}
     return {name: channel.get("noise_floor") for name, channel in channels.items()}
 

@@ -50,7 +50,7 @@ def error_steps(
 ) -> Axes:
     """Held-out error of one channel, a bar for each model.
 
-    errors: by the bar's name, the error by channel, m or N. floor: noise floor by channel.
+    errors: by the bar's name, the error by channel, m or N. floor: that of a true model by channel.
     """
     names = [c for c in CHANNEL_UNITS if any(e.get(c) is not None for e in errors.values())]
     name = chosen_channel(channel, names)
@@ -69,7 +69,7 @@ def error_steps(
     if level is not None:
         level *= shown.scale
         axes.axhline(level, color=INK, linewidth=1.0, linestyle="--")
-        axes.annotate(f"noise floor\n{number(level)}", (len(heights) - 0.5, level), (4, 3),
+        axes.annotate(f"a true model\n{number(level)}", (len(heights) - 0.5, level), (4, 3),
                       textcoords="offset points", fontsize=8, color=INK)  # fmt: skip
     axes.set_xlim(-0.55, len(heights) - 0.5 + (0.0 if level is None else 0.95))
     style(axes, "", f"held-out RMSE [{shown.unit}]", words(name))

@@ -74,8 +74,8 @@ def summary(comparison: Comparison) -> list[str]:
         floor = comparison.noise[channel]
         if floor.value:
             line += (
-                f"; that is {number(best.rmse / floor.value, 2)} times the noise floor of "
-                f"{shown_value(channel, floor.value)}"
+                f"; that is {number(best.rmse / floor.value, 2)} times the expected error of a "
+                f"true model, {shown_value(channel, floor.value)}"
             )
         sentences.append(line + ".")
     return sentences
@@ -165,9 +165,9 @@ def model_plots(comparison: Comparison) -> list[Block]:
     }  # fmt: skip
     caption = (
         f"Grey: {names[at]}, the best of {words(channel)}. Held out where a model was fitted to this "
-        "data. Grey band: twice the noise floor, where it is known; tinted: 95 % of the smooth, rows of "
-        "a run taken together. An error that follows two conditions which were varied together shows "
-        "in both."
+        "data. Grey band: twice the expected error of a true model, where it is known; tinted: 95 % of "
+        "the smooth, rows of a run taken together. An error that follows two conditions which were "
+        "varied together shows in both."
     )
     return [Drawing("models", data, caption, inside)]
 
@@ -236,8 +236,8 @@ def caveats(comparison: Comparison) -> list[str]:
     known = [f for f in comparison.noise.values() if f.value is not None]
     if len(known) < len(comparison.noise):
         lines.append(
-            "Where no noise floor is known, how much of an error could be removed at all is not "
-            "known either: repeat some runs."
+            "How low an error could get is not known here: `smallwheel diagnose` works it out; repeat "
+            "some runs."
         )
     if not comparison.measurements.runs_given:
         lines.append(

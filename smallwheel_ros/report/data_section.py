@@ -24,12 +24,14 @@ def data_blocks(comparison: Comparison) -> list[Block]:
          "varied" if varies(values) else "one value"]
         for name, values in setting_columns(data).items()
     ]  # fmt: skip
+    known = any(floor.value is not None for floor in comparison.noise.values())
+    expected = ["expected of a true model", "known from"] if known else []
     blocks: list[Block] = [
         Text(lines),
         Table(["condition", "from", "to", ""], rows, "Conditions", numbers=(1, 2)),
         Table(
-            ["channel", "rows", "from", "to", "repeats differ by", "noise floor", "known from"],
-            [_channel_row(comparison, name) for name in comparison.noise],
+            ["channel", "rows", "from", "to", "repeats differ by", *expected],
+            [_channel_row(comparison, name, bool(expected)) for name in comparison.noise],
             "Measured channels",
             numbers=range(1, 6),
         ),
@@ -55,12 +57,14 @@ def _range(comparison: Comparison, name: str) -> list[str]:
     return [brief(scale * known.min()), brief(scale * known.max())]
 
 
-def _channel_row(comparison: Comparison, name: str) -> list[str]:
+def _channel_row(comparison: Comparison, name: str, expected: bool) -> list[str]:
     shown = display(name, CHANNEL_UNITS[name])
     values = comparison.measurements.channels[name]
     known = values[np.isfinite(values)]
     floor = comparison.noise[name]
-    found = [known.min(), known.max(), floor.repeatability, floor.value]
+    found = [known.min(), known.max(), floor.repeatability, *([floor.value] if expected else [])]
     cells = [number(None if v is None else v * shown.scale) for v in found]
+    if not expected:
+        return [shown.label, str(known.size), *cells]
     source = {"repeats": "repeated rows", "declared": "the table's own figures", None: "unknown"}
     return [shown.label, str(known.size), *cells, f"{source[floor.source]}: {floor.reason}"]

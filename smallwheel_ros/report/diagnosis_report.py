@@ -56,7 +56,7 @@ def channel_blocks(document: Mapping[str, Any]) -> list[Block]:
     blocks: list[Block] = []
     if rows:
         apart = ["repeats differ by"] if known else []
-        header = ["channel", "rows", "base model's RMSE", "bias", *apart, "noise floor",
+        header = ["channel", "rows", "base model's RMSE", "bias", *apart, "expected of a true model",
                   "known from"]  # fmt: skip
         caption = "What was measured, and what the base model leaves; bias is measured - predicted"
         blocks.append(Table(header, rows, caption, numbers=range(1, 5 + len(apart))))
@@ -165,14 +165,14 @@ def step_blocks(document: Mapping[str, Any]) -> list[Block]:
         "" if steps[-1]["added"] is None else " and after each effect that was added"
     )
     if any(floor is not None for floor in floors.values()):
-        rows.append(["noise floor", *(shown_value(n, floors[n]) for n in channels)])
+        rows.append(["expected of a true model", *(shown_value(n, floors[n]) for n in channels)])
         caption += (
-            "; noise floor: the held-out error that the true model would "
+            "; expected of a true model: the held-out error that the true model would "
             "leave, with the noise of each row and the scatter from run to run"
         )
         if document["verdict"] == "unknown_effect":
             caption += "; with something still missing, part of that may pass for scatter, and the "
-            caption += "true floor be lower"
+            caption += "true one's be lower"
     header = ["", *(words(name) for name in channels)]
     numbers = range(1, 1 + len(channels))
     blocks: list[Block] = [Table(header, rows, caption + ".", numbers)]

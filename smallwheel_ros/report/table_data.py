@@ -35,7 +35,7 @@ class TableData:
         self.rows = {name: rows for name, rows in self.rows.items() if rows.size}
 
     def data(self, floors: Mapping[str, float | None]) -> dict[str, Any]:
-        """What the page draws. floors: noise floor by channel, SI."""
+        """What the page draws. floors: expected error of a true model by channel, SI."""
         table = self.measurements
         kept = (
             np.unique(np.concatenate(list(self.rows.values()))) if self.rows else np.zeros(0, int)

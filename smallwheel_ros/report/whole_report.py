@@ -99,7 +99,7 @@ def whole_report(
 
 
 def _floors(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, Floor]:
-    """The diagnosis' noise floor in place of the comparison's: one floor in all pictures."""
+    """What the diagnosis expects of a true model, in the comparison's pictures too."""
     known = document.get("channels") or {}
     floors = {}
     for name, floor in comparison.noise.items():

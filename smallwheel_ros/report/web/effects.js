@@ -169,7 +169,7 @@ function stairs(steps, floor) {
   const y = value => height * (1 - value / top) + 6, wide = step * steps.length + right;
   const box = draw('svg', {viewBox: `0 0 ${wide} ${height + 46}`, width: wide, height: height + 46, role: 'img',
     'aria-label': steps.map(one => `${one.name} ${one.text || 'not fitted'}`).join(', ')
-      + (floor ? `, noise floor ${number(floor)}` : '')});
+      + (floor ? `, expected of a true model ${number(floor)}` : '')});
   steps.forEach((one, i) => {
     const x = step * i + 8, middle = x + 34;
     if (known(one.value)) {
@@ -188,7 +188,7 @@ function stairs(steps, floor) {
   });
   if (floor) {
     box.append(draw('path', {d: `M0 ${y(floor)}H${wide}`, stroke: 'var(--ink)', 'stroke-dasharray': '5 4', fill: 'none'}));
-    box.append(draw('text', {x: wide, y: y(floor) - 4, 'text-anchor': 'end'}, `floor ${number(floor)}`));
+    box.append(draw('text', {x: wide, y: y(floor) - 4, 'text-anchor': 'end'}, `true model ${number(floor)}`));
   }
   return box;
 }

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a verdict may not be calm over: a model held against its repeats, and scatter against the usual."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as f_law
+
+from smallwheel_ros.diagnosis.residuals import setting_of
+from smallwheel_ros.diagnosis.search import Search
+from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.display import number, p_text, percent, shown_value, words
+from smallwheel_ros.fitting.constants import (
+    ALARM,
+    CHANNEL_SCATTER,
+    CURVE_CORRELATED,
+    LACK_OF_FIT,
+    SOIL_SCATTER,
+    SPREAD,
+)
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
+from smallwheel_ros.measurements.repeatability import repeatability
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_FAR_OFF = 3.0  # deviations of repeats, from which a law is wrong where it was measured
+
+# By component of the scatter: what is usual, and what is said of much more.
+_UNUSUAL = {
+    "tau": (
+        SOIL_SCATTER,
+        "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
+        "from run to run",
+    ),
+    "own": (
+        CHANNEL_SCATTER,
+        "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
+        "that is not recorded, differs",
+    ),
+    "fit": (LACK_OF_FIT, "{channel} strays from the law by {size} from setting to setting"),
+    "along": (CURVE_CORRELATED, "curves stray from a power of depth by {size} over their course"),
+}
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """What a model leaves of a channel's settings against what runs of one setting differ by.
+
+    ratio: root of F, the misfit in deviations of a setting's mean. misfit: root mean square relative
+    misfit of the settings. at: a setting's values that is furthest off.
+    """
+
+    ratio: float
+    p: float
+    misfit: float
+    rows: Index
+
+
+def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
+    """The F test of lack of fit (Fisher 1922; Draper and Smith 1998, ch. 2) by channel.
+
+    F = sum n m^2 / (settings - parameters)  over  sum (r - m)^2 / (runs - settings) + n u^2,
+    r the relative residual of a run, m the mean of a setting's n runs. No law is exact: u is what laws
+    are usually off by, at most. Only channels with settings that several runs repeat.
+    """
+    points = fitter.points
+    share = (points.value - fit.predicted) / fitter.level
+    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
+    leverage = np.sum((fit.slopes @ fit.covariance) * v.solve(fit.slopes), axis=1)
+    usual, found = LACK_OF_FIT * np.exp(SPREAD), {}
+    for c, name in enumerate(points.channels):
+        mine = np.flatnonzero((points.channel == c) & ~points.swept)
+        setting = np.unique(points.setting[mine], return_inverse=True)[1].reshape(-1)
+        count = np.bincount(setting)
+        spare = count.size - float(leverage[mine].sum())
+        repeats = mine.size - count.size
+        if repeats < 1 or spare < 1.0:
+            continue
+        mean = np.bincount(setting, share[mine]) / count
+        off = float(np.sum(count * mean**2)) / spare
+        apart = float(np.sum((share[mine] - mean[setting]) ** 2)) / repeats
+        noise = apart + float(count.mean()) * usual**2
+        worst = mine[setting == int(np.argmax(np.abs(mean) * np.sqrt(count)))]
+        found[name] = LackOfFit(
+            float(np.sqrt(off / noise)),
+            float(f_law.sf(off / noise, spare, repeats)),
+            float(np.sqrt(np.mean(mean**2))),
+            worst,
+        )
+    return found
+
+
+def with_misfit(found: Search, verdict: Verdict) -> Verdict:
+    """The verdict after its model was held against the repeats, and its scatter against the usual.
+
+    Where the settings' means stray from the model by more than their runs allow, or scatter is beyond
+    twice the usual range, something is left that no law here describes.
+    """
+    alone = verdict.named and not verdict.rivals and not verdict.unknown
+    model = (verdict.best if alone else found.ordered[0]).fit
+    judged = found.none.fit if verdict.word == "adequate" else model
+    misfits = lack_of_fit(found.fitter, judged)
+    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= ALARM}
+    if rejected and verdict.word in ("adequate", "missing_effect"):
+        name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
+        at = setting_of(found.fitter.points, worst.rows)
+        verdict = verdict.not_described(
+            f"runs of one setting repeat each other, and their means stray from the model: {words(name)} "
+            f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
+            f"p {p_text(worst.p)}), most at {at}"
+        )
+    sizes = model.scatter.as_dict(found.fitter.variance)
+    for name, size in sizes.items():
+        component, _, channel = name.partition(":")
+        if component not in _UNUSUAL:
+            continue
+        usual, said = _UNUSUAL[component]
+        if size <= usual * np.exp(SPREAD):
+            continue
+        reason = said.format(channel=words(channel), size=percent(size))
+        if verdict.word == "adequate" and size > usual * np.exp(2.0 * SPREAD):
+            verdict = verdict.not_described(reason)
+        else:
+            verdict = verdict.saying(reason)
+    return verdict
+
+
+def of_channels(
+    found: Search, verdict: Verdict, errors: Sequence[CvErrors], judged: Sequence[str]
+) -> dict[str, str]:
+    """What the verdict is for each channel, in words.
+
+    errors: held out, of the base and after each name. judged: channels that decided.
+    """
+    repeats = repeatability(found.fitter.points.measurements)
+    said = {}
+    for name, last in errors[-1].rmse().items():
+        change = compare_cv(errors[0], errors[-1]).reduction.get(name, 0.0)
+        first, off = errors[0].rmse()[name], last / repeats.get(name, np.inf)
+        if name not in judged:
+            load = found.fitter.points.measurements.conditions.load
+            share = float(np.sqrt(np.nanmean((errors[-1].error[name] / load) ** 2)))
+            said[name] = f"off by {percent(share)} of the load" + (
+                f", {number(off, 2)} times its repeats: the law of thrust is wrong here"
+                if off > _FAR_OFF
+                else ", within what its law is known to"
+            )
+        elif change > 0.0 and verdict.named:
+            said[name] = (
+                f"{shown_value(name, first)} -> {shown_value(name, last)} with what is named"
+            )
+        elif verdict.word in ("adequate", "missing_effect"):
+            said[name] = "nothing missing" + (" besides" if verdict.named else "")
+        else:
+            said[name] = f"not explained, off by {shown_value(name, last)} on held-out runs"
+    return said
