@@ -28,7 +28,6 @@ from smallwheel_ros.measurements.columns import (
     Array,
     ColumnSpec,
     Mask,
-    is_bookkeeping,
 )
 from smallwheel_ros.measurements.headers import UNKNOWN, Heading
 from smallwheel_ros.measurements.layout import Layout, find_layout
@@ -319,12 +318,8 @@ def take_size(columns: Columns, name: str, size: float | None) -> None:
 
 def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
     """Say in one line each what was understood of the headers and the cells."""
-    own: list[str] = []
-    clocks: list[str] = []
     for heading in columns.headings.values():
         if heading.rank == UNKNOWN:
-            if heading.name in columns.numbers:
-                (clocks if is_bookkeeping(heading.name) else own).append(clipped(heading.name))
             continue
         unit = "" if heading.unit in (None, DIMENSIONLESS) else f" [{heading.unit}]"
         usual = {
@@ -347,7 +342,3 @@ def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
     missing = sorted({text for p in parsed for text in p.missing})
     if missing:
         columns.understood.append(f"{', '.join(missing[:5])}: read as blank")
-    if own:
-        columns.understood.append(f"columns of your own, used as covariates: {', '.join(own[:30])}")
-    if clocks:
-        columns.understood.append(f"order of the runs, for drifts: {', '.join(clocks[:30])}")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.measurements.cells import clipped
 from smallwheel_ros.measurements.checks import codes_of, one_row_a_wheel, suspicions
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS
 from smallwheel_ros.measurements.files import read_grid
@@ -22,7 +23,7 @@ from smallwheel_ros.measurements.plates import (
     take_plates,
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
-from smallwheel_ros.measurements.settings import setting_codes
+from smallwheel_ros.measurements.settings import order_columns, set_columns, setting_codes
 from smallwheel_ros.measurements.shear import is_shear
 from smallwheel_ros.measurements.table import Measurements, over_half
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
@@ -102,6 +103,17 @@ def measurements_of(
     return _measurements(columns, contact)
 
 
+def _own_columns(columns: Columns, data: Measurements) -> list[str]:
+    """What becomes of the columns that no standard one is meant by."""
+    mine = [h.name for h in columns.headings.values() if h.rank == UNKNOWN]
+    uses = {
+        "columns of your own, used as covariates": set_columns(data),
+        "order of the runs, for drifts": order_columns(data),
+    }
+    lists = {use: [clipped(name) for name in mine if name in names] for use, names in uses.items()}
+    return [f"{use}: {', '.join(names[:30])}" for use, names in lists.items() if names]
+
+
 def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
     """The table of columns in which nothing is wrong."""
     numbers, rows = dict(columns.numbers), columns.lines.size
@@ -134,6 +146,7 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
             if heading.unit is not None
         },
     )
+    data = replace(data, understood=(*data.understood, *_own_columns(columns, data)))
     notes = list(columns.notes)
     if not runs_given:
         data, found = _with_repeats(data, columns.place)

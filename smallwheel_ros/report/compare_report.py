@@ -163,11 +163,12 @@ def model_plots(comparison: Comparison) -> list[Block]:
                    for name, e in zip(names, errors, strict=True)],
         "best": at,
     }  # fmt: skip
+    known = any(f.value is not None for f in comparison.noise.values())
+    band = "Grey band: twice the expected error of a true model; tinted" if known else "Tinted"
     caption = (
         f"Grey: {names[at]}, the best of {words(channel)}. Held out where a model was fitted to this "
-        "data. Grey band: twice the expected error of a true model, where it is known; tinted: 95 % of "
-        "the smooth, rows of a run taken together. An error that follows two conditions which were "
-        "varied together shows in both."
+        f"data. {band}: 95 % of the smooth, rows of a run taken together. An error that follows two "
+        "conditions which were varied together shows in both."
     )
     return [Drawing("models", data, caption, inside)]
 
