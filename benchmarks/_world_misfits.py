@@ -82,9 +82,9 @@ def deeper_at_one(seed: int, part: int, by: float = 0.6, setting: str = "slip") 
 
 
 def saturated(seed: int, part: int, hidden: Sequence[str], column: str = _SINKAGE) -> pd.DataFrame:
-    """A sensor that shows no more than what the 60 to 80th hundredth of the rows reach."""
+    """A sensor that shows no more than 60 to 80 % of the largest value there is."""
     table = any_lab(seed, part, hidden, repeats=(3, 3))
-    most = float(table[column].quantile(stream(seed, 0, 63).uniform(0.6, 0.8)))
+    most = float(table[column].max()) * stream(seed, 0, 63).uniform(0.6, 0.8)
     rng = stream(seed, part, 64)
     table[column] = np.minimum(table[column], most * (1.0 + 0.004 * rng.normal(size=len(table))))
     return table

@@ -29,6 +29,9 @@ from smallwheel_ros.measurements.repeatability import repeatability
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_PLATEAU = 4  # values at least
+_DRAWS = 999
+_SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
 _FAR_OFF = 3.0  # deviations of repeats, from which a law is wrong where it was measured
 
 # By component of the scatter: what is usual, and what is said of much more.
@@ -96,6 +99,46 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     return found
 
 
+@dataclass(frozen=True)
+class Plateau:
+    """The largest values of a channel, which lie closer together than scatter lets values do."""
+
+    count: int
+    value: float
+    span: float
+    p: float
+
+
+def plateau(fitter: Fitter, fit: Fit, channel: str) -> Plateau | None:
+    """Whether the largest values of a channel are one and the same: a sensor at the end of its range.
+
+    The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of them,
+    each standardised; its law comes from data drawn from the fit with its scatter, in steps of the data's
+    resolution.
+    """
+    points = fitter.points
+    mine = np.flatnonzero((points.channel == points.channels.index(channel)) & ~points.swept)
+    measured, predicted = points.value[mine], fit.predicted[mine]
+    if mine.size < 2 * _PLATEAU or min(measured.min(), predicted.min()) <= 0.0:
+        return None
+    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
+    share = np.sqrt(v.variance()[mine]) / predicted
+    resolution = float(np.diff(np.unique(measured), prepend=0.0).min())
+    noise = np.random.default_rng(17).normal(size=(_DRAWS, mine.size))
+    drawn = np.maximum(np.rint(predicted * np.exp(share * noise) / resolution), 1.0) * resolution
+    top = np.log(np.sort(np.vstack([measured, drawn]), axis=1)[:, : -mine.size // 2 - 1 : -1])
+    count = np.arange(1, top.shape[1] + 1)
+    apart = top - top[:, :1]
+    spread = np.cumsum(apart**2, axis=1) / count - (np.cumsum(apart, axis=1) / count) ** 2
+    rounding = (resolution / measured.max()) ** 2 / 12.0
+    close = -np.log(np.maximum(spread, 0.0) + rounding)[:, _PLATEAU - 1 :]
+    flat = (close - close[1:].mean(axis=0)) / close[1:].std(axis=0)
+    best = flat.max(axis=1)
+    k = int(np.argmax(flat[0])) + _PLATEAU
+    p = float((1 + np.sum(best[1:] >= best[0])) / (1 + _DRAWS))
+    return Plateau(k, float(np.exp(top[0, :k].mean())), float(np.expm1(-apart[0, k - 1])), p)
+
+
 def with_misfit(found: Search, verdict: Verdict) -> Verdict:
     """The verdict after its model was held against the repeats, and its scatter against the usual.
 
@@ -115,6 +158,14 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
             f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
             f"p {p_text(worst.p)}), most at {at}"
         )
+    for name in (n for n in found.fitter.points.channels if n != "drawbar_pull"):
+        flat = plateau(found.fitter, judged, name)
+        if flat is not None and flat.p <= _SURE:
+            verdict = verdict.not_described(
+                f"the {flat.count} largest values of {words(name)} lie within {percent(flat.span)} of each "
+                f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
+                f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
+            )
     sizes = model.scatter.as_dict(found.fitter.variance)
     for name, size in sizes.items():
         component, _, channel = name.partition(":")
