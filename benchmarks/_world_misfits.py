@@ -139,7 +139,9 @@ def bad_run(
     elif fault == "swapped":
         # The answers of two runs of which one sinks twice as deep.
         deep = np.log(table[_SINKAGE].to_numpy())
-        other = int(np.argmax(np.abs(deep - deep[row])))
+        half = np.log(0.5 * table["diameter [mm]"].to_numpy())
+        fit = (deep < half[row]) & (deep[row] < half)  # deeper than its axle is refused already
+        other = int(np.argmax(np.where(fit, np.abs(deep - deep[row]), -1.0)))
         rows = [row, other]
         table.loc[rows, [_SINKAGE, _RESISTANCE]] = table.loc[
             rows[::-1], [_SINKAGE, _RESISTANCE]
