@@ -243,11 +243,12 @@ def _misfits() -> Iterator[World]:
             for fault in misfits.FAULTS:
                 table = partial(misfits.bad_run, fault=fault, hidden=hidden, design=design)
                 yield _world(f"bad/{fault}-{design}-{label}", table, hidden, fresh=False)
-    for what in ("none", "k", "zero", "force"):
-        verdicts = NOTHING if what == "none" else SAID
+    drifts = {"none": "", "k": "covariate", "zero": "sinkage_drift", "force": "resistance_drift"}
+    for what, id in drifts.items():
         for column in ("time [s]", "index", "trial"):
             table = partial(misfits.drifting, what=what, column=column)
-            yield World(f"drift/{what}-{column}", table, verdicts=verdicts, fresh=False)
+            hidden = (f"{id}:{column.partition(' ')[0]}",) if id else ()
+            yield _world(f"drift/{what}-{column}", table, hidden, fresh=False)
     for hidden in ((), *((name,) for name in _SINGLE[:9]), *_PAIRS):
         label = "+".join(hidden) or "nothing"
         yield _world(f"any-lab/{label}", partial(misfits.any_lab, hidden=hidden), hidden)

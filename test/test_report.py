@@ -202,7 +202,7 @@ def test_every_verdict_is_said_in_words(verdict: str, more: dict[str, Any], word
 
 def test_the_diagnosis_tells_errors_limits_and_what_to_measure() -> None:
     text = Parsed(whole_report(DOCUMENT)).text
-    assert "takes the held-out error of sinkage from 4.30 mm to 0.900 mm" in text
+    assert "Sinkage: 4.30 mm -> 0.900 mm with what is named" in text
     assert "the table has no column 'grouser_height'" in text
     assert "load 60 N, slip 0 to 0.4" in text
     assert "hardpan from moisture" in text

@@ -72,8 +72,7 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
         )
     ]
     findings = {n: c.get("finding") for n, c in document["channels"].items()}
-    if len(findings) > 1:
-        lines += [f"{words(n).capitalize()}: {said}." for n, said in findings.items() if said]
+    lines += [f"{words(n).capitalize()}: {said}." for n, said in findings.items() if said]
     summaries = {r["effect"]: r["summary"] for r in document["ranking"] if r.get("summary")}
     named = [*document["missing_effects"], *document["candidates"]]
     lines += [f"{words(n).capitalize()}: {summaries[n]}" for n in named if n in summaries]

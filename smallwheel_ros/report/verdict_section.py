@@ -7,30 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smallwheel_ros.diagnosis.text import verdict_sentences
-from smallwheel_ros.display import brief, display, number, shown_value, words
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.display import brief, display, number
 from smallwheel_ros.report.page import Callout
 
 
 def verdict_block(document: Mapping[str, Any]) -> Callout:
-    """Say the verdict of a diagnosis document, and what adding the missing effects gains."""
-    first, *rest = verdict_sentences(document)
-    lines = [*_fall(document), *rest]
+    """Say the verdict of a diagnosis document."""
+    first, *lines = verdict_sentences(document)
     clear = document["verdict"] in ("missing_effect", "adequate")
     return Callout(first.removesuffix("."), lines, "result" if clear else "warning")
-
-
-def _fall(document: Mapping[str, Any]) -> list[str]:
-    steps = document.get("steps") or []
-    lines = []
-    for channel in CHANNEL_UNITS:
-        errors = [step["held_out_rmse"].get(channel) for step in steps]
-        known = [e for e in errors if e is not None]
-        if len(known) > 1:
-            ends = f"from {shown_value(channel, known[0])} to {shown_value(channel, known[-1])}"
-            what = "it" if len(steps) == 2 else "them"
-            lines.append(f"Adding {what} takes the held-out error of {words(channel)} {ends}.")
-    return lines
 
 
 def parameter_cells(
