@@ -79,6 +79,9 @@ INSTRUMENTS = frozenset(
     for channel in ("sinkage", "load", "resistance")
     for fault in ("gain", "offset")
 ) | {"rig_friction", "slip_resistance"}
+INSTRUMENTS |= {
+    f"{c}_drift:{w}" for c in ("sinkage", "resistance") for w in ("time", "index", "trial")
+}
 
 
 def _world(name: str, table: Table, hidden: tuple[str, ...] = (), **more: object) -> World:
