@@ -37,6 +37,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.path_steps import CELL
 from smallwheel_ros.estimator.traction_samples import RollingContact, Thrust, Torque, WheelStep
 from smallwheel_ros.estimator.traction_state import (
     COHESION,
@@ -60,7 +61,6 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
 
-CELL = 0.1  # m
 # Of a step's thrust, what law and grip leave unexplained, over the thrust. Forms of the shear curve are most
 # of it, and they do not average out: with less than this the strength gets surer than it is.
 _UNEXPLAINED = 0.14
@@ -79,9 +79,10 @@ class TractionFilter:
         """Begin at the prior. mass: of the vehicle, kg, 0: not known."""
         self.mass = mass
         places = [wheel.longitudinal_position for wheel in wheels]
-        self._behind = [round((max(places) - place) / CELL) for place in places]
-        self._ahead = [round((place - min(places)) / CELL) for place in places]
-        self._cells = max(self._behind) + 1
+        first, last = max(places, default=0.0), min(places, default=0.0)
+        self._behind = [round((first - place) / CELL) for place in places]
+        self._ahead = [round((place - last) / CELL) for place in places]
+        self._cells = round((first - last) / CELL) + 1
         self.order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self.cell_of = self._behind  # of each wheel, the one that it is on
         self._scale, self._grip = WHEELS + len(places), WHEELS + 2 * len(places)
@@ -124,8 +125,11 @@ class TractionFilter:
 
     # -- prediction
 
-    def move(self, distance: float, forward: bool) -> None:
-        """Predict over a distance (m): to the next cells of ground, and to a new error of slip."""
+    def move(self, distance: float, forward: bool, slip_std: float = SLIP_STD) -> None:
+        """Predict over a distance (m): to the next cells of ground, and to a new error of slip.
+
+        slip_std: of that error, which all wheels have in common.
+        """
         cells = self._behind if forward else self._ahead
         if cells != self.cell_of:
             self.cell_of = cells
@@ -134,15 +138,15 @@ class TractionFilter:
         steps = int(self._moved / CELL + 0.5)
         self._moved -= steps * CELL
         for _ in range(min(steps, 2 * self._cells)):  # further on nothing is left of the cells
-            self._predict(True)
+            self._predict(True, slip_std)
         if not steps:
-            self._predict(False)
+            self._predict(False, slip_std)
 
-    def _predict(self, onward: bool) -> None:
+    def _predict(self, onward: bool, slip_std: float) -> None:
         kalman, size = self.kalman, len(self.kalman.x)
         F, Q, grip = np.eye(size), np.zeros((size, size)), self._grip
         F[SLIP, SLIP] = 0.0
-        Q[SLIP, SLIP] = SLIP_STD**2
+        Q[SLIP, SLIP] = slip_std**2
         if onward:
             kept = math.exp(-CELL / _GRIP_LENGTH)
             F[grip:, grip:] = np.eye(self._cells, k=-1)

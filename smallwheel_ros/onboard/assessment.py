@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelSample
 from smallwheel_ros.estimator.soil_estimator import (
     Outcome,
     SinkageMeasurement,
@@ -16,7 +16,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     UpdateResult,
 )
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
+from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces
 from smallwheel_ros.onboard.problems import ProblemLog
@@ -25,7 +25,7 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth, JointWatch
-from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -55,6 +55,8 @@ class Assessor:
             settings.prior, settings.estimator, settings.effects, settings.wheels
         )
         self.traction = TractionEstimator(settings.strength, settings.wheels, settings.mass)
+        self._steps = PathSteps()
+        self._soil_number = 0
         self.stuck = StuckWarning()
         self.health = FilterHealth()
         self._joints = JointWatch()
@@ -118,20 +120,26 @@ class Assessor:
         if soil.soil_changes:
             own = self.estimator.estimate(name)
         predicted: Quantity | None = None
+        on: WheelOnSoil | None = None
         forces: WheelForces | None = None
+        step: PathStep | None = None
         failure = ""
-        if load is not None:
-            try:
+        try:
+            if load is not None:
                 carried = self._carried(instant, load)
                 predicted = self._predicted(instant, carried, update)
-                forces = self._forces(instant, carried, own)
-            except (SmallwheelError, ArithmeticError, ValueError) as error:
-                failure = str(error) or type(error).__name__
-        if predicted is None or forces is None:
-            predicted = forces = None
+                on = self._on_soil(instant, carried, own, instant.slip)
+            step = self._step(instant, on)
+            if on is not None and predicted is not None:
+                forces = self._forces(instant, on)
+        except (SmallwheelError, ArithmeticError, ValueError) as error:
+            failure = str(error) or type(error).__name__
+        if forces is None:
+            predicted = None
         digging = self._digging[name].update(instant)
-        margin = None if forces is None else forces.margin
-        self.stuck.add(instant, margin, self.settings.reference_slip)
+        self.stuck.know(instant, None if forces is None else forces.margin)
+        if step is not None:
+            self.stuck.take(step, instant, self.settings.reference_slip)
         sunk = load is not None and not failure and forces is None
         conditions = self._conditions(instant, soil, update, sunk, failure)
         words = [text for _, text in sorted(conditions, key=lambda condition: -condition[0])]
@@ -207,45 +215,63 @@ class Assessor:
             return None
         return Quantity(prediction.sinkage, prediction.standard_deviation)
 
-    def _forces(self, instant: Instant, load: Quantity, soil: SoilEstimate) -> WheelForces | None:
-        """Forces of the wheel, None where it is sunk to its axle; first they tell of the strength."""
-        settings, slip, wheel = self.settings, instant.slip, instant.wheel
-        effects = settings.effects
-        put = partial(
-            wheel_on_soil,
-            wheel,
+    def _on_soil(
+        self, instant: Instant, load: Quantity, soil: SoilEstimate, slip: Quantity | None
+    ) -> WheelOnSoil | None:
+        """Put the wheel on its soil; None where it is sunk to its axle."""
+        effects = self.settings.effects
+        return wheel_on_soil(
+            instant.wheel,
             soil,
             load,
-            scatter=settings.estimator.soil_scatter,
+            scatter=self.settings.estimator.soil_scatter,
+            slip=None if slip is None else slip.value,
             speed=instant.speed,
             effects=effects,
             strength=self.traction.estimate().strength if effects else None,
         )
-        on = put(slip=None if slip is None else slip.value)
-        if on is None:
+
+    def _step(self, instant: Instant, on: WheelOnSoil | None) -> PathStep | None:
+        """Collect what a wheel does, and let the step of the path that it ends tell of the strength."""
+        number = self.estimator.soil_number
+        if number != self._soil_number:
+            self._soil_number = number
+            self._steps.cut()
+        if instant.slip is None or instant.speed is None or instant.rim_speed is None:
             return None
-        time = instant.stamp / SECOND
-        if slip is not None and wheel.contact == ROLLING:
-            sample = TractionSample(
-                wheel.name,
-                time,
+        step = self._steps.add(
+            WheelSample(
+                instant.wheel.name,
+                instant.stamp / SECOND,
                 instant.distance,
-                on.contact,
-                slip.value,
+                Quantity(instant.speed, instant.speed_std),
+                Quantity(instant.rim_speed, instant.rim_std),
+                None if on is None else on.contact,
                 instant.forward,
-                instant.specific_force,
+                instant.slope_force,
+                instant.gained_force,
                 instant.torque,
                 instant.drawbar_pull,
             )
-            self.traction.add(sample, self.estimator.soil_number)
+        )
+        if step is not None:
+            self.traction.take(step, number)
+        return step
+
+    def _forces(self, instant: Instant, on: WheelOnSoil) -> WheelForces:
+        """Forces of the wheel."""
+        slip = Quantity(self.settings.reference_slip, 0.0)
+        reference: WheelOnSoil | None = on
+        if self.settings.effects:
+            reference = self._on_soil(instant, on.load, on.soil, slip)
         return wheel_forces(
             on,
             self.traction,
-            slip,
-            time=time,
+            instant.slip,
+            time=instant.stamp / SECOND,
             torque=instant.torque,
-            reference=put(slip=settings.reference_slip) if effects else on,
-            reference_slip=settings.reference_slip,
+            reference=reference,
+            reference_slip=slip.value,
         )
 
     def _conditions(

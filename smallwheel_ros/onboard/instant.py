@@ -20,6 +20,10 @@ class Instant(NamedTuple):
         N, 1, m, N; sinkage and drawbar pull as measured.
     speed, rim_speed
         Of the wheel's place over ground, and of its rim, m/s.
+    speed_std, rim_std
+        Standard deviations of the two, m/s.
+    stands
+        Whether the wheel stands, by both of them.
     distance, path
         That the vehicle and this wheel have travelled so far, m; for the wheel turning counts.
     place, vehicle
@@ -29,8 +33,8 @@ class Instant(NamedTuple):
         Nobody measures it.
     pitch
         rad, positive nose down.
-    specific_force
-        m/s^2, of the vehicle the way it drives, g sin(slope) + dv/dt: what the wheels pull per mass.
+    slope_force, gained_force
+        m/s^2, of the vehicle the way it drives: g sin(slope), and dv/dt.
     torque
         N m, at the wheel.
     forward
@@ -51,9 +55,20 @@ class Instant(NamedTuple):
     drawbar_pull: Quantity | None = None
     pitch: float = 0.0
     rim_speed: float | None = None
-    specific_force: float | None = None
+    slope_force: float | None = None
     torque: float | None = None
     forward: bool = True
+    gained_force: float | None = None
+    speed_std: float = 0.0
+    rim_std: float = 0.0
+    stands: bool = False
+
+    @property
+    def specific_force(self) -> float | None:
+        """What the wheels pull per mass of the vehicle, the way it drives, m/s^2."""
+        if self.slope_force is None or self.gained_force is None:
+            return None
+        return self.slope_force + self.gained_force
 
 
 def drives_forward(speed: float | None, rim_speed: float | None) -> bool:

@@ -37,7 +37,8 @@ class WheelState:
 
     measured: streams that its instants are put together from. needed: those among them that an instant
     waits for. timing: the stream that gives the instants.
-    path: travelled so far, m. answered: stamp of the newest instant (ns). deepest: sinkage so far, m.
+    path: travelled so far, m; stood: what noise added to it, m. answered: stamp of the newest instant (ns).
+    deepest: sinkage so far, m.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class WheelState:
         if wheel.name in settings.without_sinkage:
             self.timing = load if self.static_load is None else odometry
             self.timing.predicts.append(order)
-        self.path = self.deepest = 0.0
+        self.path = self.deepest = self.stood = 0.0
         self.answered = 0
 
 
@@ -104,6 +105,7 @@ class SensorBuffer:
         self._start = (self.distance, *(state.path for state in self.wheels))
         self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
         self._pressed_path = 0.0
+        self._stood = 0.0  # m, what the noise of speeds added up to where the vehicle stood
 
     def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
@@ -136,17 +138,24 @@ class SensorBuffer:
         carried = state.static_load
         if load is not None:
             carried = Quantity(load[0], math.hypot(noise.load, noise.load_relative * load[0]))
-        speed, rim, slip = self._moves(state.wheel, now, motion)
+        over_ground, turning = self._moves(state.wheel, now, motion)
+        speed = None if over_ground is None else over_ground.value
+        rim = None if turning is None else turning.value
+        slip = None
+        stands = False
+        if over_ground is not None and turning is not None:
+            slip = wheel_slip(over_ground, turning, self.settings.standstill_speed)
+            stands = slip is None
         forward = drives_forward(speed, rim)
         way = 1.0 if forward else -1.0
-        force = self._specific_force(stamp, now, motion)
+        slope, gained = self._felt(stamp, now, motion)
         sinkage = None
         if measured:
             value, variance = measured
             known = math.isfinite(variance) and variance > 0
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(value, deviation)
-        self._advance(state, order, stamp, sinkage)
+        self._advance(state, order, stamp, sinkage, stands)
         return Instant(
             state.wheel,
             stamp,
@@ -162,26 +171,32 @@ class SensorBuffer:
             None if pull is None else Quantity(pull[0], noise.drawbar_pull),
             0.0 if motion is None else motion.pitch,
             rim,
-            None if force is None else way * force,
+            None if slope is None else way * slope,
             None if torque is None else way * torque[0],
             forward,
+            None if gained is None else way * gained,
+            0.0 if over_ground is None else over_ground.standard_deviation,
+            0.0 if turning is None else turning.standard_deviation,
+            stands,
         )
 
-    def _specific_force(self, stamp: int, now: Values, motion: Motion | None) -> float | None:
-        """What the wheels pull per mass, m/s^2, positive forward: of slope, and of gaining speed."""
+    def _felt(
+        self, stamp: int, now: Values, motion: Motion | None
+    ) -> tuple[float | None, float | None]:
+        """What slope and gaining speed take of the wheels per mass, m/s^2, positive forward."""
+        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap)
+        gained = None
+        if speed is not None and before is not None:
+            gained = (speed[0] - before[0]) / (_GAINING / SECOND)
         measured = now.get(IMU)
-        if measured is not None and math.isnan(measured[0]):
-            return measured[1]  # an accelerometer feels both
-        slope: float | None = None if measured is None else measured[0]
+        if measured is not None and not math.isnan(measured[0]):
+            return measured[0], gained
+        if measured is not None:
+            # An accelerometer feels both.
+            return measured[1] - (gained or 0.0), gained or 0.0
         if not self.settings.with_imu and motion is not None and self._pitches:
-            slope = -GRAVITY * math.sin(motion.pitch)
-        if slope is None:
-            return None
-        speed = now.get(self._speeds.kind)
-        before = self._speeds.at(stamp - _GAINING, self._gap)
-        if speed is None or before is None:
-            return None
-        return slope + (speed[0] - before[0]) / (_GAINING / SECOND)
+            return -GRAVITY * math.sin(motion.pitch), gained
+        return None, gained
 
     def _middle(self, velocity: Sequence[float], motion: Motion | None) -> tuple[float, float]:
         """Speed of the vehicle's middle and yaw rate, by the velocity sensor.
@@ -195,41 +210,44 @@ class SensorBuffer:
 
     def _moves(
         self, wheel: Wheel, now: Values, motion: Motion | None
-    ) -> tuple[float | None, float | None, Quantity | None]:
-        """Speed of a wheel's place over ground, of its rim, and its slip; None where not known."""
+    ) -> tuple[Quantity | None, Quantity | None]:
+        """Speed of a wheel's place over ground and of its rim, m/s; None where not known."""
         noise = self.settings.noise
         lateral = wheel.lateral_position
         if wheel.contact != ROLLING:
-            return None, None, None
+            return None, None
         if self.settings.velocity == "topic":
             values = now.get(VELOCITY)
             if values is None:
-                return None, None, None
+                return None, None
             (middle, yaw_rate), variance = self._middle(values, motion), values[2]
         elif motion is None:
-            return None, None, None
+            return None, None
         else:
             middle, yaw_rate = motion.speed, motion.yaw_rate
             variance = motion.speed_variance + motion.yaw_rate_variance * lateral**2
-        speed = middle - yaw_rate * lateral
+        deviation = math.sqrt(variance) if variance > 0.0 else noise.speed
+        speed = Quantity(middle - yaw_rate * lateral, deviation)
         turning = now.get("wheel_speed")
         if turning is None or self.settings.velocity == "none":
-            return speed, None, None
+            return speed, None
         rim = turning[0] * wheel.diameter / 2
-        slip = wheel_slip(
-            Quantity(speed, math.sqrt(variance) if variance > 0.0 else noise.speed),
-            Quantity(rim, noise.wheel_speed_relative * abs(rim)),
-            self.settings.standstill_speed,
-        )
-        return speed, rim, slip
+        return speed, Quantity(rim, noise.wheel_speed_relative * abs(rim))
 
-    def _advance(self, state: WheelState, order: int, stamp: int, sinkage: Quantity | None) -> None:
-        """Paths so far (m), which never fall."""
+    def _advance(
+        self, state: WheelState, order: int, stamp: int, sinkage: Quantity | None, stands: bool
+    ) -> None:
+        """Paths so far (m), which never fall; who stands adds none, whatever noise adds up to."""
         if sinkage is not None and state.wheel.contact == PRESSED:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
         paths = self._travel.at(stamp) or self._start
-        self.distance = max(self.distance, paths[0] + self._pressed_path)
-        state.path = max(state.path, paths[1 + order] + self._pressed_path)
+        whole, own = paths[0] - self._stood, paths[1 + order] - state.stood
+        if stands:
+            self._stood += max(whole + self._pressed_path - self.distance, 0.0)
+            state.stood += max(own + self._pressed_path - state.path, 0.0)
+        else:
+            self.distance = max(self.distance, whole + self._pressed_path)
+            state.path = max(state.path, own + self._pressed_path)
         state.answered = stamp
