@@ -183,19 +183,12 @@ class _Ground:
         # Slopes east and north of a smooth surface.
         east = _Field(rng, world.slope, 4.0)(way.x, way.y)
         north = _Field(rng, world.slope, 4.0)(way.x, way.y)
-        self.climb = east * np.cos(way.yaw) + north * np.sin(way.yaw)
-        self.roll = east * np.sin(way.yaw) - north * np.cos(way.yaw)  # positive: left side higher
-        twist = _Field(rng, 0.12, 0.6)(way.x, way.y)
-        listed = 1.0 - world.spare
+        self._rover, self._listed = rover, 1.0 - world.spare
         self.dragged = world.spare * rover.mass * GRAVITY * 0.15
-        self._ahead, self._squares = ahead, float(np.mean(ahead**2))
-        centre = rover.ahead - rover.height * np.tan(self.climb)
-        across = -rover.height * np.tan(self.roll)
-        share = 1.0 + np.outer(centre, ahead) / self._squares
-        share += np.outer(across, aside) / np.mean(aside**2)
-        share += np.outer(twist, np.sign(ahead * aside))
-        self.normal = rover.mass * GRAVITY * np.cos(self.climb) * np.cos(self.roll) * listed
-        self.load = self.normal[:, None] / len(wheels) * np.maximum(share, 0.1)
+        self.east, self.north = east, north
+        self.twist = _Field(rng, 0.12, 0.6)(way.x, way.y)
+        self.climb, self.roll = self.tilt(np.arange(len(way.x)), way.yaw)
+        self.load = self.loads(self.climb, self.roll, self.twist, np.zeros(len(way.x)))
         local = _Field(rng, 0.06, 0.25)(x, y)
         if world.random_ground:
             local = local + _Field(rng, world.random_ground, 1.0)(x, y)
@@ -244,11 +237,27 @@ class _Ground:
         at = np.array([[np.interp(REFERENCE_SLIP, SLIPS, row) for row in one] for one in self.net])
         return at.T
 
-    def shifted(self, acceleration: float) -> Array:
-        """Factor on loads while the vehicle gains speed forward (m/s^2), shape (wheels,)."""
-        return 1.0 - self._height * acceleration / GRAVITY * self._ahead / self._squares
+    def tilt(self, cell: NDArray[np.intp], yaw: Array) -> tuple[Array, Array]:
+        """Climb and roll (rad; positive nose up, left side up) in a cell, looking along a yaw."""
+        east, north = self.east[cell], self.north[cell]
+        return (
+            east * np.cos(yaw) + north * np.sin(yaw),
+            north * np.cos(yaw) - east * np.sin(yaw),
+        )
 
-    _height = 0.3
+    def loads(self, climb: Array, roll: Array, twist: Array, gained: Array) -> Array:
+        """Load of each wheel (N) of a rigid frame that gains speed forward (m/s^2)."""
+        rover = self._rover
+        ahead = np.array([w.longitudinal_position for w in rover.wheels])
+        aside = np.array([w.lateral_position for w in rover.wheels])
+        along = rover.ahead - rover.height * (np.tan(climb) + gained / GRAVITY)
+        across = -rover.height * np.tan(roll)
+        share = 1.0 + np.outer(along, ahead) / np.mean(ahead**2)
+        share += np.outer(across, aside) / np.mean(aside**2)
+        share += np.outer(twist, np.sign(ahead * aside))
+        normal = rover.mass * GRAVITY * np.cos(climb) * np.cos(roll) * self._listed
+        found: Array = normal[:, None] / len(ahead) * np.maximum(share, 0.1)
+        return found
 
 
 def _pressure(modulus: Array, n: float, hardpan: float | None) -> Callable[[Array], Array]:
@@ -322,11 +331,11 @@ def _measured(
 ) -> FieldDrive:
     time, cells, speed, rim, slip, gained, turning, yaw, path = rows.T
     at = cells.astype(int)
-    sense = np.where(speed < 0.0, -1.0, 1.0)
     # Loads follow the acceleration; sinkage and forces those, near enough.
+    climb, roll = ground.tilt(at, yaw)
     lean = np.convolve(gained, np.ones(5) / 5.0, mode="same")
-    factor = np.stack([ground.shifted(a) for a in lean])
-    load = ground.load[at] * factor
+    load = ground.loads(climb, roll, ground.twist[at], lean)
+    factor = load / ground.load[at]
     z = ground.sinkage[at] * factor ** (1.0 / (ground.n + 0.5))
     pull = np.stack(
         [
@@ -359,10 +368,8 @@ def _measured(
         False,
     )
     x, y = way.x[at], way.y[at]
-    climb, roll = ground.climb[at], ground.roll[at]
     sensed = _Sensed(world, rover, rng, drive, x, y, yaw, speed, turning, rim, climb, roll, gained)
     drive.messages = sorted(sensed.all(), key=lambda message: message[0])
-    del sense
     return drive
 
 

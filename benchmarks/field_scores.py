@@ -122,9 +122,9 @@ class _Judge:
         if forces is None:
             return
         value = forces.compaction_resistance.value + forces.other_resistance.value
-        deviation = forces.rolling_resistance_coefficient.standard_deviation
-        load = float(result.instant.load.value) if result.instant.load else 0.0
-        self.add("resistance", value, deviation * load, float(drive.resistance[i, j]))
+        ratio = forces.rolling_resistance_coefficient
+        deviation = ratio.standard_deviation / ratio.value * value if ratio.value else 0.0
+        self.add("resistance", value, abs(deviation), float(drive.resistance[i, j]))
         if forces.drawbar_pull is not None and drive.moves[i]:
             pull = forces.drawbar_pull
             self.add("pull", pull.value, pull.standard_deviation, float(drive.pull[i, j]))

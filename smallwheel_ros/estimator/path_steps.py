@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from smallwheel_ros.estimator.traction_samples import RollingContact
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 CELL = 0.1  # m
+_VALUE, _DEVIATION = attrgetter("value"), attrgetter("standard_deviation")
 _SPINS = 3.0 * CELL  # m that the rims turn, of wheels that spin on one spot
 _PAUSE = 2.0  # s without a sample: the vehicle stood, or nobody knows
 # s over which the errors of an odometry are alike: they are filtered, and made from pictures or echoes of
@@ -52,12 +54,16 @@ class WheelSample(NamedTuple):
 
 
 class WheelMean(NamedTuple):
-    """Means of a wheel over a step; as in `WheelSample`."""
+    """Means of a wheel over a step; as in `WheelSample`.
+
+    doubt: standard deviation of the slip by what this wheel alone may be wrong by.
+    """
 
     slip: Quantity
     contact: RollingContact | None
     torque: float | None
     pull: Quantity | None
+    doubt: float = 0.0
 
 
 class PathStep(NamedTuple):
@@ -177,8 +183,9 @@ def _wheel_mean(rows: Sequence[WheelSample], duration: float) -> WheelMean | Non
             [(on.load, on.sinkage, on.thrust_factor) for on in held], axis=0
         ).tolist()
         resistance = Quantity(*_mean_quantity([on.resistance for on in held]))
+        own = tuple(np.mean([on.own for on in held], axis=0).tolist())
         contact = contact._replace(
-            load=load, sinkage=sinkage, resistance=resistance, thrust_factor=factor
+            load=load, sinkage=sinkage, resistance=resistance, thrust_factor=factor, own=own
         )
     torques = [row.torque for row in rows if row.torque is not None]
     pulls = [row.pull for row in rows if row.pull is not None]
@@ -192,4 +199,4 @@ def _wheel_mean(rows: Sequence[WheelSample], duration: float) -> WheelMean | Non
 def _mean_quantity(rows: Sequence[Quantity]) -> tuple[float, float]:
     """Mean value, and mean deviation."""
     count = len(rows)
-    return sum(row.value for row in rows) / count, sum(r.standard_deviation for r in rows) / count
+    return sum(map(_VALUE, rows)) / count, sum(map(_DEVIATION, rows)) / count

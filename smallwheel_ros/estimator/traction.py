@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.path_steps import PathStep
 from smallwheel_ros.estimator.saved_state import check_covariance
+from smallwheel_ros.estimator.settings import REMEMBERED
 from smallwheel_ros.estimator.strength_estimate import (
     Excitation,
     StrengthEstimate,
@@ -28,13 +29,16 @@ from smallwheel_ros.estimator.strength_estimate import (
 )
 from smallwheel_ros.estimator.traction_filter import TractionFilter
 from smallwheel_ros.estimator.traction_samples import RollingContact, WheelStep
-from smallwheel_ros.estimator.traction_state import STRENGTH
+from smallwheel_ros.estimator.traction_state import LEVEL_STD, STRENGTH
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Strength, Wheel
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
 
 GRAVITY = 9.80665  # m/s^2
+# Correlation of the strengths of two soils that one vehicle crosses: half of the variance is the site's.
+_ONE_SITE = math.sqrt(0.5)
+_DRAG = 0.2  # of the load on a wheel that is only dragged along
 _RECENT = 2.0  # s: a step that ended longer ago says nothing of now
 _SOURCES = {"balance", "torque", "pull"}
 _MOST_STEPS = 10**12
@@ -65,6 +69,7 @@ class TractionEstimator:
         self._soil = 0
         self._soils: dict[int, tuple[tuple[Array, Array], ...]] = {}  # strengths by number
         self.steps = 0
+        self._told = Quantity(0.0, LEVEL_STD)  # zero of the imu, as it was told last
         self.sources: set[str] = set()
         self.excitation = Excitation()
 
@@ -73,7 +78,14 @@ class TractionEstimator:
         if soil != self._soil:
             self._change(soil)
         wheels = [
-            WheelStep(self.now.order[name], mean.contact, mean.slip.value, mean.torque, mean.pull)
+            WheelStep(
+                self.now.order[name],
+                mean.contact,
+                mean.slip.value,
+                mean.torque,
+                mean.pull,
+                mean.doubt,
+            )
             for name, mean in step.wheels.items()
             if mean.contact is not None
         ]
@@ -104,13 +116,40 @@ class TractionEstimator:
             self.sources |= {"torque"} if any(w.torque is not None for w in wheels) else set()
             self.sources |= {"pull"} if any(w.pull is not None for w in wheels) else set()
 
-    def _change(self, soil: int) -> None:
-        """Go on on another soil, with what is remembered of it."""
+    def level(self, zero: Quantity) -> None:
+        """Use what turns and ways back have shown of the zero of the imu (m/s^2) up to now.
+
+        What is new in it since the last time is one measurement more, or, where it has wandered, less.
+        """
+        before, self._told = self._told, zero
+        more = zero.standard_deviation**-2 - before.standard_deviation**-2
         filters = [self.now] if self.reserve is self.now else [self.now, self.reserve]
+        for one in filters:
+            if more <= 0.0:
+                one.widen_level(zero.standard_deviation**2 - before.standard_deviation**2)
+            else:
+                weighted = zero.value / zero.standard_deviation**2
+                weighted -= before.value / before.standard_deviation**2
+                one.use_level(Quantity(weighted / more, more**-0.5))
+
+    def unlisted(self, share: float) -> None:
+        """A share of the weight is on wheels that nobody lists: what they drag is not known."""
+        filters = [self.now] if self.reserve is self.now else [self.now, self.reserve]
+        for one in filters:
+            one.widen_level((_DRAG * share * GRAVITY) ** 2)
+
+    def _change(self, soil: int) -> None:
+        """Go on on another soil, with what is known of it, or else by what the last one tells."""
+        filters = [self.now] if self.reserve is self.now else [self.now, self.reserve]
+        self._soils.pop(self._soil, None)
         self._soils[self._soil] = tuple(one.strength for one in filters)
+        self._soils = dict(list(self._soils.items())[-REMEMBERED:])
         known = self._soils.get(soil)
         for i, one in enumerate(filters):
-            one.strength = known[i] if known is not None and len(known) > i else None
+            if known is not None and len(known) > i:
+                one.strength = known[i]
+            else:
+                one.hand_over(_ONE_SITE)
         if known is None:
             self.excitation = Excitation()
         self._soil = soil

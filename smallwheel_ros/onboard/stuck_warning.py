@@ -84,7 +84,9 @@ class StuckWarning:
         In words; empty where there is none.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, wheels: int = 1) -> None:
+        """Begin. wheels: that roll."""
+        self._rolling = wheels
         self.reset()
 
     def reset(self) -> None:
@@ -103,7 +105,9 @@ class StuckWarning:
     def take(self, step: PathStep, instant: Instant, reference_slip: float) -> None:
         """A step of the path has ended; instant: the one that ended it."""
         slips = sorted((mean.slip for mean in step.wheels.values()), key=lambda slip: slip.value)
-        middle = slips[(len(slips) - 1) // 2] if slips else Quantity(math.nan, 0.0)
+        # Of wheels half of which stand nobody knows.
+        known = 2 * len(slips) >= self._rolling and len(slips) > 0
+        middle = slips[(len(slips) - 1) // 2] if known else Quantity(math.nan, 0.0)
         slope, gains = (step.slope or 0.0) / GRAVITY, (step.gained or 0.0) / GRAVITY
         if (step.gained or 0.0) > _SURELY * step.deviation:
             # Who gains speed slips because of that.
@@ -112,10 +116,10 @@ class StuckWarning:
             self._steps.clear()  # a line does not go round corners
         deviation = middle.standard_deviation
         self._steps.append(_Step(step.distance, middle.value, deviation, slope))
-        known = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
+        newest = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
         self.risk, steps = None, np.array(self._steps)
-        if known:
-            margin = mean_margin([(w.load, w.margin) for w in known])
+        if newest:
+            margin = mean_margin([(w.load, w.margin) for w in newest])
             now, trend = _line(steps[:, 0], steps[:, 3], _AHEAD)
             # Who starts off does so of his own will: only what the ground demands goes on to rise.
             left = margin.value - now - gains - max(trend, 0.0) * _AHEAD
