@@ -263,8 +263,30 @@ def test_each_soil_keeps_its_strength() -> None:
     assert again.standard_deviation == pytest.approx(first.standard_deviation, rel=2e-3)  # 0.1 m on
 
 
+def test_strength_is_handed_over_to_another_soil_and_less_sure() -> None:
+    """F14: a found change of soil had put it back to the prior."""
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    drive(estimator, 0.62)
+    before = estimator.estimate().strength.friction_angle
+    estimator.take(step(6.0, 0.2, wheels=WHEELS[:1]), soil=1)
+    after = estimator.estimate().strength.friction_angle
+    prior = PRIOR.friction_angle
+    assert abs(after.value - prior.value) == pytest.approx(
+        math.sqrt(0.5) * abs(before.value - prior.value), rel=0.02
+    )
+    assert before.standard_deviation < after.standard_deviation < prior.standard_deviation
+
+
+def test_not_all_soils_are_kept_for_ever() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    for soil in range(40):
+        estimator.take(step(0.1 * soil, 0.2), soil=soil)
+    assert len(estimator._soils) == 4
+
+
 def test_a_slippery_place_is_grip_and_not_strength() -> None:
     estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    estimator.level(Quantity(0.0, 0.05))
     drive(estimator, 0.5)
     before = estimator.estimate().strength.friction_angle.value
     length, _ = point_contact_length(0.012, 0.25)
