@@ -14,17 +14,21 @@ Dijkstra's algorithm over the cost, over the cost of what is expected (no deviat
 from __future__ import annotations
 
 import argparse
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.stats import binomtest
-from traction_rates import run
-from traction_worlds import WORLDS, make_drive
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.traction_rates import run
+from benchmarks.traction_worlds import WORLDS, make_drive
 from smallwheel_ros.costmap.cost import CostRules
 
 Array = NDArray[np.float64]

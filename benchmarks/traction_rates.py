@@ -16,15 +16,18 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from _traction_table import AHEAD, KINDS, Row, draw, in_words, table
 from numpy.typing import NDArray
-from robot_worlds import VEHICLES
-from traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks._traction_table import AHEAD, KINDS, Row, draw, in_words, table
+from benchmarks.robot_worlds import VEHICLES
+from benchmarks.traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.onboard.instant import Instant
@@ -80,19 +83,24 @@ def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assess
         margins = []
         for j, wheel in enumerate(wheels):
             rim, travel = float(drive.rim[i, j]), float(drive.odometry[i])
-            force = GRAVITY * math.sin(-drive.pitch[i]) + acceleration[i]
+            slope = GRAVITY * math.sin(-drive.pitch[i]) if "balance" in kind else None
+            noise = Quantity(travel, 0.01), Quantity(rim, 0.01 * rim)
             made = assessor.assess(
                 Instant(
                     wheel,
                     int(1e9 * time) + j,
                     Quantity(float(drive.weighed[i, j]), 1.2),
-                    wheel_slip(Quantity(travel, 0.01), Quantity(rim, 0.01 * rim), 0.01),
+                    wheel_slip(*noise, 0.01),
                     Quantity(float(drive.shown_sinkage[i, j]), 1e-3),
                     travel,
                     float(drive.path[i]),
                     float(drive.path[i]),
                     pitch=float(drive.pitch[i]),
-                    specific_force=float(force) if "balance" in kind else None,
+                    rim_speed=rim,
+                    speed_std=noise[0].standard_deviation,
+                    rim_std=noise[1].standard_deviation,
+                    slope_force=slope,
+                    gained_force=float(acceleration[i]),
                     torque=float(drive.torque[i, j]) if "torque" in kind else None,
                     drawbar_pull=Quantity(float(drive.pulled[i, j]), 0.6)
                     if kind == "pull sensor"

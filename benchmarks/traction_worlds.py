@@ -12,13 +12,15 @@ edges, of which the estimator's fading cells know nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from robot_worlds import VEHICLES
 
+from benchmarks.robot_worlds import VEHICLES
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, soil
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.simulate.contact import Contact
 from smallwheel_ros.simulate.truth import static_sinkage
 
@@ -133,28 +135,36 @@ def _blocks(rng: np.random.Generator, way: Array, spread: float) -> Array:
     return np.convolve(np.pad(plain, 2, mode="edge"), kernel, mode="valid")
 
 
-def _forces(  # type: ignore[no-untyped-def]
-    world: TractionWorld, sinkage: Array, wheel, modulus: Array, n: float, strength: Array
+def forces(
+    law: Callable[[Array], Array],
+    sinkage: Array,
+    wheel: Wheel,
+    strength: Array,
+    slips: Array,
+    rolling: float = 1.0,
+    residual: float = 1.0,
 ) -> tuple[Array, Array, Array]:
-    """Net traction (N) and torque (N m) for each place and slip, without the factor of grip.
+    """Thrust (N) and torque (N m) for each place and slip, without the factor of grip.
 
-    Returns thrust (places, slips), resistance (places,), torque (places, slips).
+    law: pressure (Pa) at depths (m), shape (places, nodes). strength: cohesion (Pa), friction angle and
+    shear displacement (m). rolling, residual: as in `TractionWorld`. Returns thrust (places, slips),
+    resistance (places,), torque (places, slips).
     """
     diameter, width = wheel.diameter, wheel.width
     contact = Contact.at(np.full(len(sinkage), diameter), sinkage)
-    stress = modulus[:, None] * np.maximum(contact.depth, 0.0) ** n
+    stress = law(contact.depth)
     cohesion, friction, shear = strength
     radius = diameter / 2
     entry = contact.entry[:, None]
     thrusts, torques = [], []
-    for slip in _SLIPS:
+    for slip in slips:
         # A skidding wheel turns slower than it travels: 1 - r omega / v as rim over travel.
         ratio = 1.0 - slip if slip >= 0 else 1.0 / (1.0 + slip)
         lower = np.sin(entry) - np.sin(contact.angle)
-        by_rolling = world.rolling * (entry - contact.angle - lower)
+        by_rolling = rolling * (entry - contact.angle - lower)
         moved = radius * (by_rolling + (1.0 - ratio) * lower)
         shown = -np.expm1(-np.abs(moved) / shear) * np.sign(moved)
-        shown *= world.residual + (1.0 - world.residual) * np.exp(-np.abs(moved) / (5.0 * shear))
+        shown *= residual + (1.0 - residual) * np.exp(-np.abs(moved) / (5.0 * shear))
         tangential = (cohesion + stress * math.tan(friction)) * shown
         area = width * radius * contact.weight
         thrusts.append(np.sum(tangential * np.cos(contact.angle) * area, axis=1))
@@ -188,8 +198,8 @@ def make_drive(world: TractionWorld, seed: int) -> TractionDrive:
             return drive
 
 
-def _truth(world, rng, wheels, way, law, strength):  # type: ignore[no-untyped-def]
-    pressure, n, m = law
+def _truth(world, rng, wheels, way, soil_law, strength):  # type: ignore[no-untyped-def]
+    pressure, n, m = soil_law
     climb = sum(
         a * np.sin(2 * np.pi * way / length + rng.uniform(0, 6.28))
         for a, length in ((0.05, 9.0), (0.03, 3.5))
@@ -233,8 +243,12 @@ def _truth(world, rng, wheels, way, law, strength):  # type: ignore[no-untyped-d
             - n * math.log(REFERENCE_SINKAGE)
             + m * math.log(wheel.diameter / REFERENCE_DIAMETER)
         )
+
+        def law(depth: Array, modulus: Array = modulus) -> Array:
+            return modulus[:, None] * np.maximum(depth, 0.0) ** n
+
         z = static_sinkage(
-            lambda depth, K=modulus: K[:, None] * np.maximum(depth, 0.0) ** n,
+            law,
             load,
             np.full(len(way), wheel.diameter),
             np.full(len(way), wheel.width),
@@ -242,7 +256,8 @@ def _truth(world, rng, wheels, way, law, strength):  # type: ignore[no-untyped-d
         if not np.isfinite(z[inside]).all() or z[inside].max() > 0.3 * wheel.diameter:
             return None
         z = np.nan_to_num(z, nan=0.1)
-        thrust, resistance, torque = _forces(world, z, wheel, modulus, n, strength)
+        by_world = world.rolling, world.residual
+        thrust, resistance, torque = forces(law, z, wheel, strength, _SLIPS, *by_world)
         resistance = resistance + world.dragging * load
         factor = np.exp(own)[:, None]
         loads.append(load)

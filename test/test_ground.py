@@ -111,6 +111,25 @@ class TestGroundMapper:
         assert like(status=Status.SUNK_TO_AXLE, forces=None).max() == 100
         assert like(digging_in=True).max() == 100
 
+    @pytest.mark.parametrize(("choice", "steeper"), [("measured", True), ("level", False)])
+    def test_the_slope_that_was_measured_there_counts(self, choice: str, steeper: bool) -> None:
+        """F13: ground on which the risk is .87 had a cost of 0 to 9."""
+        margin = Quantity(0.2, 0.05)
+
+        def cost(slope: float) -> int:
+            cost_map = CostMap(CostSettings(size=60.0, slope=choice))
+            mapper = GroundMapper(cost_map)
+            for i in range(5):
+                one = estimate("a", 30.0, margin)
+                instant = one.instant._replace(place=(0.2 * i, 0.0), stamp=i)
+                soil_there = replace(one.soil, accepted=9)
+                mapper.add(replace(one, instant=instant, slope=slope, soil=soil_there), "odom")
+            grid = cost_map.grid()
+            return int(grid.cells.max()) if grid is not None else -1
+
+        assert cost(0.0) == 0
+        assert cost(0.25) == (84 if steeper else 0)
+
 
 class TestHealth:
     def made(self, squares: list[float], outliers: int = 0) -> FilterHealth:

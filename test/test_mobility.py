@@ -312,7 +312,9 @@ class TestSlip:
     def test_standing_is_unknown(self) -> None:
         assert wheel_slip(Quantity(0.004, 0.0), Quantity(-0.009, 0.0), standstill=0.01) is None
         # a speed that may well be none
-        assert wheel_slip(Quantity(0.019, 0.01), Quantity(0.0, 0.0), standstill=0.01) is None
+        for speed in (0.019, 0.021, -0.039):
+            assert wheel_slip(Quantity(speed, 0.01), Quantity(0.0, 0.0), standstill=0.01) is None
+        assert self.slip(0.05, 0.0) == -1.0
 
     @pytest.mark.parametrize(("speed", "rim"), [(0.4, 0.5), (0.5, 0.4), (-0.4, -0.5)])
     def test_deviation_is_that_of_samples(self, speed: float, rim: float) -> None:

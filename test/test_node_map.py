@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from node_peer import SECOND, Peer
+from scipy.special import ndtr
 
 from smallwheel_ros.node_process import NodeProcess
 
@@ -185,6 +187,14 @@ def test_terrain_classes_in_costs_out(peer: Peer, one_wheel: Path, tmp_path: Pat
         assert costs[0, 0] == -1
         far = costs[4:, :8]
         assert len(set(far.ravel().tolist())) == 1
+
+        # What the class holds can be asked for; nobody has been on the other one.
+        answer = peer.trigger("terrain_margins")
+        (known,) = json.loads(answer.message).items()
+        assert known[0] == "7"
+        assert known[1]["places"] > 3
+        assert known[1]["standard_deviation"] > 0.0
+        assert far[0, 0] == round(100 * ndtr(-known[1]["margin"] / known[1]["standard_deviation"]))
 
         # Grids that cannot be used are counted, and the last good one stays.
         # One after the other: the publisher keeps only the newest.

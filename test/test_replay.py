@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.onboard.feed import yaw_and_pitch_of
+from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result
@@ -100,7 +100,7 @@ def directly(bag: Path, rover: Path) -> list[Result]:
             elif topic == "/odom":
                 place, twist = message.pose.pose.position, message.twist.twist
                 facing, spread = message.pose.pose.orientation, message.twist.covariance
-                yaw, pitch = yaw_and_pitch_of(facing.x, facing.y, facing.z, facing.w)
+                yaw, pitch, _ = angles_of(facing.x, facing.y, facing.z, facing.w)
                 values = (stamp, place.x, place.y, twist.linear.x, twist.angular.z, yaw)
                 variances = (float(spread[0]), float(spread[35]))
                 found += onboard.on_odometry(*values, pitch=pitch, variances=variances)

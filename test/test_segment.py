@@ -17,7 +17,7 @@ from smallwheel_ros.estimator.wheel_track import WheelTrack
 
 
 def collector(sinkage_std: float = 0.001, load_std: float = 0.02) -> WheelTrack:
-    return WheelTrack(0.2, sinkage_std, load_std, Position(ahead=0.3))
+    return WheelTrack(0.2, sinkage_std, load_std, (Position(ahead=0.3), Position(ahead=-0.3)))
 
 
 def segments(
@@ -114,13 +114,14 @@ def test_how_fast_the_load_changes_is_told() -> None:
     assert segments(constant(9))[0].load_rate == pytest.approx(0.0, abs=1e-9)
 
 
-def test_one_number_throughout_is_stuck() -> None:
-    shown = {(s.stuck, s.sinkage) for s in segments(constant(300, sinkage=0.0123456789))}
-    assert shown == {(True, 0.0123456789)}  # to the last digit: the next stretch shows the same
-    alive = constant(9)
-    alive[4] = replace(alive[4], sinkage=0.0121)
-    assert not segments(alive)[0].stuck
-    assert not segments([replace(one, path=0.06 * i) for i, one in enumerate(constant(5))])[0].stuck
+def test_a_stretch_knows_what_was_shown_and_the_steps_of_its_sensor() -> None:
+    readings = constant(17)
+    readings[4] = replace(readings[4], sinkage=0.0121)
+    readings[6] = replace(readings[6], sinkage=0.0123)
+    first, second = segments(readings)
+    assert first.shown == (0.012, 0.0123)
+    assert second.shown == (0.012, 0.012)
+    assert (first.step, second.step) == pytest.approx((1e-4, 1e-4))
 
 
 def test_an_hour_of_standing_does_not_fill_the_memory() -> None:

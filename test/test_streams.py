@@ -207,4 +207,4 @@ def test_yaw_is_read_across_the_jump_of_the_angle() -> None:
     assert between.place(ahead) == pytest.approx((-0.5, 1.0))
     unknown = Motion.of(0.0, 0.0, 0.5, 0.0, None, math.nan, (math.inf, -1.0))
     assert unknown.place(ahead) is None
-    assert unknown[6:] == (0.0, 0.0, 0.0)
+    assert unknown[6:] == (0.0, 0.0, 0.0, 0.0)

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,11 @@ from hypothesis import strategies as st
 from random_examples import examples
 from scipy.optimize import minimize
 
-from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
+from benchmarks._traction_table import rates
+from benchmarks.traction_rates import run, summed
+from benchmarks.traction_worlds import WORLDS, make_drive
+from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelMean, WheelSample
+from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_filter import TractionFilter
 from smallwheel_ros.estimator.traction_samples import RollingContact, WheelStep
 from smallwheel_ros.estimator.traction_state import FRICTION, SHEAR
@@ -25,12 +27,6 @@ from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
 from smallwheel_ros.physics.traction import contact_length, thrust
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from _traction_table import rates
-from traction_rates import run, summed
-from traction_worlds import WORLDS, make_drive
 
 WHEELS = tuple(
     Wheel(f"{end}_{side}", 0.25, 0.1, longitudinal_position=x, lateral_position=y)
@@ -159,13 +155,15 @@ def test_a_motor_whose_scale_is_off_does_not_mislead() -> None:
     for i in range(120):
         distance, slip = 0.1 * i, 0.2 + 0.18 * math.sin(0.1 * i)
         push = point_thrust(59.0, slip, length, 0.1, 0.0, 0.5, 0.012).value
-        for wheel in WHEELS:
-            at = sample(wheel.name, distance, slip, 4.0 * (push - 6.0) / MASS)
-            scale = 1.25 if wheel.name == "front_left" else 1.0
-            estimator.add(at._replace(torque=scale * push * at.contact.arm))
-    step, noise = WheelStep(0, at.contact, slip), (0.1 * push) ** 2
-    told = estimator.now.thrust(step)
-    shown = estimator.now.torque(step, 1.25 * push * at.contact.arm, noise)
+        made = step(distance, slip, 4.0 * (push - 6.0) / MASS)
+        means = {
+            name: mean._replace(torque=(1.25 if name == "front_left" else 1.0) * push * CONTACT.arm)
+            for name, mean in made.wheels.items()
+        }
+        estimator.take(made._replace(wheels=means))
+    wheel, noise = WheelStep(0, CONTACT, slip), (0.1 * push) ** 2
+    told = estimator.now.thrust(wheel)
+    shown = estimator.now.torque(wheel, 1.25 * push * CONTACT.arm, noise)
     value, variance = shown.corrected(
         told.value, estimator.now.variance(told.row) + noise, told.row
     )
@@ -180,17 +178,17 @@ def test_an_update_finds_the_most_likely_state(pull: float) -> None:
     """Also where the thrust is another than the prior's by a factor."""
     made = TractionFilter(PRIOR, WHEELS, 0.0)
     before, inverse = made.kalman.x.copy(), np.linalg.inv(made.kalman.P)
-    step = WheelStep(0, sample("front_left", 0.0, 0.05).contact, 0.05)
+    wheel = WheelStep(0, CONTACT, 0.05)
 
     def unlikely(x: np.ndarray) -> float:
         made.kalman.x = x
-        off = pull - made.net(made.thrust(step), step.contact)[0]
+        off = pull - made.net(made.thrust(wheel), wheel.contact)[0]
         return float((x - before) @ inverse @ (x - before) + off**2 / 0.5**2)
 
     deviations = np.sqrt(np.diag(made.kalman.P))
     best = minimize(lambda u: unlikely(before + u * deviations), np.zeros(len(before)))
     made.kalman.x = before.copy()
-    iterated_update(made.kalman, pull, lambda: made.net(made.thrust(step), step.contact), 0.5**2)
+    iterated_update(made.kalman, pull, lambda: made.net(made.thrust(wheel), CONTACT), 0.5**2)
     assert (made.kalman.x - before) / deviations == pytest.approx(best.x, abs=0.02)
 
 
@@ -202,25 +200,34 @@ def test_spread_is_that_of_a_product_of_factors(slip: float, shear: float, angle
     mean, factors = made.kalman.x.copy(), np.zeros(len(made.kalman.x))
     factors[[FRICTION, SHEAR, -1]] = angle, shear, 0.25
     made.kalman.P = np.diag(factors**2)
-    step = WheelStep(2, sample("rear_left", 0.0, slip).contact, slip)  # on the last cell
-    push = made.thrust(step, exact_slip=True)
+    wheel = WheelStep(2, CONTACT, slip)  # on the last cell
+    push = made.thrust(wheel, exact_slip=True)
     drawn = []
     for row in np.random.default_rng(2).standard_normal((1000, 3)):
         made.kalman.x = mean.copy()
         made.kalman.x[[FRICTION, SHEAR, -1]] += row * factors[[FRICTION, SHEAR, -1]]
-        drawn.append(made.thrust(step, exact_slip=True).value)
+        drawn.append(made.thrust(wheel, exact_slip=True).value)
     made.kalman.x = mean
     found = math.sqrt(made.spread(push, push.row))
     away = math.sqrt(float(np.mean(np.square(np.array(drawn) - push.value))))
     assert found == pytest.approx(away, rel=0.15)
 
 
-def sample(
-    wheel: str, distance: float, slip: float, force: float | None = None, **changes: object
-) -> TractionSample:
-    contact = RollingContact(59.0, 0.012, 0.25, 0.1, Quantity(6.0, 0.5))
-    values = {"specific_force": force, **changes}
-    return TractionSample(wheel, distance / 0.3, distance, contact, slip, **values)
+CONTACT = RollingContact(59.0, 0.012, 0.25, 0.1, Quantity(6.0, 0.5))
+
+
+def step(
+    distance: float,
+    slip: float,
+    force: float | None = None,
+    wheels: tuple[Wheel, ...] = WHEELS,
+    forward: bool = True,
+    **of_wheels: object,
+) -> PathStep:
+    """A step of 0.1 m of these wheels, all alike."""
+    mean = WheelMean(Quantity(slip, 0.025), CONTACT, None, None)._replace(**of_wheels)
+    means = {wheel.name: mean for wheel in wheels}
+    return PathStep(distance / 0.3, distance, 0.1, forward, True, means, force, 0.0, 0.07)
 
 
 def drive(estimator: TractionEstimator, angle: float, begin: float = 0.0, soil: int = 0) -> None:
@@ -229,9 +236,7 @@ def drive(estimator: TractionEstimator, angle: float, begin: float = 0.0, soil: 
     for i in range(60):
         distance, slip = begin + 0.1 * i, 0.2 + 0.18 * math.sin(0.4 * i)
         push = point_thrust(59.0, slip, length, 0.1, 0.0, angle, 0.012).value
-        for wheel in WHEELS:
-            force = 4.0 * (push - 6.0) / MASS
-            estimator.add(sample(wheel.name, distance, slip, force), soil)
+        estimator.take(step(distance, slip, 4.0 * (push - 6.0) / MASS), soil)
 
 
 def test_balance_finds_the_friction_angle() -> None:
@@ -252,23 +257,44 @@ def test_each_soil_keeps_its_strength() -> None:
     drive(estimator, 0.60, begin=6.0, soil=1)
     other = estimator.estimate().strength.friction_angle
     assert other.value > first.value + 0.08
-    estimator.add(sample("front_left", 12.0, 0.2), soil=0)
-    assert estimator.estimate().strength.friction_angle == first
+    estimator.take(step(12.0, 0.2, wheels=WHEELS[:1]), soil=0)
+    again = estimator.estimate().strength.friction_angle
+    assert again.value == pytest.approx(first.value)
+    assert again.standard_deviation == pytest.approx(first.standard_deviation, rel=2e-3)  # 0.1 m on
+
+
+def test_strength_is_handed_over_to_another_soil_and_less_sure() -> None:
+    """F14: a found change of soil had put it back to the prior."""
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    drive(estimator, 0.62)
+    before = estimator.estimate().strength.friction_angle
+    estimator.take(step(6.0, 0.2, wheels=WHEELS[:1]), soil=1)
+    after = estimator.estimate().strength.friction_angle
+    prior = PRIOR.friction_angle
+    assert abs(after.value - prior.value) == pytest.approx(
+        math.sqrt(0.5) * abs(before.value - prior.value), rel=0.02
+    )
+    assert before.standard_deviation < after.standard_deviation < prior.standard_deviation
+
+
+def test_not_all_soils_are_kept_for_ever() -> None:
+    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    for soil in range(40):
+        estimator.take(step(0.1 * soil, 0.2), soil=soil)
+    assert len(estimator._soils) == 4
 
 
 def test_a_slippery_place_is_grip_and_not_strength() -> None:
     estimator = TractionEstimator(PRIOR, WHEELS, MASS)
+    estimator.level(Quantity(0.0, 0.05))
     drive(estimator, 0.5)
     before = estimator.estimate().strength.friction_angle.value
     length, _ = point_contact_length(0.012, 0.25)
     push = 0.4 * point_thrust(59.0, 0.3, length, 0.1, 0.0, 0.5, 0.012).value
-    for i in range(8):
-        for wheel in WHEELS:
-            force = 4.0 * (push - 6.0) / MASS
-            estimator.add(sample(wheel.name, 6.0 + 0.1 * i, 0.3, force))
-    contact = sample("front_left", 6.8, 0.3).contact
-    step, _ = estimator.wheel("front_left", contact, 0.3, 6.8 / 0.3)
-    assert push < estimator.now.thrust(step).value < 1.5 * push
+    for i in range(6):
+        estimator.take(step(6.0 + 0.1 * i, 0.3, 4.0 * (push - 6.0) / MASS))
+    wheel, _ = estimator.wheel("front_left", CONTACT, 0.3, 6.6 / 0.3)
+    assert push < estimator.now.thrust(wheel).value < 1.5 * push
     assert estimator.estimate().strength.friction_angle.value > before - 0.08
 
 
@@ -281,16 +307,14 @@ def test_no_mass_means_no_balance() -> None:
 def test_one_wheel_without_slip_leaves_the_balance_out() -> None:
     estimator = TractionEstimator(PRIOR, WHEELS, MASS)
     for i in range(30):
-        for wheel in WHEELS[:3]:
-            estimator.add(sample(wheel.name, 0.1 * i, 0.2, 0.0))
+        estimator.take(step(0.1 * i, 0.2, 0.0, WHEELS[:3]))
     assert estimator.estimate().steps == 0
 
 
 def test_words_say_what_is_not_determined() -> None:
     estimator = TractionEstimator(PRIOR, WHEELS, MASS)
     for i in range(30):
-        for wheel in WHEELS:
-            estimator.add(sample(wheel.name, 0.1 * i, 0.2, 0.3))
+        estimator.take(step(0.1 * i, 0.2, 0.3))
     words = "; ".join(estimator.estimate().status)
     assert "slip hardly varied (0.20 to 0.20)" in words
     assert "load hardly varied (59 to 59 N)" in words
@@ -312,16 +336,16 @@ def test_words_say_what_is_not_determined() -> None:
     )
 )
 def test_no_sample_breaks_the_filter(rows: list[tuple[object, ...]]) -> None:
-    estimator, distance = TractionEstimator(PRIOR, WHEELS, MASS), 0.0
-    for slip, force, torque, pull, way, forward in rows:
+    estimator, steps, distance = TractionEstimator(PRIOR, WHEELS, MASS), PathSteps(), 0.0
+    for i, (slip, force, torque, pull, way, forward) in enumerate(rows):
         distance += way
         quantity = None if pull is None else Quantity(pull, 0.6)
+        speeds = Quantity(0.3 * (1.0 - slip), 0.01), Quantity(0.3, 0.003)
         for wheel in WHEELS:
-            estimator.add(
-                sample(
-                    wheel.name, distance, slip, force, torque=torque, pull=quantity, forward=forward
-                )
-            )
+            more = forward, force, 0.0, torque, quantity
+            made = steps.add(WheelSample(wheel.name, 0.3 * i, distance, *speeds, CONTACT, *more))
+            if made is not None:
+                estimator.take(made)
     for one in (estimator.now, estimator.reserve):
         assert np.isfinite(one.kalman.x).all()
         assert np.linalg.eigvalsh(one.kalman.P).min() > -1e-9 * np.abs(one.kalman.P).max()

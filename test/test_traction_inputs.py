@@ -25,6 +25,7 @@ from test_feed import (
 )
 
 from smallwheel_ros.bags import BagWriter, message_type
+from smallwheel_ros.estimator.path_steps import PathStep, WheelMean
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.parameters import ParametersError
@@ -242,43 +243,65 @@ def test_parameters_that_cannot_be(name: str, value: object) -> None:
         make(**{name: value})
 
 
+def step(i: int, slip: float, gained: float = 0.0, **changes: Any) -> PathStep:
+    """The step of 0.1 m that ends there, on a slope of a tenth."""
+    means = {"front": WheelMean(Quantity(slip, 0.02), None, None, None)}
+    whole = PathStep(0.3 * i, 0.1 * i, 0.1, True, i > 0, means, 0.1 * GRAVITY, gained, 0.07)
+    return whole._replace(**changes)
+
+
 def test_a_slipping_vehicle_is_warned_of_with_its_risk() -> None:
     feed = make(**MASS)
-    results = drive(feed, pose=0.05)
+    instant = drive(feed, pose=0.05)[-1].instant
     watch = StuckWarning()
     assert watch.risk is None
     warnings, margin = [], Quantity(0.2, 0.05)
-    for i in range(60):
-        distance, slip = 0.03 * i, 0.1 + 0.01 * i
-        instant = results[-1].instant._replace(
-            stamp=START + i * SECOND // 10,
-            distance=distance,
-            slip=Quantity(min(slip, 1.0), 0.02),
-            specific_force=0.1 * GRAVITY,
-        )
-        watch.add(instant, margin, 0.4)
+    for i in range(30):
+        watch.know(instant._replace(stamp=START + i * SECOND // 3), margin)
+        watch.take(step(i, min(0.1 + 0.03 * i, 1.0)), watch_at(instant, i), 0.4)
         warnings.append(watch.warning)
     first = next(i for i, words in enumerate(warnings) if words)
     # On the way to 0.4 before it is over 0.3, and long before it is there.
-    assert 10 <= first < 20
+    assert 3 <= first < 7
     assert "may get stuck in" in warnings[first]
     assert "m, " in warnings[first]
     over = next(words for words in warnings if words.startswith("the wheels slip by 0.3"))
     assert "more and more: the vehicle may get stuck in 0." in over
-    assert warnings[-1].startswith("the wheels slip by 0.6")
+    assert warnings[-1].startswith("the wheels slip by 0.9")
     assert warnings[-1].endswith("at any moment")
     assert watch.risk == pytest.approx(1.0 - 0.977, abs=0.01)  # 0.1 is two deviations
     watch.reset()
     assert (watch.risk, watch.warning) == (None, "")
 
 
+def watch_at(instant: Any, i: int) -> Any:
+    return instant._replace(stamp=START + i * SECOND // 3)
+
+
 def test_a_slip_that_stays_high_is_warned_of_without_a_distance() -> None:
     instant = drive(make(**MASS), pose=0.05)[-1].instant
     watch = StuckWarning()
     for i in range(60):
-        stamp, slip = START + i * SECOND // 10, Quantity(0.448 - 1e-4 * i, 0.02)
-        watch.add(instant._replace(stamp=stamp, distance=0.03 * i, slip=slip), None, 0.4)
+        watch.take(step(i, 0.448 - 1e-4 * i), instant, 0.4)
     assert watch.warning == "the wheels slip by 0.44: the vehicle may get stuck"
+
+
+def test_who_starts_off_or_turns_back_is_not_about_to_get_stuck() -> None:
+    """Slip of gaining speed is the driver's will, and a line does not go round corners."""
+    instant = drive(make(**MASS), pose=0.05)[-1].instant
+    watch = StuckWarning()
+    watch.know(instant, Quantity(0.25, 0.03))
+    for i in range(8):
+        watch.take(step(i, 0.05 + 0.04 * i, 0.05 * i), instant, 0.4)
+        assert watch.warning == ""
+    level = {"slope": -0.05 * GRAVITY}
+    for i in range(8, 14):
+        watch.take(step(i, 0.05, **level), instant, 0.4)
+    for i in range(14, 18):
+        watch.take(step(i, 0.22, slope=0.1 * GRAVITY, forward=False, follows=i > 14), instant, 0.4)
+        assert watch.warning == ""
+    assert watch.risk is not None
+    assert watch.risk < 0.1
 
 
 def test_no_warning_in_ordinary_driving() -> None:

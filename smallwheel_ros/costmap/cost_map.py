@@ -34,6 +34,8 @@ class CostSettings:
         Shortest time between two publications, s.
     frame
         Name of the frame that positions are in; empty: the one that odometry says.
+    slope
+        "measured": cost is the risk on the slope that was measured at a place; "level": on level ground.
     rules
         How a margin becomes a cost.
 
@@ -44,6 +46,7 @@ class CostSettings:
     size: float = 40.0
     period: float = 1.0
     frame: str = ""
+    slope: str = "measured"
     rules: CostRules = field(default_factory=CostRules)
 
     def __post_init__(self) -> None:
@@ -89,9 +92,11 @@ class CostMap:
         margin: Quantity | None,
         *,
         stuck: bool = False,
+        slope: float = 0.0,
     ) -> None:
         """Take what a wheel of some width (m) has found at its place (m).
 
+        slope: of the ground there, a tangent; terrain classes are learnt without it.
         margin: None where nothing is known there. stuck: it cannot move on there, whatever the
         margin is: sunk to its axle, or digging itself in.
         """
@@ -104,7 +109,7 @@ class CostMap:
             return
         cost = HIGHEST
         if margin is not None and not stuck:
-            cost = int(self.settings.rules.cost(margin.value, margin.standard_deviation))
+            cost = int(self.settings.rules.cost(margin.value - slope, margin.standard_deviation))
         self.changed |= self._ground.cross(wheel, x, y, width, cost)
         if stuck:
             # A place of its own, although the wheel has not moved since it last counted.

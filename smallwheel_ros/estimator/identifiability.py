@@ -81,6 +81,8 @@ class SoilEstimate:
         Travel (m) of the newest measurement.
     missing_effect
         The alarm that the model misses an effect, None while there is none.
+    settled
+        Whether enough was measured for deviations to be what they are: before, nothing is determined.
     """
 
     k: float
@@ -97,6 +99,7 @@ class SoilEstimate:
     soil_changes: int
     distance: float
     missing_effect: MissingEffect | None = None
+    settled: bool = True
 
     @cached_property
     def covariance(self) -> Array:
@@ -133,7 +136,8 @@ class SoilEstimate:
     @cached_property
     def identifiable(self) -> Identifiable:
         """What the data has determined."""
-        return Identifiable(**{name: left <= DETERMINED for name, left in self.remaining.items()})
+        known = {name: self.settled and left <= DETERMINED for name, left in self.remaining.items()}
+        return Identifiable(**known)
 
     @property
     def status(self) -> tuple[str, ...]:

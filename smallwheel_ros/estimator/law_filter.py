@@ -22,17 +22,32 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.law_member import TEMPER, UNSETTLED, Border, Member, State
-from smallwheel_ros.estimator.law_model import EACH, LawModel, N, Shown
+from smallwheel_ros.estimator.law_model import (
+    EACH,
+    LAW,
+    LEAST_SHARE,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    PASS,
+    SIDE,
+    WHEELS,
+    LawModel,
+    N,
+    Shown,
+)
 from smallwheel_ros.estimator.scatter import Innovation, Scatter
-from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.estimator.segment import Position, Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
+from smallwheel_ros.physics.wheel import Quantity
 
 Array = NDArray[np.float64]
 
@@ -43,14 +58,41 @@ _TIGHT = 0.1
 _FORGET = 0.002  # share of the first weights that comes back at each segment
 _LOWEST = -15.0  # ln of a weight: a filter can come back
 _LEAST_SINKAGE = 1e-9  # m: the model's of a wheel that has no weight to speak of
-_AGAIN = (40, 120, 360)  # segments after which all are taken again about the newest estimate
+# Segments after which all are taken again about the newest estimate. (After 8 or 16 that is no better a point
+# than the first one: the recorded trial of a pressed wheel ended 0.12 of n off.)
+_AGAIN = (40, 120, 360)
+_SETTLED = 16  # segments before which nothing is determined: the law may be far from where it was linearised
+_AT_ONCE = 40  # segments that are taken again in one go, in some 14 ms
+_SLICE = 8  # of more, so many with each that comes
+
+
+@dataclass
+class _Anew:
+    """The bank once more, about other points, and how many segments it has taken."""
+
+    members: list[Member]
+    abouts: list[Array]
+    done: int = 0
+
+
+class LocalLaw(NamedTuple):
+    """The soil's law under one wheel, with what ruts and the side of the vehicle make of it, and its load.
+
+    law: ln of the pressure at the soil's reference, n and m, shape (3,). load: N, corrected. covariance: of
+    the law and of ln load, shape (4, 4), without the noise of the load.
+    """
+
+    law: Array
+    load: float
+    covariance: Array
 
 
 class LawFilter:
     """The bank for one vehicle on one soil.
 
-    wheels: how many have a place. mean, covariance: of the soil's numbers (`LawModel.soil`). law: of ln
-    pressure at the soil's reference, n and m. version: rises with every change of them.
+    wheels: how many have a place. settled: whether the law has been linearised where it is. mean,
+    covariance: of the soil's numbers (`LawModel.soil`). law: of ln pressure at the soil's reference, n and m.
+    version: rises with every change of them.
     """
 
     def __init__(self, model: LawModel, prior: SoilPrior, settings: EstimatorSettings) -> None:
@@ -67,6 +109,8 @@ class LawFilter:
                 odds = math.log(share * (_WIDE_SHARE if wide else 1.0 - _WIDE_SHARE))
                 self._bank.append(Member(model, fade, wide, _TIGHT, odds))
         self.used = 0
+        self.settled = False
+        self._anew: _Anew | None = None
         self.version = 0
         self._border = Border()
         self._remember()
@@ -76,6 +120,7 @@ class LawFilter:
 
     def add_wheel(self) -> int:
         """Give a wheel a place in the state."""
+        self._anew = None
         for i, member in enumerate(self._bank):
             member.add_wheel()
             self._start[i] = member.with_wheel(self._start[i])
@@ -110,7 +155,7 @@ class LawFilter:
             for member, state, weight in zip(self._bank, states, weights, strict=True):
                 member.begin(state)
                 member.log_weight = weight
-            self.scatter = scatter
+            self.scatter, self._anew = scatter, None
             del self._store[stored:]
             self._mix()
             raise
@@ -123,11 +168,13 @@ class LawFilter:
             found.append(member.update(segment, self.scatter))
         mean = np.average(np.array(found), axis=0, weights=self._weights).tolist()
         self.scatter.learn(Innovation(*mean), segment.wheel)
-        self._level()
-        if len(self._store) < _AGAIN[-1]:
+        self._level(self._bank)
+        if len(self._store) < _AGAIN[-1] or self._anew is not None:
             self._store.append(segment)
             if len(self._store) in _AGAIN:
                 self._again()
+        self._go_on(_SLICE)
+        self.settled = self.settled or len(self._store) >= _SETTLED
         self._mix()
 
     def linearised(self, segment: Segment) -> tuple[Array, Shown]:
@@ -162,21 +209,78 @@ class LawFilter:
         spread = shown.variance(self.covariance) + shown.by_load**2 * missed
         return shown.value, spread + self.scatter.at_a_place(now, shown)
 
+    def local(self, position: Position, load: float) -> LocalLaw:
+        """The law under one wheel (see `LocalLaw`) that is shown a load (N)."""
+        x, model, index = self.mean, self.model, position.index
+        reference = model.reference[0]
+        weight = max(load - x[LOAD_ZERO] * reference, LEAST_SHARE * load)
+        scale, passes = float(x[LOAD_SCALE]), position.passes
+        law, jacobian = model.law(x)
+        rows = np.zeros((4, len(x)))
+        rows[:LAW] = jacobian
+        # A wheel that sinks deeper by a factor under the same load is on so much softer soil.
+        rows[0, SIDE] += position.side
+        rows[0, PASS] -= (x[N] + 0.5) * passes
+        rows[0, N] -= x[PASS] * passes
+        rows[LAW, LOAD_SCALE], rows[LAW, LOAD_ZERO] = -1.0, -reference / weight
+        if index is not None:
+            own = WHEELS + EACH * index + 1
+            rows[LAW, own] = -1.0
+            scale += float(x[own])
+        softer = position.side * x[SIDE] - (x[N] + 0.5) * x[PASS] * passes
+        covariance = rows @ self.covariance @ rows.T
+        carried = float(weight * math.exp(-scale))
+        return LocalLaw(law + np.array([softer, 0.0, 0.0]), carried, covariance)
+
+    def weigh(self, loads: Sequence[tuple[int | None, float]], weight: Quantity) -> None:
+        """Use what all loads together should be: the vehicle's weight (N).
+
+        loads: place of each wheel in the state, and its mean load (N). Where both are over 10 % apart one of
+        them is wrong: the scale of the loads is then as unsure as that.
+        """
+        for i, member in enumerate(self._bank):
+            self._start[i] = member.weighed(self._start[i], loads, weight)
+            if len(self._store) < self.used:
+                member.begin(member.weighed(member.state, loads, weight))
+        if len(self._store) == self.used:
+            self._again()
+        self._mix()
+
     def _again(self) -> None:
-        """Take all segments of this soil again, linearised about the newest estimate."""
-        for member, start in zip(self._bank, self._start, strict=True):
-            about = self.model.mean + member.kalman.x
+        """Begin to take all segments of this soil again, linearised about the newest estimate.
+
+        That would take a tenth of a second for hundreds of them: many are taken a few at a time, beside those
+        that come, and count once they have caught up.
+        """
+        members = [copy(member) for member in self._bank]
+        abouts = [self.model.mean + member.kalman.x for member in self._bank]
+        for member, start in zip(members, self._start, strict=True):
+            member.kalman = copy(member.kalman)
             member.begin(start)
             member.log_weight = member.log_prior
-            for segment in self._store:
+        self._anew = _Anew(members, abouts)
+        if len(self._store) <= _AT_ONCE:
+            self._go_on(len(self._store))
+
+    def _go_on(self, count: int) -> None:
+        """Take so many more segments again."""
+        anew = self._anew
+        if anew is None:
+            return
+        for segment in self._store[anew.done : anew.done + count]:
+            for member, about in zip(anew.members, anew.abouts, strict=True):
                 member.travel(segment.distance, self._border)
                 member.update(segment, self.scatter, about)
-        self._level()
+        anew.done += count
+        if anew.done >= len(self._store):
+            self._bank, self._anew = anew.members, None
+            self._level(self._bank)
+            del self._store[_AGAIN[-1] :]
 
-    def _level(self) -> None:
+    def _level(self, bank: Sequence[Member]) -> None:
         """Weights relative to the best, none lost for ever."""
-        best = max(member.log_weight for member in self._bank)
-        for member in self._bank:
+        best = max(member.log_weight for member in bank)
+        for member in bank:
             faded = (1.0 - _FORGET) * (member.log_weight - best) + _FORGET * member.log_prior
             member.log_weight = max(faded, _LOWEST)
 
@@ -184,6 +288,7 @@ class LawFilter:
         """From here on segments are of this soil: what the bank is before them."""
         self._start = self._states()
         self._store: list[Segment] = []
+        self._anew = None
 
     def _states(self) -> list[State]:
         """What each filter is at now."""
@@ -223,7 +328,7 @@ class LawFilter:
         for member in self._bank:
             member.kalman.x, member.kalman.P = member.with_law(law)
             member.log_prior = member.log_weight
-        self.used = 0
+        self.used, self.settled = 0, law is not None
         self._remember()
         self._mix()
 
@@ -254,6 +359,6 @@ class LawFilter:
         back = np.linalg.inv(model.soil(x)[1])
         for member in self._bank:
             member.kalman.x, member.kalman.P = x - model.mean, back @ covariance @ back.T
-        self.used = used
+        self.used, self.settled = used, True
         self._remember()
         self._mix()

@@ -4,15 +4,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_model import EACH, LAW, SIDE, SIDE_STD, WHEELS, LawModel, U
+from smallwheel_ros.estimator.law_model import (
+    EACH,
+    LAW,
+    LEAST_SHARE,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    SIDE,
+    SIDE_STD,
+    WHEELS,
+    LawModel,
+    U,
+)
 from smallwheel_ros.estimator.scatter import LARGEST, Innovation, Scatter
 from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.physics.wheel import Quantity
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, float]  # x - x0, P, and to where it has travelled (m)
@@ -22,6 +35,8 @@ _SIDE_FADE = 100.0  # m, over which the sides come to differ by something else
 _HUBER = 2.5  # deviations from which on a segment counts less and less
 _ITERATIONS = 4
 _SETTLED = 0.01  # of u: what is left of the curvature is 1e-4 of the sinkage
+# Of ln: neither load cells nor a weighed mass are 10 % off.
+CONTRADICTION = math.log(1.1)
 UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it has begun to
 
 
@@ -124,6 +139,30 @@ class Member:
         kalman.x = model.bounded(model.mean + kalman.x) - model.mean
         kalman.P = 0.5 * (kalman.P + kalman.P.T)
         return first
+
+    def weighed(
+        self, state: State, loads: Sequence[tuple[int | None, float]], weight: Quantity
+    ) -> State:
+        """A state with the sum of all loads measured (see `LawFilter.weigh`)."""
+        x, covariance, travelled = state
+        row, total = np.zeros(len(x)), 0.0
+        reference = self.model.reference[0]
+        for index, load in loads:
+            net = max(load - x[LOAD_ZERO] * reference, LEAST_SHARE * load)
+            own = None if index is None else WHEELS + EACH * index + 1
+            net *= math.exp(-x[LOAD_SCALE] - (0.0 if own is None else x[own]))
+            total += net
+            row[LOAD_SCALE] -= net
+            row[LOAD_ZERO] -= reference * net / load
+            if own is not None:
+                row[own] -= net
+        row /= total
+        off = math.log(weight.value / total)
+        noise, wider = (weight.standard_deviation / weight.value) ** 2, covariance.copy()
+        if abs(off) > CONTRADICTION:
+            wider[LOAD_SCALE, LOAD_SCALE] += off * off
+        gain = wider @ row / (float(row @ wider @ row) + noise)
+        return x + gain * off, wider - np.outer(gain, row @ wider), travelled
 
     def with_law(self, law: tuple[Array, Array] | None) -> tuple[Array, Array]:
         """Its x - x0 and P with another law, None: the prior's; the nuisances stay.

@@ -6,7 +6,7 @@ State x, all but m as the sensors show it:
     u    ln of the sinkage (m) that is shown of a reference wheel, the one measured first
     n'   exponent of sinkage as it is shown
     m    exponent of the wheel's diameter
-    g    ln of the factor on sinkage per doubling of the wheels that have passed (ruts)
+    g    ln of the factor on sinkage in the rut of one wheel
     a    half of ln of what k is under the left wheels, over that under the right ones
     l    ln of the load cells' scale
     b    what the load cells show too much, over the reference wheel's load W_ref
@@ -23,7 +23,7 @@ From what is shown to the soil: with q = 1 - c / exp(u),
 
 Why u and n'? A zero that is off bends ln z_ref and n together; in the shown numbers a measurement
 says little of c, so that a filter which is linearised anew each time does not learn a zero that
-nobody measured. h of a wheel with load W, slip i, and p = log2(1 + wheels ahead in its rut):
+nobody measured. h of a wheel with load W, slip i, and p of its rut (`Position.on_pass`):
 
     h(x) = z(W'; z_ref, n, m) exp(g p) (1 + s max(i, 0)) + e pitch + c + d_w
     W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)
@@ -61,7 +61,7 @@ LAW = 3
 _LOG_REFERENCE_SINKAGE = math.log(REFERENCE_SINKAGE)
 _N_RANGE = (0.05, 2.9)
 _SHOWN_N_RANGE = (-0.35, 5.0)
-_LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
+LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
 _LEAST_SLIP_FACTOR = 0.2
 # What a single sensor is off by besides what is common to all, over that: zeros are set together, while
 # each load cell has its own mounting and wear.
@@ -70,11 +70,15 @@ _TINY = 1e-9  # a nuisance that is taken not to be there
 
 
 class Shown(NamedTuple):
-    """h(x) in m, its row of H (shape (size,)), and its slope by ln load."""
+    """h(x) in m, its row of H (shape (size,)), and its slope by ln load.
+
+    doubt: variance (m^2) by what many passes make of a rut.
+    """
 
     value: float
     row: Array
     by_load: float
+    doubt: float = 0.0
 
     def variance(self, covariance: Array) -> float:
         """By that of x, m^2."""
@@ -146,7 +150,7 @@ class LawModel:
         u, half, zero = float(x[U]), float(x[N]) + 0.5, float(x[ZERO])
         shown = math.exp(u)
         share = 1.0 - zero / shown
-        bounded = max(share, _LEAST_SHARE)
+        bounded = max(share, LEAST_SHARE)
         y[U] = u + math.log(bounded)
         y[N] = min(max(half * bounded - 0.5, _N_RANGE[0]), _N_RANGE[1])
         jacobian[N, N] = bounded
@@ -161,7 +165,7 @@ class LawModel:
         """From the soil to what is shown: the inverse of `soil`."""
         x = y.copy()
         wheel = math.exp(y[U])
-        shown = max(wheel + y[ZERO], _LEAST_SHARE * wheel)
+        shown = max(wheel + y[ZERO], LEAST_SHARE * wheel)
         x[U] = math.log(shown)
         x[N] = (y[N] + 0.5) * shown / wheel - 0.5
         return x
@@ -187,7 +191,7 @@ class LawModel:
             zero = WHEELS + EACH * segment.position.index
             row[zero] = 1.0
             value += x[zero]
-        return Shown(value, row, shown.by_load)
+        return Shown(value, row, shown.by_load, shown.doubt)
 
     def sinkage(self, y: Array, segment: Segment) -> Shown:
         """The sinkage itself, without what is wrong with its sensor; y and the row are the soil's."""
@@ -204,7 +208,7 @@ class LawModel:
         if own is not None:
             scale += float(y[own])
         reference = self.reference[0]
-        weight = max(segment.load - off * reference, _LEAST_SHARE * segment.load)
+        weight = max(segment.load - off * reference, LEAST_SHARE * segment.load)
         load = weight * math.exp(-scale - delay * segment.load_rate - position.side * sides)
         wheel = LoadedWheel(
             load,
@@ -234,7 +238,7 @@ class LawModel:
         row[DELAY] = -by_load * segment.load_rate
         row[PASS] = position.passes * value
         row[SLIP] = static.value * rut * slip
-        return Shown(value, row, by_load)
+        return Shown(value, row, by_load, (position.pass_doubt * passed * value) ** 2)
 
     def bounded(self, x: Array) -> Array:
         """Keep the shown exponent where the law can be computed."""

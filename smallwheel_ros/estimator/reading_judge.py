@@ -54,10 +54,11 @@ class ReadingJudge:
             round(value / _NEAR) if value is not None and math.isfinite(value) else None
             for value in (given.slip, given.speed, given.pitch, log_load)
         ]
-        of = law, law.version, missed, given.diameter, given.width, given.contact, *steps
+        position = wheel.position_of(given)
+        of = law, law.version, missed, given.diameter, given.width, given.contact, position, *steps
         expected = self._expected.get(given.wheel)
         if expected is None or expected.of != of:
-            now = Segment.single(given, load, log_load_variance, wheel.position)
+            now = Segment.single(given, load, log_load_variance, position)
             expected = _Expected(of, log_load, *law.shown(now), *law.sinkage(now, missed))
             self._expected[given.wheel] = expected
         more = expected.by_load * (log_load - expected.log_load)

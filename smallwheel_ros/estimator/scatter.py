@@ -63,6 +63,7 @@ class Scatter:
             segment.variance
             + by_load * segment.log_load_variance
             + (_MODEL_ERROR * shown.value) ** 2
+            + shown.doubt
         )
         soil = by_load * self.soil
         alone = base + self.share * soil + self.additive
@@ -70,9 +71,15 @@ class Scatter:
         return alone, counts, base
 
     def at_a_place(self, segment: Segment, shown: Shown) -> float:
-        """Variance of the sinkage at one place (m^2) by soil, load and what the law misses."""
+        """Variance of the sinkage at one place (m^2) by soil, load and what the law misses.
+
+        Whether what is left over is the ground's or the sensor's nobody knows: it counts as the ground's, and
+        varies more at a point than in the mean over a segment.
+        """
         by_place = shown.by_load**2 * (self.soil + segment.log_load_variance)
-        return by_place + (_MODEL_ERROR * shown.value) ** 2
+        return (
+            by_place + (_MODEL_ERROR * shown.value) ** 2 + shown.doubt + self.additive / self.share
+        )
 
     def learn(self, innovation: Innovation, wheel: str) -> None:
         """Take an innovation of a wheel."""
@@ -90,7 +97,8 @@ class Scatter:
         now = math.copysign(min(abs(now), 3.0), now)
         products = np.array([now * before, 0.5 * (now**2 + before**2)])
         self._products = keep * self._products + products
-        self._alike[wheel] = now
+        # Where an update fails, a copy of this object is gone back to: it keeps its own mapping.
+        self._alike = self._alike | {wheel: now}
 
     @property
     def additive_together(self) -> float:

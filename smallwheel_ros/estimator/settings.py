@@ -16,6 +16,8 @@ from smallwheel_ros.physics.wheel import Quantity, Strength
 
 Array = NDArray[np.float64]
 
+REMEMBERED = 4  # soils that were met, to which the vehicle may come back
+
 
 class EstimatorError(SmallwheelError):
     """A prior or a setting outside its domain."""

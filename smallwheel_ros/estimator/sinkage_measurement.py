@@ -55,6 +55,10 @@ class SinkageMeasurement:
         1, m/s; needed only by effects that read them.
     contact
         'rolling' or 'pressed'.
+    forward
+        Which way the vehicle drives: which wheels come first.
+    pass_number
+        1 and how often a wheel has rolled over this place before; None: by the places of the wheels.
     """
 
     time: float
@@ -71,6 +75,8 @@ class SinkageMeasurement:
     contact: str = ROLLING
     path: float | None = None
     pitch: float = 0.0
+    forward: bool = True
+    pass_number: int | None = None
 
     @cached_property
     def own_path(self) -> float:

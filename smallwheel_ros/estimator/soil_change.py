@@ -66,9 +66,7 @@ class ChangeTest:
 
     def drop_stuck(self, wheel: str) -> None:
         """Forget the waiting segments of a sensor that turns out to be stuck."""
-        segments = ((one, one.segment) for one in self.waiting)
-        kept = [one for one, of in segments if not (of.wheel == wheel and of.stuck)]
-        self.waiting = deque(kept)
+        self.waiting = deque(one for one in self.waiting if one.segment.wheel != wheel)
 
     def ready(self, distance: float) -> list[Waiting]:
         """Take out what has waited long enough at this travel (m)."""
@@ -88,7 +86,7 @@ class ChangeTest:
         if law.used < _SETTLED:
             return None
         rows = sorted(
-            (one for one in self.waiting if one.segment.position.leads and not one.segment.stuck),
+            (one for one in self.waiting if one.segment.position.leads),
             key=lambda one: -one.segment.place,
         )
         best: Shift | None = None

@@ -28,11 +28,12 @@ The algorithm (symbols as in `law_model` and `law_filter`):
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
@@ -59,7 +60,7 @@ from smallwheel_ros.estimator.soils import Reported, Soils
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
 from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 __all__ = [
     "EffectScore",
@@ -75,6 +76,8 @@ __all__ = [
     "SoilPrior",
     "UpdateResult",
 ]
+
+Array = NDArray[np.float64]
 
 _MOST_WHEELS = 64
 _TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
@@ -112,7 +115,9 @@ class SoilEstimator:
         self._judge = ReadingJudge(self.settings.gate_probability)
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self._distance = 0.0
+        self._forward = True
         self.outliers = 0
+        self.trusted = True
 
     # -- in
 
@@ -144,17 +149,22 @@ class SoilEstimator:
             law.sinkage(now, 0.0)
         self._soils.law = law
         index = self._soils.add_wheel()
-        position = Position.of(index, given.wheel, self._known_wheels)
+        forward, backward = (
+            Position.of(index, given.wheel, self._known_wheels, way) for way in (True, False)
+        )
         told = math.sqrt(given.load_variance) / given.load or _TOLD_LOAD
         length = self.settings.scatter_length
         if given.contact != ROLLING:
             length = min(length, _PRESSED * given.diameter)
-        wheel = WheelTrack(length, self.settings.sinkage_std, told, position)
+        wheel = WheelTrack(length, self.settings.sinkage_std, told, (forward, backward))
         self._wheels[given.wheel] = wheel
         return wheel
 
     def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
         changes = self._soils.changes
+        if given.forward is not self._forward:
+            self._forward = given.forward
+            self._soils.turn_back()
         law, _ = self._soils.under(wheel)
         assert law is not None
         with np.errstate(over="raise", divide="raise", invalid="raise"):
@@ -224,14 +234,50 @@ class SoilEstimator:
         known = self._wheels.get(wheel)
         return None if known is None else known.load()
 
+    def is_stuck(self, wheel: str) -> bool:
+        """Whether the sinkage sensor of a wheel shows the same wherever it rolls, and is not used."""
+        return self._sensors.is_stuck(wheel)
+
+    def weigh(self, loads: Mapping[str, float], weight: Quantity) -> None:
+        """Use what the loads (N) of all wheels should add up to: the vehicle's weight (N)."""
+        law = self._soils.law
+        if law is not None:
+            known = self._wheels
+            places = [
+                (known[name].position.index if name in known else None, load)
+                for name, load in loads.items()
+            ]
+            law.weigh(places, weight)
+
+    def under(self, wheel: str, load: Quantity) -> tuple[SoilEstimate, Quantity, Array]:
+        """The soil under a wheel with ruts and side in it, its load (N) as corrected, and both together.
+
+        load: as shown; its deviation is that of its noise, and stays. The last: covariance of ln of the
+        corrected load with ln of the pressure, n and m and with itself by what the scale is off, shape (4,).
+        """
+        known = self._wheels.get(wheel)
+        law, _ = self._soils.under(known)
+        if known is None or law is None:
+            return self.estimate(wheel), load, np.zeros(4)
+        local = law.local(known.position, load.value)
+        soil = self._estimate(wheel, (local.law, local.covariance[:3, :3]))
+        corrected = Quantity(local.load, local.load * load.standard_deviation / load.value)
+        together = self._reported.turned(local.covariance[:3, 3])
+        return soil, corrected, np.append(together, local.covariance[3, 3])
+
     def estimate(self, wheel: str | None = None) -> SoilEstimate:
         """Return the soil as it is believed now: the one that a wheel came to last.
 
         wheel: return the soil that this wheel is on, where it has been measured.
         """
-        law, variety = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
+        law, _ = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
+        return self._estimate(wheel, self.prior.law if law is None else law.law)
+
+    def _estimate(self, wheel: str | None, law: tuple[Array, Array]) -> SoilEstimate:
+        """The soil by a law: mean and covariance as in `SoilPrior.law`."""
+        under, variety = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
         return self._reported.estimate(
-            self.prior.law if law is None else law.law,
+            law,
             self._watch.missed_variance,
             variety=variety,
             accepted=self._soils.accepted,
@@ -239,6 +285,7 @@ class SoilEstimator:
             soil_changes=self._soils.changes,
             distance=self._distance,
             missing_effect=self._watch.alarm,
+            settled=under is not None and under.settled and self.trusted,
         )
 
     def predict(

@@ -19,7 +19,7 @@ from smallwheel_ros.estimator.law_model import LAW, WHEELS, LawModel
 from smallwheel_ros.estimator.saved_state import SoilRecord
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.settings import REMEMBERED, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_change import ChangeTest, Shift, Waiting
 from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
@@ -27,7 +27,6 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
-_REMEMBERED = 4  # soils
 _SETTLED = 10  # segments of a soil after which it is worth remembering, and segments wait
 
 
@@ -50,6 +49,11 @@ class Reported:
         self._turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
         self._prior = seen_as(self._turn, prior.law[1])
         self._last: tuple[tuple[Array, Array], float, Array, Array] | None = None
+
+    def turned(self, covariance: Array) -> Array:
+        """Covariance of another quantity with (ln pressure, n, m), as reported."""
+        found: Array = self._turn @ covariance
+        return found
 
     def estimate(self, law: tuple[Array, Array], missed: float, **found: Any) -> SoilEstimate:
         """The soil of a law: mean and covariance as in `SoilPrior.law`.
@@ -117,6 +121,7 @@ class Soils:
         self.law = self.new_law(record.reference)
         self.law.resume(record.mean, record.covariance, _SETTLED)
         self.variety, self.accepted = variety, accepted
+        self._sensors.resume(self.law)
 
     def record(self) -> SoilRecord | None:
         """What to save; None before anything was learnt."""
@@ -144,6 +149,14 @@ class Soils:
             return self._old
         return self.law, self.variety
 
+    def turn_back(self) -> None:
+        """The vehicle drives the other way: who came last comes first, and places count from there."""
+        law = self.law
+        if law is not None:
+            for one in self.test.ready(math.inf):
+                self._absorb(one, law)
+        self._border, self._old = -math.inf, None
+
     def take(self, segment: Segment) -> None:
         """A segment has closed: it waits, may show another soil, and then is used."""
         law = self.law
@@ -168,6 +181,7 @@ class Soils:
         before = law.innovation(segment, one.about)
         law.absorb(segment)
         self._sensors.judge(segment, before.value / math.sqrt(before.variance))
+        self._sensors.follow(law)
         self.accepted += segment.count
         self.variety = self.variety.with_wheel(segment.diameter, segment.load / segment.width)
 
@@ -186,7 +200,7 @@ class Soils:
         if law.used >= _SETTLED:
             state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
             met = KnownSoil(state, self.variety, self.number)
-            self._remembered = [*self._remembered, met][-_REMEMBERED:]
+            self._remembered = [*self._remembered, met][-REMEMBERED:]
         known = self._like(new, law)
         newest = max(one.segment.distance for one in waiting)
         law.reopen(None if known is None else known.state, shift.size, newest)

@@ -17,7 +17,7 @@ where i' = i + d + d_w + eta z/D: a rigid wheel shears soil by rolling alone (Wo
 r ((theta_0 - theta) - (sin theta_0 - sin theta)), which is r theta_0^3 / 8 in the mean over the arc, or
 that of a slip of theta_0^2 / 4 = z/D. Of a tread that yields less is left of it.
 
-    balance   sum over wheels (H_w - B_w) = M (a - b)     a: specific force g sin(slope) + dv/dt
+    balance   sum over wheels (H_w - B_w) = M (a -+ b)    a: specific force g sin(slope) + dv/dt, - forward
     torque    e^t_w H_w + f W_w = T_w / arm,  arm = (D/2) theta_0 / sin theta_0
     pull      H_w - B_w = drawbar pull
 
@@ -37,6 +37,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.path_steps import CELL
 from smallwheel_ros.estimator.traction_samples import RollingContact, Thrust, Torque, WheelStep
 from smallwheel_ros.estimator.traction_state import (
     COHESION,
@@ -60,7 +61,6 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 Array = NDArray[np.float64]
 
-CELL = 0.1  # m
 # Of a step's thrust, what law and grip leave unexplained, over the thrust. Forms of the shear curve are most
 # of it, and they do not average out: with less than this the strength gets surer than it is.
 _UNEXPLAINED = 0.14
@@ -79,9 +79,10 @@ class TractionFilter:
         """Begin at the prior. mass: of the vehicle, kg, 0: not known."""
         self.mass = mass
         places = [wheel.longitudinal_position for wheel in wheels]
-        self._behind = [round((max(places) - place) / CELL) for place in places]
-        self._ahead = [round((place - min(places)) / CELL) for place in places]
-        self._cells = max(self._behind) + 1
+        first, last = max(places, default=0.0), min(places, default=0.0)
+        self._behind = [round((first - place) / CELL) for place in places]
+        self._ahead = [round((place - last) / CELL) for place in places]
+        self._cells = round((first - last) / CELL) + 1
         self.order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self.cell_of = self._behind  # of each wheel, the one that it is on
         self._scale, self._grip = WHEELS + len(places), WHEELS + 2 * len(places)
@@ -90,6 +91,7 @@ class TractionFilter:
         self.kalman = ExtendedKalmanFilter(dim_x=len(mean), dim_z=1)
         self.kalman.x, self.kalman.P = mean.copy(), np.diag(np.square(deviations))
         self._moved = 0.0  # m since the last cell
+        self._way = 1.0  # -1: backward
         self._law_std = math.inf  # least deviation of the resistances so far, over load
 
     # -- the strength of a soil
@@ -100,14 +102,21 @@ class TractionFilter:
         return self.kalman.x[:STRENGTH].copy(), self.kalman.P[:STRENGTH, :STRENGTH].copy()
 
     @strength.setter
-    def strength(self, known: tuple[Array, Array] | None) -> None:
-        """Go on on another soil; None: at the prior."""
-        mean, covariance = known or (self.prior_mean, np.diag(np.square(self.prior_deviations)))
+    def strength(self, known: tuple[Array, Array]) -> None:
+        """Go on on another soil."""
+        mean, covariance = known
         self.kalman.x[:STRENGTH] = mean
         self.kalman.P[:STRENGTH, :] = self.kalman.P[:, :STRENGTH] = 0.0
         self.kalman.P[:STRENGTH, :STRENGTH] = covariance
         self._law_std = math.inf
         self._renew_law(0.0)
+
+    def hand_over(self, alike: float) -> None:
+        """Go on on another soil that nobody has met. alike: correlation of its strength with this one's."""
+        mean, covariance = self.strength
+        left = (1.0 - alike**2) * np.diag(np.square(self.prior_deviations))
+        off = mean - self.prior_mean
+        self.strength = self.prior_mean + alike * off, alike**2 * covariance + left
 
     def other_resistance(self, contact: RollingContact) -> tuple[float, float]:
         """Resistance (N) beyond that of the law as it is estimated.
@@ -122,10 +131,33 @@ class TractionFilter:
         """Of a quantity with these slopes by the state, shape (size,)."""
         return float(row @ self.kalman.P @ row)
 
+    # -- the zero of the imu
+
+    @property
+    def level(self) -> float:
+        """Zero of the imu as it is believed, as a force forward per mass, m/s^2."""
+        return float(self.kalman.x[LEVEL])
+
+    def widen_level(self, variance: float) -> None:
+        """Be less sure of it by so much, (m/s^2)^2."""
+        self.kalman.P[LEVEL, LEVEL] += variance
+
+    def use_level(self, zero: Quantity) -> None:
+        """Use a measurement of it, m/s^2."""
+        row = np.zeros(len(self.kalman.x))
+        row[LEVEL] = 1.0
+        iterated_update(
+            self.kalman, zero.value, lambda: (self.level, row), zero.standard_deviation**2
+        )
+
     # -- prediction
 
-    def move(self, distance: float, forward: bool) -> None:
-        """Predict over a distance (m): to the next cells of ground, and to a new error of slip."""
+    def move(self, distance: float, forward: bool, slip_std: float = SLIP_STD) -> None:
+        """Predict over a distance (m): to the next cells of ground, and to a new error of slip.
+
+        slip_std: of that error, which all wheels have in common.
+        """
+        self._way = 1.0 if forward else -1.0
         cells = self._behind if forward else self._ahead
         if cells != self.cell_of:
             self.cell_of = cells
@@ -134,15 +166,15 @@ class TractionFilter:
         steps = int(self._moved / CELL + 0.5)
         self._moved -= steps * CELL
         for _ in range(min(steps, 2 * self._cells)):  # further on nothing is left of the cells
-            self._predict(True)
+            self._predict(True, slip_std)
         if not steps:
-            self._predict(False)
+            self._predict(False, slip_std)
 
-    def _predict(self, onward: bool) -> None:
+    def _predict(self, onward: bool, slip_std: float) -> None:
         kalman, size = self.kalman, len(self.kalman.x)
         F, Q, grip = np.eye(size), np.zeros((size, size)), self._grip
         F[SLIP, SLIP] = 0.0
-        Q[SLIP, SLIP] = SLIP_STD**2
+        Q[SLIP, SLIP] = slip_std**2
         if onward:
             kept = math.exp(-CELL / _GRIP_LENGTH)
             F[grip:, grip:] = np.eye(self._cells, k=-1)
@@ -179,17 +211,23 @@ class TractionFilter:
         if law < self._law_std * load:
             self._renew_law(law / load / self._law_std)
             self._law_std = law / load
-        unexplained = [(_UNEXPLAINED * self.thrust(w).value) ** 2 for w in wheels]
+        pushes = [self.thrust(wheel) for wheel in wheels]
+        unexplained = [
+            (_UNEXPLAINED * push.value) ** 2 + (wheel.doubt * push.by_slip) ** 2
+            for push, wheel in zip(pushes, wheels, strict=True)
+        ]
+        own = [push.own(w.contact) for push, w in zip(pushes, wheels, strict=True)]
         if specific_force is not None and self.mass > 0.0:
-            noise = (self.mass * specific_force.standard_deviation) ** 2 + sum(unexplained)
+            noise = (self.mass * specific_force.standard_deviation) ** 2
+            noise += sum(unexplained) + sum(own)
             self._use(self.mass * specific_force.value, partial(self._total, wheels), noise)
-        for wheel, spread in zip(wheels, unexplained, strict=True):
+        for wheel, push, spread, alone in zip(wheels, pushes, unexplained, own, strict=True):
             if wheel.torque is not None:
                 force = wheel.torque / wheel.contact.arm
-                noise = _of_torque(force) + spread
+                noise = _of_torque(force) + spread + push.own(wheel.contact, resisted=False)
                 self._use(force, partial(self._turned, wheel), noise)
             if wheel.pull is not None:
-                noise = wheel.pull.standard_deviation**2 + spread
+                noise = wheel.pull.standard_deviation**2 + spread + alone
                 noise += wheel.contact.resistance.standard_deviation**2  # the wheel's own part
                 self._use(wheel.pull.value, partial(self._pull, wheel), noise)
 
@@ -280,8 +318,8 @@ class TractionFilter:
     def _total(self, wheels: Sequence[WheelStep]) -> Predicted:
         values, rows = zip(*map(self._pull, wheels), strict=True)
         row = np.sum(rows, axis=0)
-        row[LEVEL] = self.mass
-        return sum(values) + self.mass * float(self.kalman.x[LEVEL]), row
+        row[LEVEL] = self._way * self.mass
+        return sum(values) + row[LEVEL] * self.level, row
 
     def _turned(self, wheel: WheelStep) -> Predicted:
         push, x, load = self.thrust(wheel), self.kalman.x, wheel.contact.load

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 class RollingContact(NamedTuple):
     """A wheel that rolls: load (N), sinkage, diameter, width (m), and its motion resistance (N).
 
-    thrust_factor: of the model's effects on thrust, 1 without.
+    resistance: with the deviation that all wheels share, by the law. thrust_factor: of the model's effects on
+    thrust, 1 without. own: what is the wheel's own, by place and load: variances and covariances of sinkage,
+    resistance and ln load (zz, zr, zw, rr, rw, ww).
     """
 
     load: float
@@ -26,6 +28,7 @@ class RollingContact(NamedTuple):
     width: float
     resistance: Quantity
     thrust_factor: float = 1.0
+    own: tuple[float, ...] = (0.0,) * 6
 
     @property
     def arm(self) -> float:
@@ -35,13 +38,17 @@ class RollingContact(NamedTuple):
 
 
 class WheelStep(NamedTuple):
-    """Means of one wheel over a step; torque (N m) and pull (N) None where not measured."""
+    """Means of one wheel over a step; torque (N m) and pull (N) None where not measured.
+
+    doubt: standard deviation of the slip by what this wheel alone may be wrong by.
+    """
 
     order: int
     contact: RollingContact
     slip: float
     torque: float | None = None
     pull: Quantity | None = None
+    doubt: float = 0.0
 
 
 class Thrust(NamedTuple):
@@ -52,6 +59,13 @@ class Thrust(NamedTuple):
     by_slip: float
     by_log_load: float
     by_sinkage: float
+
+    def own(self, contact: RollingContact, resisted: bool = True) -> float:
+        """Variance (N^2) by what is the wheel's own. resisted: of thrust less resistance."""
+        zz, zr, zw, rr, rw, ww = contact.own
+        a, b, c = self.by_sinkage, -1.0 if resisted else 0.0, self.by_log_load
+        found = a * a * zz + b * b * rr + c * c * ww + 2.0 * (a * b * zr + a * c * zw + b * c * rw)
+        return max(found, 0.0)
 
 
 class Torque(NamedTuple):

@@ -11,7 +11,7 @@ State x, with the standard deviations of its prior:
     d_1 .. d_W        error of each wheel's slip: its radius                   0.01
     eta               share of its rolling displacement by which a wheel shears soil  1, about 0.5
     t_1 .. t_W        ln of the scale of each wheel's torque                   0.1
-    b                 error of the specific force that stays: zero of the pitch  half a degree of g
+    b                 zero of the imu, as a force forward per mass           1.5 degrees of g
     f                 friction of the drives at the rim, over load             0.01, about 0.005
     g_0 .. g_N        ln of the grip, in cells of 0.1 m of the ground from under the first wheel to
                       under the last one                                       0.25
@@ -36,7 +36,7 @@ _OTHER_STD = 0.02
 # Motors' torque constants are listed to 10 %, gears' efficiency is known to a tenth at best; bearings,
 # seals and gears take up to two hundredths of the load.
 _TORQUE_SCALE_STD, _DRIVE_FRICTION, _DRIVE_FRICTION_STD = 0.1, 0.005, 0.01
-_LEVEL_STD = 0.086  # m/s^2: half a degree of slope
+LEVEL_STD = 0.257  # m/s^2: 1.5 degrees of slope, an imu that nobody has levelled
 _RADIUS_STD = 0.01  # a tread, a tyre: hundredths of the radius
 _ROLLING, _ROLLING_STD = 1.0, 0.5
 # Where a strength is still one: thrust is linear in the cohesion, which may go below 0 a little.
@@ -56,7 +56,7 @@ def prior(strength: Strength, wheels: int, cells: int) -> tuple[Array, Array]:
         math.hypot(strength.shear_displacement.standard_deviation / shear, FORM_SHEAR),
     )
     # Of rho, e, d, eta, f and b, in the order of the state.
-    rest = (_OTHER_STD, 1.0, SLIP_STD, _ROLLING_STD, _DRIVE_FRICTION_STD, _LEVEL_STD)
+    rest = (_OTHER_STD, 1.0, SLIP_STD, _ROLLING_STD, _DRIVE_FRICTION_STD, LEVEL_STD)
     of_wheels = [_RADIUS_STD] * wheels + [_TORQUE_SCALE_STD] * wheels + [GRIP_STD] * cells
     spread = np.array([*np.maximum(deviations, _LEAST_STD), *rest, *of_wheels])
     mean = np.zeros(len(spread))

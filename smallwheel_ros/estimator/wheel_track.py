@@ -32,7 +32,6 @@ _KEPT = 3.0  # readings so many deviations from the median are left out of the m
 _MOST_ROWS = 256  # of a wheel that stands; then every second one is dropped
 _LOAD_MEMORY = 100  # stretches
 _LEAST_LOAD_SPREAD = 0.02  # of ln load between stretches, before it is measured
-_STUCK_READINGS = 5  # exactly alike, on a stretch on which the wheel rolled
 _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
 _RECENT = 9  # readings, for the median that an outlier is far from
 
@@ -41,16 +40,23 @@ class WheelTrack:
     """The readings of one wheel.
 
     length: m of a stretch. sinkage_std: m, noise of one reading until it is learnt; load_std: of ln load.
-    at: m along the vehicle's path. recent: the newest sinkages (m).
+    positions: driving forward, and backward; position: the newest. at: m along the vehicle's path. recent:
+    the newest sinkages (m).
     """
 
     def __init__(
-        self, length: float, sinkage_std: float, load_std: float, position: Position
+        self,
+        length: float,
+        sinkage_std: float,
+        load_std: float,
+        positions: tuple[Position, Position],
     ) -> None:
-        self._length, self.position = length, position
+        self._length, self._positions = length, positions
+        self.position = positions[0]
         self.reading_variance = sinkage_std**2  # m^2, of one reading of sinkage, as learnt
         self._load_noise = load_std**2  # of ln load
         self._noise_readings = _TOLD_READINGS
+        self._step = math.inf  # m, least difference of two readings so far
         self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
         self._rows: list[tuple[float, ...]] = []
         self._log_loads = 0.0  # sum over the rows
@@ -85,9 +91,13 @@ class WheelTrack:
     def add(self, given: SinkageMeasurement) -> Segment | None:
         """Take a reading; return the segment that it closes, if any."""
         closed, path = None, given.own_path
-        if self._closes(path):
-            closed = self._close()
+        turns = self._last is not None and given.forward is not self._last.forward
+        if self._closes(path) or turns:
+            if self._rows and self._last is not None:
+                whole = self._length if not turns else 0.5 * self._length
+                closed = self._close() if path - self._start >= whole else None
             self._rows, self._log_loads = [], 0.0
+        self.position = self.position_of(given)
         if not self._rows:
             self._start = path
         elif len(self._rows) >= _MOST_ROWS:
@@ -106,6 +116,7 @@ class WheelTrack:
                 slip,
                 speed,
                 given.pitch,
+                math.nan if given.pass_number is None else float(given.pass_number),
             )
         )
         if math.isfinite(slip):
@@ -114,6 +125,10 @@ class WheelTrack:
         self.at = given.distance + self.position.ahead
         self._last = given
         return closed
+
+    def position_of(self, given: SinkageMeasurement) -> Position:
+        """Position of the wheel at a reading."""
+        return self._positions[0 if given.forward else 1].on_pass(given.pass_number)
 
     def load(self, new: SinkageMeasurement | None = None) -> tuple[float, float]:
         """Load (N) without its noise, and variance of its logarithm, from this stretch's readings.
@@ -142,7 +157,8 @@ class WheelTrack:
     def _close(self) -> Segment:
         last = self._last
         assert last is not None
-        time, distance, sinkage, log_load, slip, speed, pitch = np.array(self._rows).T
+        time, distance, sinkage, log_load, slip, speed, pitch, passes = np.array(self._rows).T
+        position = self._positions[0 if last.forward else 1].on_pass(_known_mean(passes))
         self._learn_noise(sinkage, log_load)
         middle = float(np.median(sinkage))
         deviation = math.sqrt(self.reading_variance) + float(np.median(np.abs(sinkage - middle)))
@@ -151,11 +167,9 @@ class WheelTrack:
         mean_log_load = float(log_load.mean())
         self._learn_loads(mean_log_load, len(self._rows))
         load, load_variance = self._calibrated(mean_log_load, len(self._rows))
-        stuck = count >= _STUCK_READINGS and float(np.ptp(sinkage)) == 0.0
         return Segment.of(
             last,
-            # A mean of equal numbers may be off in its last digit.
-            sinkage=middle if stuck else float(sinkage[kept].mean()),
+            sinkage=float(sinkage[kept].mean()),
             variance=self.reading_variance / count,
             load=load,
             log_load_variance=load_variance,
@@ -163,14 +177,17 @@ class WheelTrack:
             speed=_known_mean(speed),
             pitch=float(pitch.mean()),
             load_rate=_slope(time, log_load),
-            place=float(distance.mean()) + self.position.ahead,
+            place=float(distance.mean()) + position.ahead,
             count=count,
             dropped=len(self._rows) - count,
-            stuck=stuck,
-            position=self.position,
+            shown=(float(sinkage.min()), float(sinkage.max())),
+            step=self._step,
+            position=position,
         )
 
     def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
+        apart = np.abs(np.diff(sinkage))
+        self._step = min(self._step, float(np.min(apart, where=apart > 0.0, initial=math.inf)))
         if sinkage.size < 3:
             return
         weight = min(1.0, sinkage.size / (self._noise_readings + sinkage.size))

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelSample
 from smallwheel_ros.estimator.soil_estimator import (
     Outcome,
     SinkageMeasurement,
@@ -16,16 +16,20 @@ from smallwheel_ros.estimator.soil_estimator import (
     UpdateResult,
 )
 from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.estimator.traction import TractionEstimator, TractionSample
+from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.level import Level
+from smallwheel_ros.onboard.load_watch import LoadWatch
 from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces
+from smallwheel_ros.onboard.motion_watch import MotionWatch
+from smallwheel_ros.onboard.passes import PassCounter
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
-from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth, JointWatch
-from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
+from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth
+from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -55,9 +59,20 @@ class Assessor:
             settings.prior, settings.estimator, settings.effects, settings.wheels
         )
         self.traction = TractionEstimator(settings.strength, settings.wheels, settings.mass)
-        self.stuck = StuckWarning()
+        self._steps = PathSteps()
+        self._soil_number = 0
+        rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
+        self.stuck = StuckWarning(len(rolling))
         self.health = FilterHealth()
-        self._joints = JointWatch()
+        self._motion = MotionWatch(rolling)
+        self._passes = PassCounter(settings.wheels)
+        self._looked: dict[
+            str, float
+        ] = {}  # m, paths of the wheels at the newest look at an innovation
+        self._ways: dict[str, bool] = {}
+        self._onward = True
+        self._level = Level()
+        self._loads = LoadWatch(settings.wheels, settings.mass)
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
         self.problems.rejected = 0
 
@@ -98,6 +113,11 @@ class Assessor:
         return self.estimator.estimate()
 
     @property
+    def rejected(self) -> int:
+        """Measured sinkages that were not used for the soil since the start or the last reset."""
+        return self.problems.rejected + self.estimator.outliers
+
+    @property
     def strength(self) -> StrengthEstimate:
         """The soil's strength as it is believed now."""
         return self.traction.estimate()
@@ -105,33 +125,48 @@ class Assessor:
     @property
     def findings(self) -> tuple[str, ...]:
         """What seems wrong with sensors, joints or wheels, in words."""
-        return (*self._joints.findings, *self.estimator.findings)
+        watches = self.problems, self._motion, self._loads, self._level, self.estimator
+        return tuple(words for watch in watches for words in watch.findings)
+
+    @property
+    def concern(self) -> str:
+        """What is wrong with the filter, in words; empty where nothing is."""
+        return self.health.concern
 
     def assess(self, instant: Instant) -> Result:
         """Use the measured sinkage, if any, then work out the wheel's mobility."""
-        if self._joints.is_mirrored(instant):
-            # What it shows is no slip: a wheel does not turn against its travel for metres.
-            instant = instant._replace(slip=None)
+        instant = self._way(self._motion.add(instant))
         name, load = instant.wheel.name, instant.load
         update = self._update(instant)
-        soil = own = self.estimator.estimate()
-        if soil.soil_changes:
-            own = self.estimator.estimate(name)
+        if self._loads.add(instant) and self._loads.weighing is not None:
+            self.estimator.weigh(*self._loads.weighing)
+            self.traction.unlisted(self._loads.missing)
+        if self._level.add(instant):
+            self.traction.level(self._level.zero)
+        self.estimator.trusted = not self._loads.interchanged
+        soil = self.estimator.estimate()
         predicted: Quantity | None = None
+        on: WheelOnSoil | None = None
+        carried = Quantity(0.0, 0.0)
         forces: WheelForces | None = None
+        step: PathStep | None = None
         failure = ""
-        if load is not None:
-            try:
+        try:
+            if load is not None:
                 carried = self._carried(instant, load)
                 predicted = self._predicted(instant, carried, update)
-                forces = self._forces(instant, carried, own)
-            except (SmallwheelError, ArithmeticError, ValueError) as error:
-                failure = str(error) or type(error).__name__
-        if predicted is None or forces is None:
-            predicted = forces = None
+                on = self._on_soil(instant, carried, instant.slip)
+            step = self._step(instant, on)
+            if on is not None and predicted is not None:
+                forces = self._forces(instant, carried, on)
+        except (SmallwheelError, ArithmeticError, ValueError) as error:
+            failure = str(error) or type(error).__name__
+        if forces is None:
+            predicted = None
         digging = self._digging[name].update(instant)
-        margin = None if forces is None else forces.margin
-        self.stuck.add(instant, margin, self.settings.reference_slip)
+        self.stuck.know(instant, None if forces is None else forces.margin)
+        if step is not None:
+            self.stuck.take(step, instant, self.settings.reference_slip)
         sunk = load is not None and not failure and forces is None
         conditions = self._conditions(instant, soil, update, sunk, failure)
         words = [text for _, text in sorted(conditions, key=lambda condition: -condition[0])]
@@ -146,9 +181,22 @@ class Assessor:
             digging_in=digging,
             risk=self.stuck.risk,
             soil=soil,
-            rejected=self.problems.rejected,
+            rejected=self.problems.rejected + soil.outliers,
             elsewhere=self.estimator.elsewhere(name),
+            slope=self._level.slope,
         )
+
+    def _way(self, instant: Instant) -> Instant:
+        """Which way the vehicle goes, and how often wheels have been at this place.
+
+        While wheels turn in both directions, on the spot, it goes as before.
+        """
+        if not instant.stands and instant.slip is not None:
+            self._ways[instant.wheel.name] = instant.forward
+            if len(set(self._ways.values())) == 1:
+                self._onward = instant.forward
+        number = self._passes.number(instant)
+        return instant._replace(pass_number=number, onward=self._onward)
 
     def _update(self, instant: Instant) -> UpdateResult | None:
         """Let the estimator use what was measured; None where load or sinkage is missing."""
@@ -171,15 +219,26 @@ class Assessor:
                 slip=None if instant.slip is None else instant.slip.value,
                 speed=instant.speed,
                 contact=instant.wheel.contact,
+                forward=instant.onward,
+                pass_number=instant.pass_number,
             )
         )
-        self.health.add(update)
+        way = instant.path - self._looked.get(instant.wheel.name, -math.inf)
+        elsewhere = way >= self.settings.estimator.scatter_length
+        if elsewhere:
+            self._looked[instant.wheel.name] = instant.path
+        if update.reason == "soil_changed":
+            self.health.forget()
+        # Before the law is settled they are all of one draw of the soil, and a static load is one draw, too.
+        if elsewhere and (instant.load_is_static or self.estimator.is_stuck(instant.wheel.name)):
+            elsewhere = False
+        self.health.add(update, elsewhere and self.estimator.estimate().settled)
         return update
 
     def _carried(self, instant: Instant, load: Quantity) -> Quantity:
         """The load without the noise of its sensor, where the estimator has learnt that."""
         learnt = self.estimator.load(instant.wheel.name) if instant.sinkage is not None else None
-        if learnt is None:
+        if learnt is None or instant.load_is_static:
             return load
         return Quantity(learnt[0], learnt[0] * math.sqrt(learnt[1]))
 
@@ -207,46 +266,80 @@ class Assessor:
             return None
         return Quantity(prediction.sinkage, prediction.standard_deviation)
 
-    def _forces(self, instant: Instant, load: Quantity, soil: SoilEstimate) -> WheelForces | None:
-        """Forces of the wheel, None where it is sunk to its axle; first they tell of the strength."""
-        settings, slip, wheel = self.settings, instant.slip, instant.wheel
-        effects = settings.effects
-        put = partial(
-            wheel_on_soil,
-            wheel,
+    def _on_soil(
+        self, instant: Instant, shown: Quantity, slip: Quantity | None
+    ) -> WheelOnSoil | None:
+        """Put the wheel on its soil, under the load that is shown; None where it is sunk to its axle."""
+        effects = self.settings.effects
+        soil, load, together = self.estimator.under(instant.wheel.name, shown)
+        return wheel_on_soil(
+            instant.wheel,
             soil,
             load,
-            scatter=settings.estimator.soil_scatter,
+            with_load=together,
+            scatter=self.settings.estimator.soil_scatter,
+            slip=None if slip is None else slip.value,
             speed=instant.speed,
             effects=effects,
             strength=self.traction.estimate().strength if effects else None,
         )
-        on = put(slip=None if slip is None else slip.value)
-        if on is None:
+
+    def _step(self, instant: Instant, on: WheelOnSoil | None) -> PathStep | None:
+        """Collect what a wheel does, and let the step of the path that it ends tell of the strength."""
+        number = self.estimator.soil_number
+        if number != self._soil_number:
+            self._soil_number = number
+            self._steps.cut()
+        if instant.stands or instant.speed is None or instant.rim_speed is None:
             return None
-        time = instant.stamp / SECOND
-        if slip is not None and wheel.contact == ROLLING:
-            sample = TractionSample(
-                wheel.name,
-                time,
+        step = self._steps.add(
+            WheelSample(
+                instant.wheel.name,
+                instant.stamp / SECOND,
                 instant.distance,
-                on.contact,
-                slip.value,
+                Quantity(instant.speed, instant.speed_std),
+                Quantity(instant.rim_speed, instant.rim_std),
+                None if on is None else on.contact,
                 instant.forward,
-                instant.specific_force,
+                instant.slope_force,
+                instant.gained_force,
                 instant.torque,
                 instant.drawbar_pull,
             )
-            self.traction.add(sample, self.estimator.soil_number)
+        )
+        if step is not None:
+            step = self._motion.compared(step)
+            self.traction.take(step, number)
+        return step
+
+    def _forces(self, instant: Instant, shown: Quantity, on: WheelOnSoil) -> WheelForces:
+        """Forces of the wheel."""
+        slip = Quantity(self.settings.reference_slip, 0.0)
+        reference: WheelOnSoil | None = on
+        if self.settings.effects:
+            reference = self._on_soil(instant, shown, slip)
         return wheel_forces(
             on,
             self.traction,
-            slip,
-            time=time,
+            instant.slip,
+            time=instant.stamp / SECOND,
             torque=instant.torque,
-            reference=put(slip=settings.reference_slip) if effects else on,
-            reference_slip=settings.reference_slip,
+            reference=reference,
+            reference_slip=slip.value,
         )
+
+    def _ratio(self, instant: Instant) -> float | None:
+        """A sinkage that was refused, over what the soil gives this wheel; None where it gives none."""
+        load, sinkage, wheel = instant.load, instant.sinkage, instant.wheel
+        if load is None or sinkage is None or not math.isfinite(sinkage.value):
+            return None
+        try:
+            expected = self.estimator.predict(
+                load.value, wheel.diameter, wheel.width, contact=wheel.contact
+            )
+        except SmallwheelError:
+            return None
+        return abs(sinkage.value) / expected.sinkage if expected.sinkage > 0.0 else None
 
     def _conditions(
         self,
@@ -270,9 +363,15 @@ class Assessor:
                 why = "the wheel stands"
             found.append((Status.SLIP_UNKNOWN, f"slip unknown ({why}): no thrust, no drawbar pull"))
         if update is not None and update.outcome is not Outcome.ACCEPTED:
-            self.problems.add(stream, update.reason, update.message)
-            found.append((Status.REJECTED, f"measured sinkage not used: {update.message}"))
-        elif failure:
+            outlier = update.outcome is Outcome.OUTLIER
+            ratio = None if outlier else self._ratio(instant)
+            self.problems.add(stream, update.reason, update.message, outlier=outlier, ratio=ratio)
+            # Whether one that does not fit is left out of the mean is known when its stretch ends.
+            what = "does not fit" if outlier else "not used"
+            found.append((Status.REJECTED, f"measured sinkage {what}: {update.message}"))
+        elif update is not None:
+            self.problems.good(stream)
+        if failure:
             # A prediction that fails leaves the measurement used all the same.
             self.problems.add(stream, "numerical", failure, unused=False)
         if instant.load is None:

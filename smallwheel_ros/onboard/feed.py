@@ -142,7 +142,7 @@ class Feed:
     def _odometry(self, message: Any) -> Iterable[Reading]:
         self.odometry_frame = message.header.frame_id
         place, turn = message.pose.pose.position, message.pose.pose.orientation
-        yaw, pitch = yaw_and_pitch_of(turn.x, turn.y, turn.z, turn.w)
+        yaw, pitch, roll = angles_of(turn.x, turn.y, turn.z, turn.w)
         if yaw is None:
             text = "the orientation is no unit quaternion: nobody knows where the wheels are"
             self.onboard.problems.add(ODOMETRY, "no_orientation", text, unused=False)
@@ -150,7 +150,8 @@ class Feed:
         # Row by row over x, y, z, and rotation about them; all 0 where nobody filled it in.
         spread = message.twist.covariance
         variances = (float(spread[0]), float(spread[35]))
-        return ((ODOMETRY, Motion.of(place.x, place.y, speed, yaw_rate, yaw, pitch, variances)),)
+        moves = place.x, place.y, speed, yaw_rate, yaw, pitch, variances, roll
+        return ((ODOMETRY, Motion.of(*moves)),)
 
     def _velocity(self, message: Any) -> Iterable[Reading]:
         turn, over_ground = self.settings.velocity_yaw, message.twist.linear
@@ -158,21 +159,25 @@ class Feed:
         return ((VELOCITY, (speed, message.twist.angular.z, 0.0)),)
 
     def _slope(self, message: Any) -> Iterable[Reading]:
-        """Read what gravity pulls the vehicle back with, m/s^2; without orientation, all that is felt."""
-        ahead = math.cos(self.settings.imu_yaw), -math.sin(self.settings.imu_yaw)
+        """Read what gravity pulls the vehicle back and to the right with, m/s^2.
+
+        Without orientation, all that is felt.
+        """
+        ahead, aside = math.cos(self.settings.imu_yaw), math.sin(self.settings.imu_yaw)
         felt, turn = message.linear_acceleration, message.orientation
         squares = turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + turn.w * turn.w  # ** raises
         # -1 says "there is none" (sensor_msgs/Imu).
-        if abs(squares - 1.0) <= _UNIT and message.orientation_covariance[0] != -1.0:
+        oriented = abs(squares - 1.0) <= _UNIT and message.orientation_covariance[0] != -1.0
+        if oriented:
             up = (
                 2.0 * (turn.x * turn.z - turn.w * turn.y),
                 2.0 * (turn.y * turn.z + turn.w * turn.x),
                 1.0 - 2.0 * (turn.x**2 + turn.y**2),
             )
-            force, whole = GRAVITY * (ahead[0] * up[0] + ahead[1] * up[1]), math.nan
+            felt_x, felt_y = GRAVITY * up[0], GRAVITY * up[1]
         else:
             up = felt.x / GRAVITY, felt.y / GRAVITY, felt.z / GRAVITY
-            force, whole = math.nan, ahead[0] * felt.x + ahead[1] * felt.y
+            felt_x, felt_y = felt.x, felt.y
         if not up[2] > _UPRIGHT:
             self.onboard.refuse(
                 IMU,
@@ -181,7 +186,8 @@ class Feed:
                 " than base_link (publish it in base_link), or has neither orientation nor gravity",
             )
             return ()
-        return ((IMU, (force, whole)),)
+        force, across = ahead * felt_x - aside * felt_y, aside * felt_x + ahead * felt_y
+        return ((IMU, (force, math.nan, across) if oriented else (math.nan, force, across)),)
 
     def _joint_states(self, message: Any) -> Iterable[Reading]:
         joints = tuple(message.name)
@@ -214,9 +220,10 @@ def _sinkage(stream: str, message: Any) -> Iterable[Reading]:
     return ((stream, (message.sinkage, message.variance)),)
 
 
-def yaw_and_pitch_of(x: float, y: float, z: float, w: float) -> tuple[float | None, float]:
-    """Yaw and pitch (rad) of a quaternion; None and 0 where it has not the length of 1."""
+def angles_of(x: float, y: float, z: float, w: float) -> tuple[float | None, float, float]:
+    """Yaw, pitch and roll (rad) of a quaternion; None, 0 and 0 where it has not the length of 1."""
     if not abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT:
-        return None, 0.0
+        return None, 0.0, 0.0
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return yaw, math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    return yaw, pitch, math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))

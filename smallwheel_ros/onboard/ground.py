@@ -63,4 +63,5 @@ class GroundMapper:
                 for name, other in self._newest.items()
                 if other.instant.stamp >= since and name not in result.elsewhere
             )
-        self.map.add(wheel.name, frame, place, wheel.width, margin, stuck=stuck)
+        slope = result.slope if self.map.settings.slope == "measured" else 0.0
+        self.map.add(wheel.name, frame, place, wheel.width, margin, stuck=stuck, slope=slope)

@@ -20,6 +20,21 @@ class Instant(NamedTuple):
         N, 1, m, N; sinkage and drawbar pull as measured.
     speed, rim_speed
         Of the wheel's place over ground, and of its rim, m/s.
+    speed_std, rim_std
+        Standard deviations of the two, m/s.
+    stands
+        Whether the wheel stands, by both of them.
+    heading
+        rad, the way the vehicle looks in the frame of the odometry.
+    pass_number
+        1 and how often a wheel has rolled over this place before (see `passes`); None: not known.
+    onward
+        Which way the vehicle goes as a whole: True forward.
+    rim_held
+        s, since which the rim has shown exactly this speed.
+    speed_repeats
+        Whether the messages of the speed over ground are one and the same while the vehicle moves:
+        it is not known then.
     distance, path
         That the vehicle and this wheel have travelled so far, m; for the wheel turning counts.
     place, vehicle
@@ -29,8 +44,10 @@ class Instant(NamedTuple):
         Nobody measures it.
     pitch
         rad, positive nose down.
-    specific_force
-        m/s^2, of the vehicle the way it drives, g sin(slope) + dv/dt: what the wheels pull per mass.
+    slope_force, gained_force
+        m/s^2, of the vehicle the way it drives: g sin(slope), and dv/dt.
+    across_force
+        m/s^2, g sin(slope across), positive where the left side is higher.
     torque
         N m, at the wheel.
     forward
@@ -51,9 +68,26 @@ class Instant(NamedTuple):
     drawbar_pull: Quantity | None = None
     pitch: float = 0.0
     rim_speed: float | None = None
-    specific_force: float | None = None
+    slope_force: float | None = None
     torque: float | None = None
     forward: bool = True
+    gained_force: float | None = None
+    speed_std: float = 0.0
+    rim_std: float = 0.0
+    stands: bool = False
+    across_force: float | None = None
+    heading: float | None = None
+    rim_held: float = 0.0
+    speed_repeats: bool = False
+    pass_number: int | None = None
+    onward: bool = True
+
+    @property
+    def specific_force(self) -> float | None:
+        """What the wheels pull per mass of the vehicle, the way it drives, m/s^2."""
+        if self.slope_force is None or self.gained_force is None:
+            return None
+        return self.slope_force + self.gained_force
 
 
 def drives_forward(speed: float | None, rim_speed: float | None) -> bool:
@@ -72,7 +106,7 @@ class Motion(NamedTuple):
 
     Between two messages the latter two are not of unit length; they are NaN where yaw is not known.
     speed_variance, yaw_rate_variance: as the message has them, 0 where it does not. pitch: rad,
-    positive nose down, 0 where not known.
+    positive nose down, and roll, positive left side up; 0 where not known.
     """
 
     speed: float
@@ -84,6 +118,7 @@ class Motion(NamedTuple):
     speed_variance: float = 0.0
     yaw_rate_variance: float = 0.0
     pitch: float = 0.0
+    roll: float = 0.0
 
     @classmethod
     def of(
@@ -95,14 +130,21 @@ class Motion(NamedTuple):
         yaw: float | None,
         pitch: float,
         variances: tuple[float, float],
+        roll: float = 0.0,
     ) -> Motion:
         """Return the motion in an odometry; what of it may be unknown is so where it is no number."""
         turn = (math.nan, math.nan)
         if yaw is not None and math.isfinite(yaw):
             turn = (math.cos(yaw), math.sin(yaw))
         of_speed, of_yaw = (value if 0.0 < value < math.inf else 0.0 for value in variances)
-        nose = pitch if math.isfinite(pitch) else 0.0
-        return cls(speed, yaw_rate, x, y, *turn, of_speed, of_yaw, nose)
+        angles = (angle if math.isfinite(angle) else 0.0 for angle in (pitch, roll))
+        return cls(speed, yaw_rate, x, y, *turn, of_speed, of_yaw, *angles)
+
+    @property
+    def heading(self) -> float | None:
+        """Yaw (rad); None where it is not known."""
+        known = math.isfinite(self.cosine + self.sine)
+        return math.atan2(self.sine, self.cosine) if known else None
 
     def place(self, wheel: Wheel) -> tuple[float, float] | None:
         """Where a wheel is; None where nobody knows which way the vehicle looks."""

@@ -99,7 +99,7 @@ def wheel_forces(
         margin = Quantity(-1.0, 0.0)  # nothing can be held
         if reference is not None:
             margin = _margin(reference, traction.reserve, reference_slip)
-    more, whole = unsure**2, on.resistance.value + beyond
+    more, whole = unsure**2, on.contact.resistance.value + beyond
     of_other = on.variance(by_other=1.0, by_log_load=beyond) + more
     # Over the load, whose own deviation counts in both.
     of_ratio = on.variance(0.0, 1.0, 1.0, beyond - whole) + more
@@ -156,8 +156,7 @@ def _pulls(
         thrust, spread = told.corrected(thrust, spread, push.row)
         net, net_spread = told.corrected(net, net_spread, net_row)
     # The law's error of the resistance is in the filter's state.
-    by_law = on.variance(push.by_sinkage, -1.0, -1.0, push.by_log_load - beyond)
-    by_law -= on.resistance.standard_deviation**2
+    by_law = on.beyond_resistance(push.by_sinkage, push.by_log_load - beyond)
     pull = Quantity(net, math.sqrt(max(net_spread + by_law, _LEAST_STD**2)))
     by_law = on.variance(push.by_sinkage, by_log_load=push.by_log_load)
     deviation = math.sqrt(spread + by_law)
@@ -183,8 +182,7 @@ def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
     contact = (length, by_depth) if length > best else (best, 0.0)
     push = strength.thrust(step, contact, exact_slip=True)
     net, row = strength.net(push, on.contact)
-    by_law = on.variance(push.by_sinkage, -1.0, -1.0, push.by_log_load - net)
-    by_law -= on.resistance.standard_deviation**2
+    by_law = on.beyond_resistance(push.by_sinkage, push.by_log_load - net)
     form = _FORM if strength.mass > 0.0 else _FORM_OF_WHEELS
     spread = strength.spread(push, row) + by_law + (form * push.value) ** 2
     return Quantity(net / load, math.sqrt(max(spread, _LEAST_STD**2)) / load)

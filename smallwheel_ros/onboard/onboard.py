@@ -60,7 +60,8 @@ class Onboard(Assessor):
             drawbar pull (N), wheel speed (rad/s), torque (N m), or sinkage (m) and its variance
             (m^2), which is not known where it is not over 0. `odom` is a `Motion`; `velocity` is
             speed (m/s), yaw rate (rad/s), and variance of the speed or 0; `imu` the specific force
-            of the slope and of all (m/s^2), NaN where not known.
+            of the slope and of all, NaN where not known, and of the slope across
+            (m/s^2, positive where the left side is higher).
         now
             What the clock says, ns; None or 0: there is none, and stamps are only compared with
             each other.

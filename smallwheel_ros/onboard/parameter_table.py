@@ -57,7 +57,11 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     ),
     number("vehicle.mass", None, "kg", 0.01, 1e5): (
         "Mass of the vehicle. With it the balance of its forces on a slope, and while it gains speed,"
-        " tells the soil's strength. Without it: not used."
+        " tells the soil's strength; the loads are compared with it. Without it: not used."
+    ),
+    number("vehicle.gravity_height", None, "m", 0.01, 10.0): (
+        "Height of the centre of gravity above ground: with load.source static, how a slope moves load"
+        " from wheel to wheel. Without it: 1.2 times the mean diameter of the wheels."
     ),
     text("imu_topic", "", form="topic"): (
         "Topic (sensor_msgs/Imu) whose orientation (or, without one, acceleration with gravity) gives"
@@ -78,7 +82,8 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         "Mass of the vehicle; needed by load.source static, which splits it by load_share."
     ),
     number("load.static_std", 0.3, "1", 0.01, 1.0): (
-        "Standard deviation of a static load as a share of it: slopes, turns, uneven ground."
+        "Standard deviation of a static load as a share of it: uneven ground, turns. Slopes are worked out"
+        " where they are measured (imu_topic, or odom with pitch)."
     ),
     number("load.per_effort", 1.0, "N", 1e-6, 1e6): (
         "Load per unit of effort with load.source joint_states: 1.0 where efforts are N."
@@ -221,8 +226,14 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         "Frame of ~/cost. Empty: that of odom. Nothing is transformed: set it only where odom's"
         " poses are in this frame."
     ),
+    choice("cost.slope", "measured", "level"): (
+        "measured: cost is the risk on the slope that was measured at a place (imu_topic, or odom with"
+        " pitch), the steepest way; where none is measured, and on terrain classes not crossed, on the level."
+        " level: on level ground everywhere."
+    ),
     number("cost.required_margin", _COST.rules.required_margin, "1", -1.0, 2.0): (
-        "Mobility margin that the vehicle needs everywhere: tangent of the slopes that it has to climb."
+        "Mobility margin that the vehicle needs everywhere beyond that (see cost.slope): tangent of the"
+        " slopes that it has to climb."
         " Cost is the risk, in per cent, that the ground does not give it (docs/nav2.md)."
     ),
     number("cost.easy_margin", 0.1, "1", 0.001, 10.0): _COST_BEFORE,

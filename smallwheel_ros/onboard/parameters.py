@@ -243,8 +243,15 @@ def _onboard(
         with_imu=bool(v["imu_topic"]),
         mass=v["vehicle.mass"] or 0.0,
         static_loads=static,
+        gravity_height=v["vehicle.gravity_height"] or _usual_height(v, rolling),
         velocity="topic" if v["velocity_topic"] else velocity,
     )
+
+
+def _usual_height(v: Mapping[str, Any], rolling: Sequence[str]) -> float:
+    """Height (m) of the centre of gravity of a small vehicle: its body is above its wheels."""
+    diameters = [v[f"{name}.diameter"] for name in rolling]
+    return 1.2 * sum(diameters) / len(diameters) if diameters else 0.0
 
 
 def _static_loads(v: Mapping[str, Any], wheels: Sequence[str]) -> dict[str, Quantity]:

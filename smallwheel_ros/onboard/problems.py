@@ -3,10 +3,20 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+import math
+from collections import Counter, defaultdict, deque
+from dataclasses import dataclass, field
+from statistics import median
 from typing import NamedTuple
 
+from smallwheel_ros.onboard.units import unit_of
+
 _KEPT = 1000
+_MEMORY = 50  # messages of a stream over which the share of the refused is averaged
+_ENOUGH = 20  # messages before anything is said of it
+_MANY = 0.2
+_RATIOS = 20
+_NEARLY = 3.0  # a factor within which a unit explains how far values are off what was expected
 
 
 class Problem(NamedTuple):
@@ -17,10 +27,25 @@ class Problem(NamedTuple):
     text: str
 
 
+@dataclass
+class _Stream:
+    """How much of a stream is refused lately, what of it in words, and by how much it was off."""
+
+    messages: int = 0
+    refused: float = 0.0
+    text: str = ""
+    log_ratios: deque[float] = field(default_factory=lambda: deque(maxlen=_RATIOS))
+
+    def take(self, refused: bool) -> None:
+        """Count a message."""
+        self.messages += 1
+        self.refused += (float(refused) - self.refused) / min(self.messages, _MEMORY)
+
+
 class ProblemLog:
     """Counts since the start (`counts`, by stream and reason), and the words of what is new.
 
-    rejected: measured sinkages that were not used for the soil, for whatever reason; whoever starts
+    rejected: measured sinkages that were refused, for whatever reason; whoever starts
     the soil over sets it to 0.
     """
 
@@ -28,18 +53,56 @@ class ProblemLog:
         self.rejected = 0
         self.counts: Counter[tuple[str, str]] = Counter()
         self._new: deque[Problem] = deque(maxlen=_KEPT)
+        self._streams: defaultdict[str, _Stream] = defaultdict(_Stream)
 
-    def add(self, stream: str, reason: str, text: str, *, unused: bool = True) -> None:
+    def good(self, stream: str) -> None:
+        """Note a message that was used."""
+        self._streams[stream].take(False)
+
+    def add(
+        self,
+        stream: str,
+        reason: str,
+        text: str,
+        *,
+        unused: bool = True,
+        outlier: bool = False,
+        ratio: float | None = None,
+    ) -> None:
         """Note a problem; the words of all but the newest 1000 are forgotten.
 
-        unused: the message was not used because of it.
+        unused: the message was not used because of it. outlier: it might be good, and only did not fit: on
+        another soil many do not. ratio: what it shows, over what was expected.
         """
         self.counts[stream, reason] += 1
-        self.rejected += unused and stream.endswith("/sinkage")
+        self.rejected += unused and not outlier and stream.endswith("/sinkage")
         self._new.append(Problem(stream, reason, text))
+        if not unused or outlier:
+            return
+        of_stream = self._streams[stream]
+        of_stream.take(True)
+        of_stream.text = text
+        if ratio is not None and 0.0 < ratio < math.inf:
+            of_stream.log_ratios.append(math.log(ratio))
 
     def take(self) -> list[Problem]:
         """Give what is new since the last call."""
         taken = list(self._new)
         self._new.clear()
         return taken
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Streams of which much is refused, in words, with the unit that would explain it."""
+        found = []
+        for name, stream in self._streams.items():
+            if stream.messages < _ENOUGH or stream.refused <= _MANY:
+                continue
+            words = f"{name}: {stream.refused:.0%} of the newest messages are refused"
+            if stream.log_ratios:
+                ratio = math.exp(median(stream.log_ratios))
+                unit = unit_of(ratio, name.rpartition("/")[2], _NEARLY)
+                times, guess = (ratio, "") if unit is None else (unit[0], f": in {unit[1]}?")
+                words += f", as if values were {times:.4g} times too large{guess}"
+            found.append(f"{words} (newest: {stream.text})")
+        return tuple(found)

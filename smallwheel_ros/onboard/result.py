@@ -39,6 +39,9 @@ class Result:
     risk
         Probability that the vehicle gets stuck within the next metre (see `stuck_warning`); None
         where no margin is known.
+    slope
+        Tangent of the steepest slope of the ground there, whichever way the vehicle looks; 0 where none is
+        measured.
     soil
         After the instant: the one that a wheel came to last; the forces are those on the wheel's own.
     rejected
@@ -57,6 +60,7 @@ class Result:
     soil: SoilEstimate
     rejected: int
     elsewhere: tuple[str, ...]
+    slope: float = 0.0
 
     @property
     def wheel(self) -> str:

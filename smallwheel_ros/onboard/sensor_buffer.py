@@ -15,6 +15,11 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
 
 Values = dict[str, tuple[float, ...] | None]  # of streams at an instant, by kind
 
+_LEAST_LOAD = 0.05  # of a static load
+_SAME = 5  # messages in a row that are the same by more than chance
+_HELD = 0.3  # s
+# By which a rim's speed has to change before a speed over ground that does not is wrong, share and m/s.
+_CHANGED, _LEAST_CHANGE = 0.1, 0.03
 _GAINING = nanoseconds(0.4)  # over which the vehicle's acceleration is taken
 
 
@@ -22,7 +27,8 @@ class Stream(Series):
     """The recent values of what comes by one name, `<wheel>/load`, `odom`, ...
 
     order: number of the wheel. predicts: numbers of the wheels without sinkage sensor that this
-    gives their instants.
+    gives their instants. same, same_since: messages in a row, to the newest, that hold exactly the
+    same values, and the stamp (ns) of the first.
     """
 
     def __init__(self, name: str, horizon: int, order: int = -1) -> None:
@@ -30,6 +36,25 @@ class Stream(Series):
         self.name, self.order = name, order
         self.kind = name.rpartition("/")[2]
         self.predicts: list[int] = []
+        self.same, self.same_since = 0, 0
+
+    def add(self, stamp: int, values: tuple[float, ...]) -> StampFault | None:
+        """Keep values at their place; a fault says why they were not kept."""
+        before = self.values[-1] if self.values else ()
+        fault = super().add(stamp, values)
+        if fault is None and stamp == self.newest:
+            # NaN, of what is not known, is the same as NaN.
+            if len(before) == len(values) and all(
+                a == b or (a != a and b != b) for a, b in zip(before, values, strict=True)
+            ):
+                self.same += 1
+            else:
+                self.same, self.same_since = 1, stamp
+        return fault
+
+    def held(self, stamp: int) -> float:
+        """Time (s) for which the newest values have been exactly the same, at an instant (ns)."""
+        return max(stamp - self.same_since, 0) / SECOND if self.same >= _SAME else 0.0
 
 
 class WheelState:
@@ -37,7 +62,9 @@ class WheelState:
 
     measured: streams that its instants are put together from. needed: those among them that an instant
     waits for. timing: the stream that gives the instants.
-    path: travelled so far, m. answered: stamp of the newest instant (ns). deepest: sinkage so far, m.
+    path: travelled so far, m; stood: what noise added to it, m. answered: stamp of the newest instant (ns).
+    deepest: sinkage so far, m. lever: per m of the centre of gravity's height, the share of the weight that
+    a tilt moves on the wheel, forward and to the left.
     """
 
     def __init__(
@@ -48,7 +75,8 @@ class WheelState:
             Stream(f"{wheel.name}/{kind}", odometry.horizon, order)
             for kind in ("load", "sinkage", "drawbar_pull", "wheel_speed", "torque")
         ]
-        load, self.sinkage, *_ = self.streams
+        load, self.sinkage, _, self.wheel_speed, _ = self.streams
+        self.rim_then: float | None = None  # m/s, when the speed over ground began to repeat
         self.static_load = settings.static_loads.get(wheel.name)
         vehicle = [odometry, velocity, imu]
         used = set(settings.streams) - {self.sinkage.name}
@@ -59,8 +87,20 @@ class WheelState:
         if wheel.name in settings.without_sinkage:
             self.timing = load if self.static_load is None else odometry
             self.timing.predicts.append(order)
-        self.path = self.deepest = 0.0
+        self.path = self.deepest = self.stood = 0.0
+        self.lever = _lever(wheel, settings.wheels)
         self.answered = 0
+
+
+def _lever(wheel: Wheel, wheels: Sequence[Wheel]) -> tuple[float, float]:
+    """Place of a wheel about the middle of all, over the sum of the squares of these places, 1/m."""
+    found = []
+    for name in ("longitudinal_position", "lateral_position"):
+        places = [getattr(one, name) for one in wheels]
+        middle = sum(places) / len(places)
+        squares = sum((place - middle) ** 2 for place in places)
+        found.append((getattr(wheel, name) - middle) / squares if squares > 0.0 else 0.0)
+    return found[0], found[1]
 
 
 class SensorBuffer:
@@ -90,6 +130,7 @@ class SensorBuffer:
         by_topic = settings.velocity == "topic"
         self._speeds = self._velocity if by_topic else self._odometry
         self._pitches: bool = before is not None and before._pitches
+        self._pose_moves: bool = before is not None and before._pose_moves
         self._velocity_turns: bool = before is not None and before._velocity_turns
         self.wheels = [WheelState(settings, i, *vehicle) for i in range(len(settings.wheels))]
         self.distance: float = 0.0
@@ -104,6 +145,7 @@ class SensorBuffer:
         self._start = (self.distance, *(state.path for state in self.wheels))
         self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
         self._pressed_path = 0.0
+        self._stood = 0.0  # m, what the noise of speeds added up to where the vehicle stood
 
     def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
@@ -115,7 +157,9 @@ class SensorBuffer:
         fault = stream.add(stamp, tuple(values))
         if stream is self._odometry:
             # An odometry of the plane has a pitch of exactly 0 in every message: it measures none.
-            self._pitches = self._pitches or Motion(*values).pitch != 0.0
+            motion = Motion(*values)
+            self._pitches = self._pitches or motion.pitch != 0.0
+            self._pose_moves = self._pose_moves or (motion.x, motion.y) != (0.0, 0.0)
         if fault is None and stream is self._speeds:
             if stream is self._velocity:
                 odometry = self._odometry.at(stamp, self._gap)
@@ -133,20 +177,32 @@ class SensorBuffer:
         load, pull, torque = now.get("load"), now.get("drawbar_pull"), now.get("torque")
         odometry = now.get(ODOMETRY)
         motion = None if odometry is None else Motion(*odometry)
+        slope, gained, across = self._felt(stamp, now, motion)
         carried = state.static_load
         if load is not None:
             carried = Quantity(load[0], math.hypot(noise.load, noise.load_relative * load[0]))
-        speed, rim, slip = self._moves(state.wheel, now, motion)
+        elif carried is not None:
+            carried = self._spread(state, carried, slope, gained, across)
+        over_ground, turning = self._moves(state.wheel, now, motion)
+        repeats = self._repeats(stamp, state, turning)
+        if repeats:
+            over_ground = None
+        speed = None if over_ground is None else over_ground.value
+        rim = None if turning is None else turning.value
+        slip = None
+        stands = False
+        if over_ground is not None and turning is not None:
+            slip = wheel_slip(over_ground, turning, self.settings.standstill_speed)
+            stands = slip is None
         forward = drives_forward(speed, rim)
         way = 1.0 if forward else -1.0
-        force = self._specific_force(stamp, now, motion)
         sinkage = None
         if measured:
             value, variance = measured
             known = math.isfinite(variance) and variance > 0
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(value, deviation)
-        self._advance(state, order, stamp, sinkage)
+        self._advance(state, order, stamp, sinkage, stands or repeats)
         return Instant(
             state.wheel,
             stamp,
@@ -162,26 +218,78 @@ class SensorBuffer:
             None if pull is None else Quantity(pull[0], noise.drawbar_pull),
             0.0 if motion is None else motion.pitch,
             rim,
-            None if force is None else way * force,
+            None if slope is None else way * slope,
             None if torque is None else way * torque[0],
             forward,
+            None if gained is None else way * gained,
+            0.0 if over_ground is None else over_ground.standard_deviation,
+            0.0 if turning is None else turning.standard_deviation,
+            stands,
+            across,
+            None if motion is None else motion.heading,
+            state.wheel_speed.held(stamp),
+            repeats,
         )
 
-    def _specific_force(self, stamp: int, now: Values, motion: Motion | None) -> float | None:
-        """What the wheels pull per mass, m/s^2, positive forward: of slope, and of gaining speed."""
+    def _repeats(self, stamp: int, state: WheelState, turning: Quantity | None) -> bool:
+        """Whether the speed over ground is one and the same message while the vehicle moves.
+
+        Its pose cannot be the same then; where it has none, the rims' speed tells. One of exactly 0 may be
+        right: wheels that spin on one place.
+        """
+        speeds = self._speeds
+        if (
+            speeds.held(stamp) < _HELD
+            or abs(speeds.values[-1][0]) <= self.settings.standstill_speed
+        ):
+            state.rim_then = None
+            return False
+        if speeds is self._odometry and self._pose_moves:
+            return True
+        rim = 0.0 if turning is None else turning.value
+        if state.rim_then is None:
+            state.rim_then = rim
+        return abs(rim - state.rim_then) > _CHANGED * abs(state.rim_then) + _LEAST_CHANGE
+
+    def _spread(
+        self,
+        state: WheelState,
+        level: Quantity,
+        slope: float | None,
+        gained: float | None,
+        across: float | None,
+    ) -> Quantity:
+        """Static load of a wheel (N) where it is level, as tilt and gained speed move it (a rigid frame)."""
+        behind, right = ((slope or 0.0) + (gained or 0.0)) / GRAVITY, (across or 0.0) / GRAVITY
+        along, aside = state.lever
+        weight = sum(load.value for load in self.settings.static_loads.values())
+        height = self.settings.gravity_height
+        moved = -weight * height * (behind * along + right * aside)
+        load = max(level.value + moved, _LEAST_LOAD * level.value)
+        # Half of the height is what is known of it.
+        return Quantity(load, math.hypot(level.standard_deviation, 0.5 * moved))
+
+    def _felt(
+        self, stamp: int, now: Values, motion: Motion | None
+    ) -> tuple[float | None, float | None, float | None]:
+        """What slope and gaining speed take of the wheels per mass, m/s^2, positive forward.
+
+        And the slope across, positive where the left side is higher.
+        """
+        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap)
+        gained = None
+        if speed is not None and before is not None:
+            gained = (speed[0] - before[0]) / (_GAINING / SECOND)
         measured = now.get(IMU)
-        if measured is not None and math.isnan(measured[0]):
-            return measured[1]  # an accelerometer feels both
-        slope: float | None = None if measured is None else measured[0]
+        if measured is not None and not math.isnan(measured[0]):
+            return measured[0], gained, measured[2]
+        if measured is not None:
+            # An accelerometer feels both.
+            return measured[1] - (gained or 0.0), gained or 0.0, measured[2]
         if not self.settings.with_imu and motion is not None and self._pitches:
-            slope = -GRAVITY * math.sin(motion.pitch)
-        if slope is None:
-            return None
-        speed = now.get(self._speeds.kind)
-        before = self._speeds.at(stamp - _GAINING, self._gap)
-        if speed is None or before is None:
-            return None
-        return slope + (speed[0] - before[0]) / (_GAINING / SECOND)
+            across = GRAVITY * math.cos(motion.pitch) * math.sin(motion.roll)
+            return -GRAVITY * math.sin(motion.pitch), gained, across
+        return None, gained, None
 
     def _middle(self, velocity: Sequence[float], motion: Motion | None) -> tuple[float, float]:
         """Speed of the vehicle's middle and yaw rate, by the velocity sensor.
@@ -195,41 +303,44 @@ class SensorBuffer:
 
     def _moves(
         self, wheel: Wheel, now: Values, motion: Motion | None
-    ) -> tuple[float | None, float | None, Quantity | None]:
-        """Speed of a wheel's place over ground, of its rim, and its slip; None where not known."""
+    ) -> tuple[Quantity | None, Quantity | None]:
+        """Speed of a wheel's place over ground and of its rim, m/s; None where not known."""
         noise = self.settings.noise
         lateral = wheel.lateral_position
         if wheel.contact != ROLLING:
-            return None, None, None
+            return None, None
         if self.settings.velocity == "topic":
             values = now.get(VELOCITY)
             if values is None:
-                return None, None, None
+                return None, None
             (middle, yaw_rate), variance = self._middle(values, motion), values[2]
         elif motion is None:
-            return None, None, None
+            return None, None
         else:
             middle, yaw_rate = motion.speed, motion.yaw_rate
             variance = motion.speed_variance + motion.yaw_rate_variance * lateral**2
-        speed = middle - yaw_rate * lateral
+        deviation = math.sqrt(variance) if variance > 0.0 else noise.speed
+        speed = Quantity(middle - yaw_rate * lateral, deviation)
         turning = now.get("wheel_speed")
         if turning is None or self.settings.velocity == "none":
-            return speed, None, None
+            return speed, None
         rim = turning[0] * wheel.diameter / 2
-        slip = wheel_slip(
-            Quantity(speed, math.sqrt(variance) if variance > 0.0 else noise.speed),
-            Quantity(rim, noise.wheel_speed_relative * abs(rim)),
-            self.settings.standstill_speed,
-        )
-        return speed, rim, slip
+        return speed, Quantity(rim, noise.wheel_speed_relative * abs(rim))
 
-    def _advance(self, state: WheelState, order: int, stamp: int, sinkage: Quantity | None) -> None:
-        """Paths so far (m), which never fall."""
+    def _advance(
+        self, state: WheelState, order: int, stamp: int, sinkage: Quantity | None, stands: bool
+    ) -> None:
+        """Paths so far (m), which never fall; who stands adds none, whatever noise adds up to."""
         if sinkage is not None and state.wheel.contact == PRESSED:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
         paths = self._travel.at(stamp) or self._start
-        self.distance = max(self.distance, paths[0] + self._pressed_path)
-        state.path = max(state.path, paths[1 + order] + self._pressed_path)
+        whole, own = paths[0] - self._stood, paths[1 + order] - state.stood
+        if stands:
+            self._stood += max(whole + self._pressed_path - self.distance, 0.0)
+            state.stood += max(own + self._pressed_path - state.path, 0.0)
+        else:
+            self.distance = max(self.distance, whole + self._pressed_path)
+            state.path = max(state.path, own + self._pressed_path)
         state.answered = stamp

@@ -94,6 +94,8 @@ class OnboardSettings:
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
     mass
         kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength.
+    gravity_height
+        m, of the centre of gravity above ground, for static loads.
     """
 
     wheels: tuple[Wheel, ...]
@@ -115,6 +117,7 @@ class OnboardSettings:
     velocity_lateral_position: float = _default("velocity_lateral_position")
     maximum_speed: float = _default("maximum_speed")
     mass: float = 0.0
+    gravity_height: float = 0.0
 
     @property
     def streams(self) -> tuple[str, ...]:

@@ -8,9 +8,10 @@ Over steps of 0.1 m of the vehicle's path, means over the step:
     margin    net traction of all wheels at the reference slip over their load
 
 The risk is the probability that within the next metre demand is more than the margin is here, where the
-rise of the demand over the last metre, a straight line, goes on. The margin's own trend is not used: grip
-comes in patches of half a metre to two, and what it did says little of what it will do, while a slope that
-steepens mostly does so for a metre more.
+rise of the slope over the last metre, a straight line, goes on: gaining speed is the driver's will, and ends.
+The margin's own trend is not used: grip comes in patches of half a metre to two, and what it did says little
+of what it will do, while a slope that steepens mostly does so for a metre more. Lines begin anew where the
+vehicle turns back, turns on the spot or stops.
 
 A warning is given where
 
@@ -19,19 +20,20 @@ A warning is given where
     half metre, the time to stop on a slippery patch;
     slip is over 0.2 and the risk over 0.8: a slope that is too steep ahead.
 
-Slip has to be up in each of them: it is known without mass, slope and strength, and the margin within a
-few hundredths of the load only.
+Slip has to be up in each of them, and not of a vehicle that gains speed: it is known without mass, slope and
+strength, and the margin within a few hundredths of the load only.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict, deque
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.path_steps import CELL, PathStep
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import probability_positive
@@ -43,9 +45,10 @@ Array = NDArray[np.float64]
 _AHEAD = 1.0  # m, over which the line of the demand is laid, and goes on
 _SOON = 0.5  # m, the same for the slip
 _LIKELY = 0.8  # risk: four times in five
-_STEP, _LONGEST_STEP = 0.1, 0.5  # m, s: wheels that spin on one spot
+_SURELY = 2.0  # deviations
 _ENOUGH = 4  # steps
 _ORDINARY, _HIGH = 0.2, 0.3  # slip
+_KNOWN = 0.03  # deviation of a step's slip at 0.3 m/s, with which warnings were measured
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count
 
 
@@ -58,11 +61,15 @@ class _Wheel(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """The means of a step that ends at this distance (m); slip NaN where none is known."""
+    """Of a step of the path that ends at this distance (m); slip NaN where none is known.
+
+    deviation: of the slip. slope: what it takes, over the weight.
+    """
 
     distance: float
     slip: float
-    demand: float
+    deviation: float
+    slope: float
 
 
 class StuckWarning:
@@ -77,7 +84,9 @@ class StuckWarning:
         In words; empty where there is none.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, wheels: int = 1) -> None:
+        """Begin. wheels: that roll."""
+        self._rolling = wheels
         self.reset()
 
     def reset(self) -> None:
@@ -85,55 +94,45 @@ class StuckWarning:
         self.risk: float | None = None
         self.warning = ""
         self._wheels: dict[str, _Wheel] = {}
-        self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / _STEP))
-        self._begin: tuple[int, float] | None = None  # stamp and distance of the step
-        self._demands: list[float] = []
-        self._slips: dict[str, list[float]] = defaultdict(list)
+        self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / CELL))
 
-    def add(self, instant: Instant, margin: Quantity | None, reference_slip: float) -> None:
-        """Take an instant, and the margin of its wheel."""
-        name, load = instant.wheel.name, instant.load
-        if load is not None and margin is not None:
-            self._wheels[name] = _Wheel(instant.stamp, load.value, margin)
-        if instant.specific_force is not None:
-            self._demands.append(instant.specific_force / GRAVITY)
-        if instant.slip is not None:
-            self._slips[name].append(instant.slip.value)
-        if self._begin is None:
-            self._begin = instant.stamp, instant.distance
-        stamp, distance = self._begin
-        long = instant.stamp - stamp >= _LONGEST_STEP * SECOND and bool(self._slips)
-        if long or instant.distance - distance >= _STEP:
-            slips = sorted(float(np.mean(values)) for values in self._slips.values())
-            self._steps.append(
-                _Step(
-                    instant.distance,
-                    slips[(len(slips) - 1) // 2] if slips else math.nan,
-                    float(np.mean(self._demands)) if self._demands else 0.0,
-                )
-            )
-            self._judge(instant, reference_slip)
-            self._begin = instant.stamp, instant.distance
-            self._demands.clear()
-            self._slips.clear()
+    def know(self, instant: Instant, margin: Quantity | None) -> None:
+        """Take the margin of a wheel."""
+        if instant.load is not None and margin is not None:
+            found = _Wheel(instant.stamp, instant.load.value, margin)
+            self._wheels[instant.wheel.name] = found
 
-    def _judge(self, instant: Instant, reference_slip: float) -> None:
-        """A step has ended."""
-        known = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
+    def take(self, step: PathStep, instant: Instant, reference_slip: float) -> None:
+        """A step of the path has ended; instant: the one that ended it."""
+        slips = sorted((mean.slip for mean in step.wheels.values()), key=lambda slip: slip.value)
+        # Of wheels half of which stand nobody knows.
+        known = 2 * len(slips) >= self._rolling and len(slips) > 0
+        middle = slips[(len(slips) - 1) // 2] if known else Quantity(math.nan, 0.0)
+        slope, gains = (step.slope or 0.0) / GRAVITY, (step.gained or 0.0) / GRAVITY
+        if (step.gained or 0.0) > _SURELY * step.deviation:
+            # Who gains speed slips because of that.
+            middle = Quantity(math.nan, 0.0)
+        if not step.follows:
+            self._steps.clear()  # a line does not go round corners
+        deviation = middle.standard_deviation
+        self._steps.append(_Step(step.distance, middle.value, deviation, slope))
+        newest = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
         self.risk, steps = None, np.array(self._steps)
-        if known:
-            margin = mean_margin([(w.load, w.margin) for w in known])
-            now, trend = _line(steps[:, 0], steps[:, 2], _AHEAD)
-            left = margin.value - now - max(trend, 0.0) * _AHEAD
+        if newest:
+            margin = mean_margin([(w.load, w.margin) for w in newest])
+            now, trend = _line(steps[:, 0], steps[:, 3], _AHEAD)
+            # Who starts off does so of his own will: only what the ground demands goes on to rise.
+            left = margin.value - now - gains - max(trend, 0.0) * _AHEAD
             self.risk = 1.0 - probability_positive(Quantity(left, margin.standard_deviation))
         self.warning = ""
-        if not math.isnan(self._steps[-1].slip):
+        if not math.isnan(middle.value):
             known_slip = steps[~np.isnan(steps[:, 1])]
             self.warning = self._words(known_slip, reference_slip, instant.speed)
 
     def _words(self, steps: Array, reference_slip: float, speed: float | None) -> str:
         """Return the warning; steps: those with a slip, as rows."""
-        places, values = steps[:, 0], steps[:, 1]
+        # A slip that is known worse than at ordinary speeds may be its own noise.
+        places, values = steps[:, 0], steps[:, 1] - np.maximum(steps[:, 2] - _KNOWN, 0.0)
         mean, _ = _line(places, values, _AHEAD)
         now, trend = _line(places, values, _SOON)
         high = max(mean, float(values[-1]))
@@ -167,9 +166,9 @@ def mean_margin(wheels: list[tuple[float, Quantity]]) -> Quantity:
 def _line(distance: Array, value: Array, length: float) -> tuple[float, float]:
     """End of a straight line through the last so many metres, and its slope (1/m)."""
     way = distance - distance[-1]
-    inside = way > -length + 0.5 * _STEP
+    inside = way > -length + 0.5 * CELL
     way, values = way[inside], value[inside]
-    if len(way) < _ENOUGH or np.ptp(way) < 0.5 * _STEP * _ENOUGH:
+    if len(way) < _ENOUGH or np.ptp(way) < 0.5 * CELL * _ENOUGH:
         return float(np.mean(value[-_ENOUGH:])), 0.0
     trend, now = np.polyfit(way, values, 1)
     return float(now), float(trend)

@@ -149,6 +149,8 @@ class Synchroniser:
                 text = f"header.stamp {stamp / SECOND:.9f} came twice: is there more than one publisher?"
             self.problems.add(name, fault.value, text)
             return
+        if not measured:  # what becomes of a sinkage is known when its turn comes
+            self.problems.good(name)
         self._oldest = self._oldest or stamp
         self._latest = max(self._latest, stamp)
         if measured:
@@ -194,8 +196,8 @@ class Synchroniser:
         if kind in (ODOMETRY, VELOCITY) and abs(first) > fastest:
             expected = f"expected at most {fastest:g} (parameter maximum_speed)"
             return "not_plausible", f"speed is {first:g} m/s, {expected}"
-        if kind == IMU and not any(abs(value) <= _STRONGEST for value in values):
-            known = [value for value in values if not math.isnan(value)] or [math.nan]
+        if kind == IMU and not any(abs(value) <= _STRONGEST for value in values[:2]):
+            known = [value for value in values[:2] if not math.isnan(value)] or [math.nan]
             reason = "not_plausible" if math.isfinite(known[0]) else "not_finite"
             return reason, f"acceleration is {known[0]:g} m/s^2, expected at most {_STRONGEST:g}"
         if kind == "torque" and first == 0.0:

@@ -1,55 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is watched of each wheel, joint and filter beside the estimate, and said in words."""
+"""What is watched of each wheel and of the filter beside the estimate, and said in words."""
 
 from __future__ import annotations
 
 from collections import deque
 
+from smallwheel_ros.estimator.scatter import LARGEST
 from smallwheel_ros.estimator.soil_estimator import Outcome, UpdateResult
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.settings import DiggingInRules
 from smallwheel_ros.onboard.streams import nanoseconds
 
-_AGAINST = 0.5  # m of the wheel's own path on which it turned against its travel throughout
-_RATIO = 0.3  # of rim speed over speed: less may be a wheel that is locked
 _ORDINARY_SLIP = 0.3  # up to here driving is ordinary
 _MEMORY = 20  # measurements over which ordinary driving is averaged
 _NO_DOUBT = 0.8  # slip that needs no ordinary speed to compare with
 _RECENT = 200
-_TOO_SURE, _TOO_MODEST = 2.0, 0.3  # mean of squared normalised innovations; 1 is right
+_TOO_SURE, _TOO_MODEST = 2.0, 0.15  # mean of squared normalised innovations; 1 is right
 _MANY_OUTLIERS = 0.2
 _ENOUGH = 30  # updates before anything is said
-
-
-class JointWatch:
-    """Joints that turn the other way: a mirrored axis, or the wrong joint.
-
-    Follows how far each wheel has travelled while it turned against its travel.
-    """
-
-    def __init__(self) -> None:
-        self._last: dict[str, float] = {}  # path of each wheel, m
-        self._against: dict[str, float] = {}  # and of that against its travel, without a break
-
-    def is_mirrored(self, instant: Instant) -> bool:
-        """Take an instant; return whether its wheel's joint turns the other way."""
-        name, speed, rim = instant.wheel.name, instant.speed, instant.rim_speed
-        against = self._against.get(name, 0.0)
-        if instant.slip is not None and speed is not None and rim is not None:
-            step = max(instant.path - self._last.get(name, instant.path), 0.0)
-            against = against + step if rim * speed < -_RATIO * speed * speed else 0.0
-        self._last[name], self._against[name] = instant.path, against
-        return against >= _AGAINST
-
-    @property
-    def findings(self) -> tuple[str, ...]:
-        """In words, with what to check."""
-        return tuple(
-            f"wheel '{name}': its joint has turned against the travel for {path:.1f} m: the axis is"
-            f" mirrored, or it is another joint (parameters {name}.joint_sign, {name}.joint)"
-            for name, path in self._against.items()
-            if path >= _AGAINST
-        )
 
 
 class DiggingInAlarm:
@@ -108,24 +76,33 @@ def _averaged(mean: float | None, value: float) -> float:
 
 
 class FilterHealth:
-    """The newest 200 updates: squared innovation over its variance, and how many were outliers.
+    """The newest 200 updates: squared innovation over its variance, how many were outliers or refused.
 
-    A filter whose model and noise are right has a mean of 1; spot after spot of one soil, so that
-    a few times the usual scatter of a mean of 200 is not yet a reason for concern.
+    A filter whose model and noise are right has a mean of 1. Readings on one stretch have the ground's part
+    of the innovation in common, and a wheel that stands shows one and the same: squares are of the first
+    reading on each stretch, the newest 100 of them.
     """
 
     def __init__(self) -> None:
-        self._squares: deque[float] = deque(maxlen=_RECENT)
+        self._squares: deque[float] = deque(maxlen=_RECENT // 2)
         self._outliers: deque[bool] = deque(maxlen=_RECENT)
+        self._refused: deque[bool] = deque(maxlen=_RECENT)
 
-    def add(self, update: UpdateResult) -> None:
-        """Take what became of a measurement."""
+    def add(self, update: UpdateResult, elsewhere: bool = True) -> None:
+        """Take what became of a measurement. elsewhere: its wheel has come to another stretch."""
+        self._refused.append(update.outcome is Outcome.REFUSED)
         if update.outcome is Outcome.REFUSED or update.normalised_innovation_squared is None:
             return
         outlier = update.outcome is Outcome.OUTLIER
         self._outliers.append(outlier)
-        if not outlier:
-            self._squares.append(update.normalised_innovation_squared)
+        if elsewhere and not outlier:
+            # A border shows some that are huge until it is found: they count as in the filter.
+            self._squares.append(min(update.normalised_innovation_squared, LARGEST))
+
+    def forget(self) -> None:
+        """Another soil was found, which is what did not fit lately."""
+        self._squares.clear()
+        self._outliers.clear()
 
     @property
     def count(self) -> int:
@@ -145,20 +122,25 @@ class FilterHealth:
     @property
     def concern(self) -> str:
         """What is wrong, in words; empty where nothing is."""
-        mean = self.mean_square
-        if self.count < _ENOUGH or mean is None:
-            return ""
-        if self.outlier_share > _MANY_OUTLIERS:
+        mean, refused = self.mean_square, sum(self._refused) / max(len(self._refused), 1)
+        if len(self._refused) >= _ENOUGH and refused > _MANY_OUTLIERS:
+            return (
+                f"{refused:.0%} of the newest {len(self._refused)} sinkages are refused, so the soil is"
+                " hardly measured: see the sensors"
+            )
+        if self.count >= _ENOUGH and self.outlier_share > _MANY_OUTLIERS:
             return (
                 f"{self.outlier_share:.0%} of the newest {self.count} sinkages do not fit: a sensor,"
                 " or physics that the model lacks"
             )
+        if mean is None or len(self._squares) < _ENOUGH:
+            return ""
         if mean > _TOO_SURE:
             return (
                 f"innovations are larger than they should be (mean square {mean:.1f}, expected 1):"
                 " noise parameters too small, or physics that the model lacks"
             )
-        if mean < _TOO_MODEST:
+        if mean < _TOO_MODEST and len(self._squares) == self._squares.maxlen:
             return (
                 f"innovations are smaller than they should be (mean square {mean:.2f}, expected 1):"
                 " noise parameters too large, standard deviations too"

@@ -47,8 +47,9 @@ class MobilityError(SmallwheelError):
 class WheelOnSoil:
     """Sinkage (m), compaction and other resistance (N) of a wheel under a load (N).
 
-    covariance: of these three and of ln load, by law, the place's deviation of ln k, and load.
-    thrust_factor: of the effects on thrust, 1 without.
+    covariance: of these three and of ln load, by law, the place's deviation of ln k, and load; own: of that
+    what is the wheel's own, by place and the noise of its load. thrust_factor: of the effects on thrust, 1
+    without.
     """
 
     wheel: Wheel
@@ -58,6 +59,7 @@ class WheelOnSoil:
     compaction: float
     other: float
     covariance: list[list[float]]
+    own: list[list[float]]
     thrust_factor: float = 1.0
 
     def variance(
@@ -68,29 +70,46 @@ class WheelOnSoil:
         by_log_load: float = 0.0,
     ) -> float:
         """Of a quantity that changes so with sinkage, resistances and ln load."""
-        (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = self.covariance
-        a, b, c, d = by_sinkage, by_compaction, by_other, by_log_load
-        squares = a * a * ss + b * b * cc + c * c * oo + d * d * ww
-        pairs = a * (b * sc + c * so + d * sw) + b * (c * co + d * cw) + c * d * ow
-        return max(squares + 2.0 * pairs, 0.0)
+        return _variance(self.covariance, by_sinkage, by_compaction, by_other, by_log_load)
+
+    def beyond_resistance(self, by_sinkage: float, by_log_load: float) -> float:
+        """Variance of a force (N^2) in which the resistance is, but for what the law is off by in that.
+
+        by_sinkage, by_log_load: slopes of the rest of the force.
+        """
+        given = by_sinkage, -1.0, -1.0, by_log_load
+        own = _variance(self.own, *given)
+        shared = self.variance(*given) - own - self._of_law
+        return max(shared, 0.0) + own
 
     @cached_property
-    def resistance(self) -> Quantity:
-        """All motion resistance that the model gives, N."""
-        spread = self.variance(by_compaction=1.0, by_other=1.0)
-        return Quantity(self.compaction + self.other, math.sqrt(spread))
+    def _of_law(self) -> float:
+        """Variance of the resistance (N^2) that all wheels have in common."""
+        given = 0.0, 1.0, 1.0, 0.0
+        return max(self.variance(*given) - _variance(self.own, *given), 0.0)
 
     @cached_property
     def contact(self) -> RollingContact:
         """What the traction filter needs of it."""
+        (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = self.own
+        held = sc + so, cc + oo + 2.0 * co, cw + ow
         return RollingContact(
             self.load.value,
             self.sinkage,
             self.wheel.diameter,
             self.wheel.width,
-            self.resistance,
+            Quantity(self.compaction + self.other, math.sqrt(self._of_law)),
             self.thrust_factor,
+            (ss, held[0], sw, held[1], held[2], ww),
         )
+
+
+def _variance(covariance: list[list[float]], a: float, b: float, c: float, d: float) -> float:
+    """Variance of what changes by a, b, c, d with the four quantities of a covariance."""
+    (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = covariance
+    squares = a * a * ss + b * b * cc + c * c * oo + d * d * ww
+    pairs = a * (b * sc + c * so + d * sw) + b * (c * co + d * cw) + c * d * ow
+    return max(squares + 2.0 * pairs, 0.0)
 
 
 def wheel_on_soil(
@@ -98,6 +117,7 @@ def wheel_on_soil(
     soil: SoilEstimate,
     load: Quantity,
     *,
+    with_load: Array | None = None,
     scatter: float = 0.0,
     slip: float | None = None,
     speed: float | None = None,
@@ -106,8 +126,10 @@ def wheel_on_soil(
 ) -> WheelOnSoil | None:
     """Put a wheel under a load (N, over 0) on a soil; None where it sinks to its axle.
 
-    scatter: standard deviation of ln k from place to place. slip, speed (m/s), strength: for the
-    effects that read them.
+    load: its deviation is that of its noise. with_load: covariance of what else is wrong with ln load, its
+    scale, with ln of the soil's pressure, n and m and with itself, shape (4,); None: none. scatter:
+    standard deviation of ln k from place to place. slip, speed (m/s), strength: for the effects that read
+    them.
 
     Raises
     ------
@@ -136,10 +158,13 @@ def wheel_on_soil(
     by_law[:, 1:3] += by_law[:, :1] * (by_n, by_m)  # from here on by ln pressure, n, m and ln load
     spread = np.zeros((4, 4))
     spread[:3, :3] = soil.log_covariance
-    spread[0, 0] += scatter**2
-    spread[3, 3] = (load.standard_deviation / load.value) ** 2
-    covariance = (by_law @ spread @ by_law.T).tolist()
-    return WheelOnSoil(wheel, soil, load, sinkage, compaction, other, covariance, thrust_factor)
+    own = by_law @ np.diag([scatter**2, 0.0, 0.0, (load.standard_deviation / load.value) ** 2])
+    if with_load is not None:
+        spread[3] = spread[:, 3] = with_load
+    alone = own @ by_law.T
+    both = (by_law @ spread @ by_law.T + alone).tolist()
+    found_forces = sinkage, compaction, other
+    return WheelOnSoil(wheel, soil, load, *found_forces, both, alone.tolist(), thrust_factor)
 
 
 def _by_hand(law: Law, at: LoadedWheel) -> _Found | None:

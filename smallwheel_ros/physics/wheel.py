@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from smallwheel_ros.physics.conditions import ROLLING
 
+_MOVES = 4.0  # standard deviations of a speed: one reading in 16,000 of what stands is beyond them
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -52,12 +54,13 @@ def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quant
 
     speed, rim_speed: v and r omega, m/s, with one sign convention. A wheel that turns against the
     travel has slip 1 (or -1 where it travels faster than it turns). standstill: m/s; the faster of
-    both must be above it, and above two of its own standard deviations: otherwise nobody can tell
-    that the wheel moves at all. The standard deviation is to first order, and at most 1.
+    both must be above it, and above four of its own standard deviations: otherwise nobody can tell
+    that the wheel moves at all, and of the thousands of readings of a standing wheel some would be
+    slips. The standard deviation is to first order, and at most 1.
     """
     driven = abs(rim_speed.value) >= abs(speed.value)
     base, other = (rim_speed, speed) if driven else (speed, rim_speed)
-    if abs(base.value) <= max(standstill, 2.0 * base.standard_deviation):
+    if abs(base.value) <= max(standstill, _MOVES * base.standard_deviation):
         return None
     ratio = other.value / base.value
     spread = math.hypot(other.standard_deviation, ratio * base.standard_deviation)

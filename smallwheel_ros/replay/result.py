@@ -136,6 +136,7 @@ class Replayed(Result):
             },
             "soil": self._soil(),
             "sensors": list(self.onboard.findings),
+            "filter": self.onboard.concern,
             "events": [event._asdict() for event in summary.events],
             "unlisted_events": summary.unlisted_events,
             "inputs": [
@@ -228,14 +229,17 @@ def summary_text(summary: dict[str, Any]) -> str:
     lines += ["", wheels_text(summary), "", *soil_lines(summary)]
     if summary["sensors"]:
         lines += ["", "Sensors", *(f"  {text}" for text in summary["sensors"])]
+    if summary["filter"]:
+        lines += ["", "Filter", f"  {summary['filter']}"]
     events = summary["events"]
     if events:
         lines += ["", "What happened"]
         lines += [
-            f"  {e['time']:8.1f} s {e['travel']:7.1f} m  {e['text']}" for e in events[:_MOST_LINES]
+            f"  {e['time']:8.1f} s {e['travel']:7.1f} m {place_text(e):>16}  {e['text']}"
+            for e in events
         ]
-        if len(events) > _MOST_LINES:
-            lines.append(f"  and {len(events) - _MOST_LINES} more, see the report")
+        if summary["unlisted_events"]:
+            lines.append(f"  and {summary['unlisted_events']} more")
     drops = summary["not_used"]
     if drops:
         lines += ["", "Not used"]
@@ -249,6 +253,11 @@ def summary_text(summary: dict[str, Any]) -> str:
     if summary["not_copied"]:
         lines.append(f"not in the new bag, of unknown type: {', '.join(summary['not_copied'])}")
     return "\n".join(lines)
+
+
+def place_text(event: dict[str, Any]) -> str:
+    """Where the vehicle was, in the frame of the odometry (m); empty where that is not known."""
+    return "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
 
 
 def wheels_text(summary: dict[str, Any]) -> str:

@@ -22,7 +22,6 @@ import numpy as np
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.replay.passes import PassCounter
 
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
@@ -63,7 +62,6 @@ class SteadySegments:
     def __init__(self, wheels: Sequence[Wheel], pulls: bool = False) -> None:
         self._wheels, self._pulls = tuple(wheels), pulls
         self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
-        self._passes = PassCounter(wheels)
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
         self._open: dict[int, tuple[_Key, list[_Row]]] = {}  # stretches that still go on, by wheel
         self._rows: dict[_Key, _Row] = {}
@@ -77,7 +75,7 @@ class SteadySegments:
     def add(self, result: Result, changing: bool) -> None:
         """Take one result; changing: the soil is taken to change just now (`DriveSummary.changing`)."""
         instant, way = result.instant, result.soil.distance
-        passes = self._passes.number(result)
+        passes = instant.pass_number
         forgotten = way < self._way - 1e-9  # time went back
         if forgotten or (changing and not self._changing):
             self._next_soil()

@@ -5,23 +5,31 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, Status
+from smallwheel_ros.onboard.statements import Statement, alarms, statements
 from smallwheel_ros.onboard.streams import SECOND
 
 _MOST_EVENTS = 200
+_LOOK = 1.0  # s: as often as the node says it
+_PAUSE = 5.0  # s: what is not said for so long begins anew
 
 
 class Event(NamedTuple):
-    """Something that happened: time in s since the bag's beginning, way in m, and in words."""
+    """Something that happened: time in s since the bag's beginning, way in m, and in words.
+
+    place: x and y (m) of the vehicle in the frame of the odometry, None where not known.
+    """
 
     time: float
     travel: float
     kind: str
     text: str
+    place: tuple[float, float] | None = None
 
 
 @dataclass
@@ -31,6 +39,7 @@ class _Change:
     time: float
     travel: float
     wheel: str
+    place: tuple[float, float] | None
     before: float  # reference pressures, Pa
     after: float = 0.0
     until: float = 0.0  # m of travel
@@ -65,8 +74,10 @@ class DriveSummary:
         self._last_pressure = onboard.soil.reference_pressure
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
         self._change: _Change | None = None
-        self._digging: set[str] = set()
-        self._missing = ""
+        self._newest: dict[str, Result] = {}
+        # What is said, without its numbers, and when it was said last, s.
+        self._said: dict[str, float] = {}
+        self._looked = -math.inf
 
     def add(self, result: Result) -> None:
         """Take one result."""
@@ -92,14 +103,15 @@ class DriveSummary:
         return (self._squares[wheel] / used) ** 0.5 if used else None
 
     def _watch(self, result: Result, time: float) -> None:
-        """Note changes of soil, wheels that begin to dig in, and effects that the model lacks."""
+        """Note changes of soil, and all that the node would say."""
         wheel, soil = result.wheel, result.soil
         if soil.accepted < self._accepted:
             self._changes = 0  # all began anew
         self._accepted = soil.accepted
         if soil.soil_changes > self._changes:
             if self._change is None:
-                self._change = _Change(time, soil.distance, wheel, self._last_pressure)
+                place = result.instant.vehicle
+                self._change = _Change(time, soil.distance, wheel, place, self._last_pressure)
             self._change.until = soil.distance + self._turn
         elif self._change is None:
             self._last_pressure = soil.reference_pressure
@@ -108,16 +120,21 @@ class DriveSummary:
             self._change.after = soil.reference_pressure
             if soil.distance > self._change.until:
                 self._note_change()
-        if not result.digging_in:
-            self._digging.discard(wheel)
-        elif wheel not in self._digging:
-            self._digging.add(wheel)
-            text = f"wheel {wheel} digs itself in: slip and sinkage grow, it slows down"
-            self._event(time, soil.distance, "digging_in", text)
-        alarm = soil.missing_effect
-        if alarm is not None and alarm.effect != self._missing:
-            self._event(time, soil.distance, "missing_effect", alarm.message)
-        self._missing = alarm.effect if alarm is not None else ""
+        self._newest[wheel] = result
+        if time - self._looked >= _LOOK:
+            self._note(statements(self._onboard, self._newest.values()), result, time)
+            self._looked = time
+        else:
+            self._note(alarms(self._onboard, self._newest.values()), result, time)
+
+    def _note(self, said: Iterable[Statement], result: Result, time: float) -> None:
+        """Note what begins to be said."""
+        for statement in said:
+            before = self._said.get(statement.about, -math.inf)
+            self._said[statement.about] = time
+            if time - before > _PAUSE:
+                way, place = result.soil.distance, result.instant.vehicle
+                self._event(time, way, statement.kind, statement.text, place)
 
     def _note_change(self) -> None:
         """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
@@ -128,7 +145,7 @@ class DriveSummary:
                 f"another soil: reference pressure {change.before / 1e3:.3g} kPa before,"
                 f" {change.after / 1e3:.3g} kPa after (noticed by wheel {change.wheel})"
             )
-            self._event(change.time, change.travel, "soil_change", text)
+            self._event(change.time, change.travel, "soil_change", text, change.place)
 
     @property
     def changing(self) -> bool:
@@ -138,6 +155,9 @@ class DriveSummary:
     def finish(self) -> None:
         """Note what still goes on: nothing more will come."""
         self._note_change()
+        for result in list(self._newest.values())[-1:]:
+            time = (result.instant.stamp - self._start) / SECOND
+            self._note(statements(self._onboard, self._newest.values()), result, time)
         self.events.sort(key=lambda event: event.time)
 
     def _event(self, *event: Any) -> None:
@@ -153,4 +173,5 @@ class DriveSummary:
             self.examples.setdefault((problem.stream, problem.reason), (problem.text, time))
             if problem.reason == "time_jump":
                 self._note_change()
+                self._newest.clear()
                 self._event(time, self.travel, "time_jump", problem.text)

@@ -8,7 +8,7 @@ from typing import Any
 
 from smallwheel_ros.display import number
 from smallwheel_ros.replay.folder import FILES
-from smallwheel_ros.replay.result import Replayed, match_rates, share
+from smallwheel_ros.replay.result import Replayed, match_rates, place_text, share
 from smallwheel_ros.report.drive_data import drive_data, read_courses, stride
 from smallwheel_ros.report.page import (
     Block,
@@ -125,6 +125,8 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
     if summary["sensors"]:
         texts = [f"{text[0].upper()}{text[1:]}." for text in summary["sensors"]]
         blocks.append(Callout("Look at these sensors", texts, "warning"))
+    if summary["filter"]:
+        blocks.append(Callout("The filter is not as it should be", [summary["filter"]], "warning"))
     if summary["missing"]:
         blocks.append(Callout("Inputs that the bag lacks", summary["missing"], "warning"))
     return blocks
@@ -184,7 +186,7 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
 
 def _events(summary: dict[str, Any]) -> list[Block]:
     rows = [
-        [f"{event['time']:.1f}", f"{event['travel']:.1f}", event["text"]]
+        [f"{event['time']:.1f}", f"{event['travel']:.1f}", place_text(event), event["text"]]
         for event in summary["events"]
     ]
     if not rows:
@@ -193,7 +195,7 @@ def _events(summary: dict[str, Any]) -> list[Block]:
                 "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
             )
         ]
-    header = ["time [s]", "way [m]", "what"]
+    header = ["time [s]", "way [m]", "place [m]", "what"]
     blocks: list[Block] = [Table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
         more = Table(header, rows[_MOST_EVENTS:], numbers=(0, 1))

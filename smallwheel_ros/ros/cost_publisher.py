@@ -12,7 +12,7 @@ from rclpy.lifecycle import LifecyclePublisher
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import CostMapError
-from smallwheel_ros.onboard.feed import yaw_and_pitch_of
+from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
@@ -103,7 +103,7 @@ class CostPublisher:
         info, by, turn = self._sent.info, transform.translation, transform.rotation
         x = info.origin.position.x + info.width * info.resolution
         y = info.origin.position.y + info.height * info.resolution
-        yaw, _ = yaw_and_pitch_of(turn.x, turn.y, turn.z, turn.w)
+        yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
         cosine, sine = math.cos(yaw or 0.0), math.sin(yaw or 0.0)
         return by.x + cosine * x - sine * y, by.y + sine * x + cosine * y
 

@@ -12,6 +12,7 @@ from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, Status
+from smallwheel_ros.onboard.statements import statements
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
@@ -38,13 +39,27 @@ def entries(
 ) -> list[DiagnosticStatus]:
     """Return the diagnostics of an active node of that name, but for its inputs."""
     results = list(newest)
+    said = statements(onboard, results)
+
+    def of(entry: str, plain: str, values: Mapping[str, str]) -> DiagnosticStatus:
+        """An entry with all that is said of it; plain: where nothing is."""
+        mine = [statement for statement in said if statement.entry == entry]
+        level = ERROR if any(s.is_error for s in mine) else WARN if mine else OK
+        text = "; ".join(statement.text for statement in mine) or plain
+        return status(f"{name}: {entry}", level, text, values)
+
+    findings = [statement.text for statement in said if statement.entry == "sensors"]
     return [
         soil_status(f"{name}: soil", onboard),
-        filter_status(f"{name}: filter", onboard),
-        sensor_status(f"{name}: sensors", onboard),
-        alarm_status(f"{name}: alarms", onboard, results),
+        of("filter", *_filter(onboard)),
+        of(
+            "sensors",
+            "nothing seems wrong",
+            {f"finding {i + 1}": words for i, words in enumerate(findings)},
+        ),
+        of("alarms", NO_ALARM, _alarms(onboard, results)),
         cost_status(f"{name}: cost", cost),
-        vehicle_status(f"{name}: vehicle", results),
+        of("vehicle", *_vehicle(onboard, results)),
         *(wheel_status(f"{name}: wheel {result.wheel}", result) for result in results),
     ]
 
@@ -93,50 +108,33 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
     return values
 
 
-def filter_status(name: str, onboard: Onboard) -> DiagnosticStatus:
-    """Whether the filter's innovations are what it expects them to be."""
+def _filter(onboard: Onboard) -> tuple[str, dict[str, str]]:
+    """Text and values of whether the filter's innovations are what it expects them to be."""
     soil, health = onboard.soil, onboard.health
     mean = health.mean_square
     values = {
         "accepted": str(soil.accepted),
-        "rejected": str(onboard.problems.rejected),
+        "rejected": str(onboard.rejected),
         "outliers": str(soil.outliers),
         "outliers lately": f"{health.outlier_share:.1%} of {health.count}",
         "mean square of normalised innovations": "" if mean is None else f"{mean:.2f}",
     }
-    if health.concern:
-        return status(name, WARN, health.concern, values)
-    text = "innovations are as expected" if health.count else "no measurement yet"
-    return status(name, OK, text, values)
+    return "innovations are as expected" if health.count else "no measurement yet", values
 
 
-def sensor_status(name: str, onboard: Onboard) -> DiagnosticStatus:
-    """What seems wrong with sensors, joints or wheels, and what to check."""
-    findings = onboard.findings
-    values = {f"finding {i + 1}": words for i, words in enumerate(findings)}
-    text = "; ".join(findings) or "nothing seems wrong"
-    return status(name, WARN if findings else OK, text, values)
-
-
-def alarm_status(name: str, onboard: Onboard, newest: Iterable[Result]) -> DiagnosticStatus:
-    """What somebody should act on now, and what that rests on."""
-    digging = ", ".join(result.wheel for result in newest if result.digging_in)
-    missing, stuck = onboard.estimator.missing_effect, onboard.stuck
-    words = [f"{digging}: digging in (slip and sinkage up, speed down): stop"] if digging else []
+def _alarms(onboard: Onboard, newest: Iterable[Result]) -> dict[str, str]:
+    """What the alarms rest on."""
+    missing, risk = onboard.estimator.missing_effect, onboard.stuck.risk
     values = {
-        "digging in": digging or "no",
-        "risk of getting stuck": "unknown" if stuck.risk is None else f"{stuck.risk:.2f}",
+        "digging in": ", ".join(result.wheel for result in newest if result.digging_in) or "no",
+        "risk of getting stuck": "unknown" if risk is None else f"{risk:.2f}",
         "missing effect": "none shows",
     }
-    if stuck.warning:
-        words.append(stuck.warning)
     if missing is not None:
-        words.append(missing.message)
         values["missing effect"] = ", ".join((missing.effect, *missing.rivals))
         values["follows"] = missing.follows
         values["evidence"] = f"{missing.statistic:.0f}"
-    level = ERROR if digging else WARN if words else OK
-    return status(name, level, "; ".join(words) or NO_ALARM, values)
+    return values
 
 
 def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
@@ -153,12 +151,11 @@ def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
     return status(name, OK, text if cost.published else "no grid yet: no pose has come", values)
 
 
-def vehicle_status(name: str, newest: Iterable[Result]) -> DiagnosticStatus:
-    """All wheels together, by their newest estimates."""
-    results = list(newest)
+def _vehicle(onboard: Onboard, results: list[Result]) -> tuple[str, dict[str, str]]:
+    """Text and values of all wheels together, by their newest estimates."""
     margin = vehicle_margin(results)
     if margin is None:
-        return status(name, OK, "nothing known of any wheel yet")
+        return "nothing known of any wheel yet", {}
     loads = [result.instant.load for result in results]
     energy = [r.forces.energy_per_metre for r in results if r.forces is not None]
     known = [e.value for e in energy if e is not None]
@@ -169,11 +166,9 @@ def vehicle_status(name: str, newest: Iterable[Result]) -> DiagnosticStatus:
         "steepest slope [deg]": f"{slope:.1f}",
         "energy per metre [J/m]": f"{sum(known):.4g}" if len(known) == len(energy) else "unknown",
     }
-    if margin.value <= 0:
-        return status(
-            name, ERROR, "the soil holds the vehicle on no slope, nor on the level", values
-        )
-    return status(name, OK, f"holds slopes up to {slope:.0f} degrees", values)
+    if not onboard.soil.accepted:
+        return "nothing measured yet: what it holds is as configured, not as this soil is", values
+    return f"holds slopes up to {slope:.0f} degrees", values
 
 
 def wheel_status(name: str, result: Result) -> DiagnosticStatus:

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.time import Time
 
-from smallwheel_ros.onboard.feed import yaw_and_pitch_of
+from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.ros.parameters import VELOCITY_SENSOR, NodeParameters
 
 try:
@@ -72,7 +72,7 @@ class VelocityFrame:
         self._listener.unregister()
         self._listener = self._buffer = None
         turn = transform.rotation
-        yaw, _ = yaw_and_pitch_of(turn.x, turn.y, turn.z, turn.w)
+        yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
         if yaw is None:
             return {}, "the rotation in tf is no unit quaternion"
         if 1.0 - 2.0 * (turn.x**2 + turn.y**2) < _UPRIGHT:

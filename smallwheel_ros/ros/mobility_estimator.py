@@ -60,6 +60,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_soil", self._on_save_soil)
+        self.create_service(Trigger, "~/terrain_margins", self._on_terrain_margins)
         # rclpy (#1209) lets a transition that does not fit the state end the node.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
@@ -183,6 +184,16 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         else:
             response.success, response.message = self._session.save()
         self.get_logger().info(f"save_soil: {response.message}")
+        return response
+
+    @answers
+    def _on_terrain_margins(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        if self._session is None:
+            response.message = "not configured: there are no terrain classes"
+        else:
+            response.success, response.message = True, self._session.terrain_margins()
         return response
 
     @answers

@@ -123,7 +123,7 @@ class Outputs:
     def publish_soil_of(self, onboard: Onboard, frame: str) -> None:
         """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
         stamp = self._node.get_clock().now().nanoseconds
-        rejected = onboard.problems.rejected
+        rejected = onboard.rejected
         self._soil.publish(soil_message(onboard.soil, stamp, frame, rejected))
 
     def publish_cost(self) -> None:

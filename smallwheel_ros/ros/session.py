@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -189,6 +190,17 @@ class Session:
     def save(self) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""
         return self._soil_file.save(self._onboard)
+
+    def terrain_margins(self) -> str:
+        """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
+        classes = self._outputs.cost.map.classes
+        found = {}
+        for terrain, places in classes.places().items():
+            margin = classes.margin(terrain)
+            if margin is not None:
+                known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
+                found[str(terrain)] = known | {"places": places}
+        return json.dumps(found)
 
     def reset(self) -> None:
         """Forget soil, cost map and buffers; the counts go on."""

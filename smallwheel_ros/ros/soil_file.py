@@ -36,7 +36,7 @@ class SoilFile:
             return ""
         try:
             onboard.restore(self._path)
-            _check_finite(soil_fields(onboard.soil, onboard.problems.rejected))
+            _check_finite(soil_fields(onboard.soil, onboard.rejected))
         except SmallwheelError as error:
             self.problem = f"the saved soil is not used: {error}"
         except Exception as error:  # numbers that nobody has thought of

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
+from smallwheel_ros.onboard.passes import PassCounter
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.replay.passes import PassCounter
 
 WIDTH, AHEAD = 0.1, 0.35
 
@@ -49,9 +49,10 @@ class Path:
         ahead, left = one.longitudinal_position, one.lateral_position
         place = (self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left)
         return SimpleNamespace(
-            wheel=one.name,
-            soil=SimpleNamespace(distance=self.travel),
-            instant=SimpleNamespace(place=place if self.known else None, speed=sign * 0.2),
+            wheel=one,
+            distance=self.travel,
+            place=place if self.known else None,
+            speed=sign * 0.2,
         )
 
 

@@ -23,11 +23,12 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
 
-_MOST_POINTS = 200_000  # some kilometres, over which no odometry keeps to half a wheel's width
+# Some hundreds of metres, over which few odometries keep to half a wheel's width.
+_MOST_POINTS = 40_000
 _LONGEST_STEP = 1.0  # m between two places of a wheel; over more the odometry began anew
 
 
@@ -41,7 +42,7 @@ class _Point(NamedTuple):
 
 
 class PassCounter:
-    """Takes results in the order of their stamps, and gives pass numbers."""
+    """Takes instants in the order of their stamps, and gives pass numbers."""
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
         rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
@@ -60,9 +61,9 @@ class PassCounter:
         self._begin: float | None = None
         self._travel = 0.0
 
-    def number(self, result: Result) -> int | None:
-        """Return the pass number of the wheel at the instant of a result; None: not known."""
-        wheel, place, travel = result.wheel, result.instant.place, result.soil.distance
+    def number(self, instant: Instant) -> int | None:
+        """Return the pass number of the wheel at an instant; None: not known."""
+        wheel, place, travel = instant.wheel.name, instant.place, instant.distance
         width = self._widths.get(wheel)
         if place is None or width is None:
             return None
@@ -78,7 +79,7 @@ class PassCounter:
             return last[1]
         point = _Point(*place, wheel, travel)
         number = self._crossings(point, width)
-        if travel - self._begin <= self._followed(wheel, result.instant.speed or 0.0) + self._side:
+        if travel - self._begin <= self._followed(wheel, instant.speed or 0.0) + self._side:
             number = None
         self._last[wheel] = (point, number)
         self._add(point)
