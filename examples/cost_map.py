@@ -43,7 +43,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
     settings = settings_from(read_parameters(config))
     onboard = Onboard(settings.onboard)
     feed = Feed(onboard, settings)
-    mapper = GroundMapper(CostMap(settings.cost))
+    mapper = GroundMapper(CostMap(settings.cost, settings.onboard.wheels))
     if classes is not None:
         mapper.map.take_classes(classes)
     topics = {f"/{topic.name.lstrip('/')}": topic for topic in feed.topics}

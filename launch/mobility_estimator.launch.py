@@ -1,20 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node with a parameter file.
 
-    ros2 launch smallwheel_ros mobility_estimator.launch.py params_file:=rover.yaml
+    ros2 launch smallwheel_ros mobility_estimator.launch.py params_file:=rover.yaml \
+        remaps:="odom:=odometry/filtered joint_states:=wheels" namespace:=robot1 tf:=tf
 
 The node configures and activates itself (its parameter autostart).
 """
 
 from __future__ import annotations
 
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
+
+
+def _node(context: LaunchContext) -> list[Node]:
+    """Make the node; its remaps are as many as there are words in the argument."""
+    remaps = LaunchConfiguration("remaps").perform(context).split()
+    tf = LaunchConfiguration("tf").perform(context)
+    pairs = [tuple(remap.partition(":=")[::2]) for remap in remaps]
+    if tf != "/tf":
+        pairs += [("/tf", tf), ("/tf_static", f"{tf}_static")]
+    return [
+        Node(
+            package="smallwheel_ros",
+            executable="mobility_estimator",
+            name="mobility_estimator",
+            namespace=LaunchConfiguration("namespace"),
+            output="screen",
+            respawn=LaunchConfiguration("respawn").perform(context).lower() == "true",
+            respawn_delay=2.0,
+            remappings=pairs,
+            parameters=[
+                LaunchConfiguration("params_file"),
+                {
+                    "use_sim_time": ParameterValue(
+                        LaunchConfiguration("use_sim_time"), value_type=bool
+                    )
+                },
+            ],
+        )
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -34,20 +64,15 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "namespace", default_value="", description="Namespace of node and topics."
             ),
-            Node(
-                package="smallwheel_ros",
-                executable="mobility_estimator",
-                name="mobility_estimator",
-                namespace=LaunchConfiguration("namespace"),
-                output="screen",
-                parameters=[
-                    LaunchConfiguration("params_file"),
-                    {
-                        "use_sim_time": ParameterValue(
-                            LaunchConfiguration("use_sim_time"), value_type=bool
-                        )
-                    },
-                ],
+            DeclareLaunchArgument(
+                "remaps", default_value="", description="FROM:=TO, several with spaces between."
             ),
+            DeclareLaunchArgument(
+                "tf", default_value="/tf", description="Topic of transforms; Nav2's own is tf."
+            ),
+            DeclareLaunchArgument(
+                "respawn", default_value="false", description="Start the node again if it dies."
+            ),
+            OpaqueFunction(function=_node),
         ]
     )

@@ -50,6 +50,15 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "namespace", default_value="", description="Namespace of nodes and topics."
             ),
+            DeclareLaunchArgument(
+                "remaps", default_value="", description="FROM:=TO, several with spaces between."
+            ),
+            DeclareLaunchArgument(
+                "tf", default_value="/tf", description="Topic of transforms; Nav2's own is tf."
+            ),
+            DeclareLaunchArgument(
+                "respawn", default_value="false", description="Start the node again if it dies."
+            ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(
                     PathJoinSubstitution([share, "launch", "mobility_estimator.launch.py"])
@@ -58,6 +67,9 @@ def generate_launch_description() -> LaunchDescription:
                     "params_file": LaunchConfiguration("params_file"),
                     "use_sim_time": LaunchConfiguration("use_sim_time"),
                     "namespace": namespace,
+                    "remaps": LaunchConfiguration("remaps"),
+                    "tf": LaunchConfiguration("tf"),
+                    "respawn": LaunchConfiguration("respawn"),
                 }.items(),
             ),
             Node(

@@ -130,7 +130,7 @@ def run_demo(
     parameters = config_file("two_wheel_sizes.yaml")
     balance = config_file("vehicle_balance.yaml")
     # So large that it holds the whole drive.
-    whole = {"cost.size": f"{4.0 * (distance + 10.0):.1f}"}
+    whole = {"cost.size": f"{4.0 * (distance + 10.0):.1f}", "cost.unknown": "none"}
     full = _clip(recorded(bag, [parameters, balance], folder, rate=rate, overrides=whole), epoch)
     say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
     blind = {f"{wheel.name}.sinkage_topic": "''" for wheel in drive.rover.wheels}

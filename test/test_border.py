@@ -78,11 +78,16 @@ def test_all_wheels_are_on_one_soil_away_from_the_border(steps: list[Step]) -> N
 
 
 def test_the_cost_up_to_the_border_is_that_of_the_soil_before_it(steps: list[Step]) -> None:
-    cost_map = CostMap(CostSettings(size=40.0, resolution=0.05))
+    wheels = {step.result.wheel: step.result.instant.wheel for step in steps}
+    cost_map = CostMap(
+        CostSettings(size=40.0, resolution=0.05, spread=0.0, unknown="none"), list(wheels.values())
+    )
     across = {step.result.wheel: step.place[1] for step in steps}
     mapper = GroundMapper(cost_map)
     for step in steps:
-        instant = step.result.instant._replace(place=step.place)
+        wheel, (x, y) = step.result.instant.wheel, step.place
+        middle = x - wheel.longitudinal_position, y - wheel.lateral_position
+        instant = step.result.instant._replace(vehicle=middle, heading=0.0, distance=middle[0])
         mapper.add(replace(step.result, instant=instant), "odom")
     grid = cost_map.grid()
     assert grid is not None

@@ -39,9 +39,10 @@ class TestNav2:
         server = load(repository / "config" / "nav2_filter_info.yaml")["/**"]["ros__parameters"]
         assert server == {
             "type": 0,
-            # Relative: the launch file gives the server a namespace, and the grid its full name.
+            # Relative: the launch file gives the server a namespace.
             "filter_info_topic": "soil_filter_info",
-            "mask_topic": f"{NODE}/cost".lstrip("/"),
+            # Full: a costmap would look for a relative name below itself.
+            "mask_topic": f"{NODE}/cost",
             "base": 0.0,
             "multiplier": 1.0,
         }

@@ -12,14 +12,23 @@ import pytest
 pytest.importorskip("rclpy")
 
 from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.cost_publisher import CostPublisher
+
+WHEEL = Wheel("front", 0.2, 0.1)
 
 
 def transforms(x: float, yaw: float, child: str = "odom") -> Any:
     """A message of /tf with the fields that are read."""
     turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     moved = SimpleNamespace(translation=SimpleNamespace(x=x, y=0.0, z=0.0), rotation=turn)
-    return SimpleNamespace(transforms=[SimpleNamespace(child_frame_id=child, transform=moved)])
+    return SimpleNamespace(
+        transforms=[
+            SimpleNamespace(
+                header=SimpleNamespace(frame_id="map"), child_frame_id=child, transform=moved
+            )
+        ]
+    )
 
 
 @pytest.fixture
@@ -32,7 +41,9 @@ def publisher(sent: list[Any]) -> CostPublisher:
     """One that has published an empty grid in odom."""
     from nav_msgs.msg import OccupancyGrid
 
-    made = CostPublisher(CostSettings(), SimpleNamespace(publish=sent.append), lambda *_: None)
+    made = CostPublisher(
+        CostSettings(), [WHEEL], SimpleNamespace(publish=sent.append), lambda *_: None
+    )
     grid = OccupancyGrid()
     grid.header.frame_id = "odom"
     grid.info.resolution, grid.info.width, grid.info.height = 0.1, 100, 100
@@ -65,7 +76,9 @@ def test_a_correction_of_its_frame_sends_the_grid_again_and_once(
 
 
 def test_nothing_is_sent_before_there_is_a_grid(sent: list[Any]) -> None:
-    made = CostPublisher(CostSettings(), SimpleNamespace(publish=sent.append), lambda *_: None)
+    made = CostPublisher(
+        CostSettings(), [WHEEL], SimpleNamespace(publish=sent.append), lambda *_: None
+    )
     made.on_transforms(transforms(1.0, 0.0))
     made.publish(1)
     assert not sent

@@ -15,8 +15,10 @@ from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.crossed_ground import CrossedGround
 from smallwheel_ros.costmap.grid import CostMapError, Grid, grid_of
+from smallwheel_ros.costmap.layers import lay_over, spread, union
 from smallwheel_ros.costmap.terrain_classes import TerrainClasses
-from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.costmap.vehicle import HERE, Line, Pose
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 RULES = CostRules()
 margins = st.floats(-2.0, 2.0)
@@ -93,21 +95,40 @@ places = st.integers(-3000, 3000).map(lambda i: 0.01 * i + 0.0037)
 steps = st.integers(-60, 60).map(lambda i: 0.0133 * i)
 
 
+def line(x: float, y: float, width: float = 0.1, heading: float = 0.0) -> Line:
+    """An axle of that width across the way."""
+    pose = Pose(x, y, heading)
+    return pose.place(0.0, 0.5 * width), pose.place(0.0, -0.5 * width)
+
+
+def cross(
+    ground: CrossedGround,
+    wheel: str,
+    at: tuple[float, float],
+    cost: int,
+    travel: float = 0.0,
+    *,
+    width: float = 0.1,
+    own: tuple[float, float] | None = None,
+    heading: float = 0.0,
+    stuck: bool = False,
+) -> bool:
+    """Lay a strip; own: y of the wheel's edges, if it is narrower than the vehicle."""
+    whole = line(*at, width, heading)
+    wheels = whole if own is None else ((at[0], own[0]), (at[0], own[1]))
+    return ground.cross(wheel, (whole, wheels), travel, cost, stuck=stuck)
+
+
 class TestCrossedGround:
     @settings(max_examples=examples(50))
-    @given(
-        x=places,
-        y=places,
-        dx=steps,
-        dy=steps,
-        width=st.floats(0.02, 0.5),
-    )
+    @given(x=places, y=places, dx=steps, dy=steps, width=st.floats(0.02, 0.5))
     def test_a_strip_is_marked_and_nothing_far_from_it(
         self, x: float, y: float, dx: float, dy: float, width: float
     ) -> None:
         ground = CrossedGround(8.0, 0.1)
-        ground.cross("a", x, y, width, 10)
-        ground.cross("a", x + dx, y + dy, width, 10)
+        heading = math.atan2(dy, dx)
+        cross(ground, "a", (x, y), 10, width=width, heading=heading)
+        cross(ground, "a", (x + dx, y + dy), 10, width=width, heading=heading)
         grid = ground.grid("odom")
         corner = (round(grid.origin[1] / 0.1), round(grid.origin[0] / 0.1))
         marked = {(r + corner[0], c + corner[1]) for r, c in np.argwhere(grid.cells >= 0).tolist()}
@@ -119,17 +140,16 @@ class TestCrossedGround:
             gap = math.hypot(u - share * dx, v - share * dy)
             assert gap <= 0.5 * width + 0.071
         # Of the line itself only cells that it merely grazes may be missed.
-        middle = line_cells((x, y), (x + dx, y + dy), 0.1)
-        assert len(middle - marked) <= 0.2 * len(middle) + 1
+        if math.hypot(dx, dy) >= 0.05:
+            middle = line_cells((x, y), (x + dx, y + dy), 0.1)
+            assert len(middle - marked) <= 0.2 * len(middle) + 1
 
     @settings(max_examples=examples(60))
     @given(st.lists(st.tuples(places, places), min_size=1, max_size=12))
-    def test_the_window_follows_and_keeps_what_is_in_it(
-        self, way: list[tuple[float, float]]
-    ) -> None:
+    def test_the_window_follows_and_nothing_is_lost(self, way: list[tuple[float, float]]) -> None:
         ground = CrossedGround(12.0, 0.5)
         for i, (x, y) in enumerate(way):
-            ground.cross(f"wheel {i}", x, y, 0.1, i)
+            cross(ground, f"wheel {i}", (x, y), i, travel=10.0 * i)
             grid = ground.grid("odom")
             assert grid.cells.shape == (24, 24)
             # Always well inside of the window, and its own cost is there.
@@ -140,18 +160,54 @@ class TestCrossedGround:
             assert grid.cells[cell] == i
         # On one lattice, whatever the way was.
         assert np.allclose(np.array(grid.origin) % 0.5 % 0.5, 0.0, atol=1e-9)
-        last = way[-1]
+        whole = ground.whole("odom")
+        assert whole is not None
         for i, (x, y) in enumerate(way):
-            if all(math.hypot(u - last[0], v - last[1]) < 2.0 for u, v in way[i:]):
-                cell = grid.cell(x, y)
-                assert cell is not None
-                assert grid.cells[cell] >= i
+            assert whole.cells[whole.cell(x, y)] >= i
 
     def test_nothing_is_marked_over_a_jump(self) -> None:
         ground = CrossedGround(20.0, 0.1)
-        ground.cross("a", 0.05, 0.05, 0.05, 7)
-        ground.cross("a", 4.05, 0.05, 0.05, 7)
-        assert int((ground.grid("odom").cells >= 0).sum()) <= 4
+        cross(ground, "a", (0.05, 0.05), 7)
+        cross(ground, "a", (4.05, 0.05), 7)
+        assert int((ground.grid("odom").cells >= 0).sum()) <= 6
+
+    def at(self, ground: CrossedGround, x: float, y: float) -> int:
+        grid = ground.grid("odom")
+        return int(grid.cells[grid.cell(x, y)])
+
+    def test_of_wheels_in_one_crossing_the_worst_counts_of_crossings_the_newest(self) -> None:
+        ground = CrossedGround(20.0, 0.1, length=1.0)
+        for order, costs in (
+            ((0.0, 0.7), (30, 60)),
+            ((10.0, 10.7), (60, 20)),
+            ((20.0, 20.7), (5, 9)),
+        ):
+            for wheel, travel, cost in zip(("front", "rear"), order, costs, strict=True):
+                cross(ground, wheel, (0.05, 0.05), cost, travel)
+                cross(ground, wheel, (1.05, 0.05), cost, travel)
+                ground.skip(wheel)
+            assert self.at(ground, 0.55, 0.05) == max(costs)
+
+    def test_the_newest_cost_of_a_standing_wheel_counts_but_stuck_is_stuck(self) -> None:
+        ground = CrossedGround(20.0, 0.1)
+        for cost in (27, 85, 40):
+            assert cross(ground, "a", (0.05, 0.05), cost)
+            assert self.at(ground, 0.05, 0.05) == cost
+        assert not cross(ground, "a", (0.05, 0.05), 40)
+        cross(ground, "a", (0.05, 0.05), 40, stuck=True)
+        cross(ground, "a", (0.05, 0.05), 40)
+        assert self.at(ground, 0.05, 0.05) == 100
+
+    def test_where_it_was_stuck_only_a_wheel_that_rolls_there_tells_otherwise(self) -> None:
+        ground = CrossedGround(20.0, 0.1, length=1.0)
+        cross(ground, "a", (0.05, 0.0), 100, 0.0, width=0.6, stuck=True)
+        ground.skip("a")
+        for wheel, own in (("left", (0.3, 0.15)), ("right", (-0.15, -0.3))):
+            cross(ground, wheel, (-0.35, 0.0), 10, 5.0, width=0.6, own=own)
+            cross(ground, wheel, (0.45, 0.0), 10, 5.0, width=0.6, own=own)
+        assert self.at(ground, 0.05, 0.0) == 100
+        assert self.at(ground, 0.05, 0.25) == self.at(ground, 0.05, -0.25) == 10
+        assert self.at(ground, -0.25, 0.0) == 10
 
     def test_refusals(self) -> None:
         with pytest.raises(CostMapError, match="expected at most"):
@@ -160,6 +216,26 @@ class TestCrossedGround:
             CrossedGround(1.0, 2.0)
         with pytest.raises(CostMapError, match="no place yet"):
             CrossedGround(1.0, 0.1).grid("odom")
+
+
+class TestSpread:
+    @settings(max_examples=examples(40))
+    @given(
+        known=st.dictionaries(
+            st.tuples(st.integers(0, 14), st.integers(0, 17)), st.integers(0, 100)
+        ),
+        reach=st.floats(0.0, 6.0),
+    )
+    def test_each_cell_has_the_dearest_within_reach(
+        self, known: dict[tuple[int, int], int], reach: float
+    ) -> None:
+        cells = np.full((15, 18), -1, np.int8)
+        for at, value in known.items():
+            cells[at] = value
+        found = spread(cells, reach)
+        for at in np.ndindex(cells.shape):
+            near = [v for place, v in known.items() if math.dist(at, place) <= reach]
+            assert found[at] == max(near, default=-1)
 
 
 class TestTerrainClasses:
@@ -216,16 +292,40 @@ class TestTerrainClasses:
                 assert 0 <= value <= 100
 
 
+WHEEL = Wheel("a", 0.2, 0.1)
+ROVER = tuple(
+    Wheel(f"{x} {y}", 0.2, 0.1, lateral_position=y, longitudinal_position=x)
+    for x in (0.3, -0.3)
+    for y in (0.3, -0.3)
+)
+
+
+def made(wheels: tuple[Wheel, ...] = (WHEEL,), **changes: object) -> CostMap:
+    """A map that is not spread, unless it is said otherwise."""
+    return CostMap(
+        CostSettings(**{"size": 10.0, "spread": 0.0, "unknown": "none", **changes}), wheels
+    )  # type: ignore[arg-type]
+
+
 def drive(
-    cost_map: CostMap, to: float, margin: Quantity, start: float = 0.0, y: float = 0.0
+    cost_map: CostMap,
+    to: float,
+    margin: Quantity | None,
+    start: float = 0.0,
+    y: float = 0.0,
+    wheels: tuple[Wheel, ...] = (WHEEL,),
+    travel: float = 0.0,
+    **stuck: bool,
 ) -> None:
-    for x in np.arange(start, to, 0.02):
-        cost_map.add("a", "odom", (float(x), y), 0.1, margin)
+    for x in np.arange(start, to, math.copysign(0.02, to - start)):
+        for wheel in wheels:
+            way = travel + abs(x - start)
+            cost_map.add(wheel, "odom", Pose(float(x), y, 0.0), way, margin, **stuck)
 
 
 class TestCostMap:
     def test_crossed_ground_has_its_cost_and_the_rest_is_unknown(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         assert cost_map.grid() is None
         drive(cost_map, 2.0, Quantity(0.05, 0.0741))
         grid = cost_map.grid()
@@ -237,38 +337,39 @@ class TestCostMap:
         assert grid.cells[grid.cell(1.0, 0.5)] == -1
 
     def test_changed_only_when_a_cell_has_changed(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         assert not cost_map.changed
-        cost_map.follow("odom", 0.0, 0.0)
+        drive(cost_map, 0.02, None)
         assert cost_map.changed  # a window of unknown cells is worth telling
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.grid()
         assert not cost_map.changed
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
-        cost_map.follow("odom", 0.5, 0.0)
-        assert not cost_map.changed
-        cost_map.add("a", "odom", (0.5, 0.0), 0.1, Quantity(0.05, 0.03))
+        cost_map.add(WHEEL, "odom", Pose(0.5, 0.0, 0.0), 9.0, Quantity(0.05, 0.03))
         assert cost_map.changed
 
     def test_where_nothing_is_known_nothing_is_marked(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         drive(cost_map, 0.5, Quantity(0.05, 0.0741))
-        cost_map.add("a", "odom", (0.6, 0.0), 0.1, None)
+        cost_map.add(WHEEL, "odom", Pose(0.6, 0.0, 0.0), 9.0, None)
         drive(cost_map, 2.0, Quantity(0.05, 0.0741), start=1.5)
         grid = cost_map.grid()
         assert grid is not None
         assert grid.cells[grid.cell(1.0, 0.01)] == -1
 
     def test_stuck_is_lethal_even_without_having_moved(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
-        cost_map.add("a", "odom", (0.98, 0.0), 0.1, Quantity(0.05, 0.0741), stuck=True)
+        cost_map.add(WHEEL, "odom", Pose(0.98, 0.0, 0.0), 9.0, Quantity(0.05, 0.0741), stuck=True)
         grid = cost_map.grid()
         assert grid is not None
+        assert grid.cells[grid.cell(0.98, 0.01)] == 99  # as long as it is there
+        drive(cost_map, -1.0, None, start=0.9)
+        grid = cost_map.grid()
         assert grid.cells[grid.cell(0.98, 0.01)] == 100
 
     def test_terrain_classes_carry_the_cost_ahead(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         cells = np.zeros((20, 60), dtype=np.int8)
         cells[:, 20:] = 1
         cells[:, 40:] = 2
@@ -289,7 +390,7 @@ class TestCostMap:
 
     @pytest.mark.parametrize("resolution", [0.03, 0.1, 0.17, 0.5])
     def test_crossed_cells_reach_a_class_grid_of_any_resolution(self, resolution: float) -> None:
-        cost_map = CostMap(CostSettings(size=10.0, resolution=0.1))
+        cost_map = made()
         side = math.ceil(6.0 / resolution)
         cost_map.take_classes(
             Grid("odom", resolution, (-3.0, -3.0), np.full((side, side), -1, np.int8))
@@ -302,7 +403,7 @@ class TestCostMap:
 
     def test_of_several_crossed_cells_in_one_the_worst_counts(self) -> None:
         for first, second in ((0.08, 0.01), (0.01, 0.08)):
-            cost_map = CostMap(CostSettings(size=10.0, resolution=0.1))
+            cost_map = made()
             cost_map.take_classes(Grid("odom", 1.0, (-3.0, -3.0), np.full((6, 6), -1, np.int8)))
             drive(cost_map, 0.9, Quantity(first, 0.05), y=0.2)
             drive(cost_map, 0.9, Quantity(second, 0.05), y=0.7)
@@ -311,21 +412,21 @@ class TestCostMap:
             assert grid.cells[grid.cell(0.5, 0.5)] == cost(0.01, 0.05) > cost(0.08, 0.05)
 
     def test_classes_of_another_frame_are_said_and_stay_unknown(self) -> None:
-        cost_map = CostMap(CostSettings())
+        cost_map = made(size=40.0)
         cost_map.take_classes(Grid("map", 0.5, (0.0, 0.0), np.zeros((4, 4), np.int8)))
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         assert "in frame map, positions are in odom" in cost_map.problem
         grid = cost_map.grid()
         assert grid is not None
         assert (grid.cells == -1).all()
-        told = CostMap(CostSettings(frame="map"))
+        told = made(frame="map")
         told.take_classes(Grid("map", 0.5, (0.0, 0.0), np.zeros((4, 4), np.int8)))
         drive(told, 1.0, Quantity(0.05, 0.0741))
         assert told.problem == ""
         assert (told.grid().cells >= 0).all()
 
     def test_clear_forgets_and_is_a_change(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.grid()
         cost_map.clear()
@@ -333,13 +434,122 @@ class TestCostMap:
         assert (cost_map.grid().cells == -1).all()
 
     def test_another_frame_is_another_ground(self) -> None:
-        cost_map = CostMap(CostSettings(size=10.0))
+        cost_map = made()
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
-        cost_map.add("a", "odom2", (0.0, 0.0), 0.1, Quantity(0.2, 0.0))
+        cost_map.add(WHEEL, "odom2", Pose(0.0, 0.0, 0.0), 9.0, Quantity(0.2, 0.0))
         grid = cost_map.grid()
         assert grid is not None
         assert grid.frame == "odom2"
         assert set(np.unique(grid.cells)) == {-1, 0}
+
+
+GOOD, BAD = Quantity(0.3, 0.01), Quantity(0.0, 0.05)
+
+
+def at(cost_map: CostMap, x: float, y: float) -> int:
+    grid = cost_map.grid()
+    assert grid is not None
+    return int(grid.cells[grid.cell(x, y)])
+
+
+class TestVehicle:
+    def test_the_whole_swath_costs_and_it_is_spread_by_half_the_width(self) -> None:
+        plain, default = made(ROVER), made(ROVER, spread=None)
+        for cost_map in (plain, default):
+            drive(cost_map, 3.0, BAD, wheels=ROVER)
+        assert default.spread == pytest.approx(0.35)
+        for y in (0.0, 0.15, -0.25, 0.33):
+            assert at(plain, 1.5, y) == at(default, 1.5, y) == 50
+        assert at(plain, 1.5, 0.55) == -1
+        assert at(default, 1.5, 0.55) == at(default, 1.5, -0.55) == 50
+        assert at(default, 1.5, 0.85) == -1
+
+    def test_who_is_stuck_is_let_out_and_does_not_come_back_there(self) -> None:
+        for settings_ in ({"spread": 0.0}, {"spread": None}):
+            cost_map = made(ROVER, **settings_)
+            drive(cost_map, 2.0, GOOD, wheels=ROVER)
+            for wheel in ROVER[:2]:
+                cost_map.add(wheel, "odom", Pose(2.0, 0.0, 0.0), 2.0, None, stuck=True)
+            for back in np.arange(2.0, 0.0, -0.1):
+                cost_map.add(ROVER[0], "odom", Pose(back, 0.0, 0.0), 4.0 - back, None)
+                outline = [(back + a, b) for a in (-0.35, 0.0, 0.35) for b in (-0.3, 0.0, 0.3)]
+                assert max(at(cost_map, *place) for place in outline) <= 99
+            assert at(cost_map, 2.25, 0.0) == at(cost_map, 2.25, 0.25) == 100
+            # Whoever is put onto it again gets out as well.
+            cost_map.add(ROVER[0], "odom", Pose(2.2, 0.0, 0.0), 9.0, None)
+            assert at(cost_map, 2.25, 0.0) == at(cost_map, 2.25, 0.25) == 99
+
+    def test_driving_up_to_it_does_not_open_it(self) -> None:
+        cost_map = made(ROVER, spread=None)
+        drive(cost_map, 2.0, GOOD, wheels=ROVER)
+        cost_map.add(ROVER[0], "odom", Pose(2.0, 0.0, 0.0), 2.0, None, stuck=True)
+        drive(cost_map, 0.0, None, start=1.9, wheels=ROVER)
+        for x in (0.5, 1.0, 1.5):
+            cost_map.add(ROVER[0], "odom", Pose(x, 0.0, 0.0), 9.0, None)
+            assert at(cost_map, 2.25, 0.0) == 100
+
+    @pytest.mark.parametrize(("unknown", "costs"), [("none", -1), ("prior", 30)])
+    def test_what_nobody_has_crossed(self, unknown: str, costs: int) -> None:
+        cost_map = made(ROVER, spread=None, unknown=unknown)
+        cost_map.prior = Quantity(0.0524, 0.1)
+        drive(cost_map, 3.0, GOOD, wheels=ROVER)
+        assert at(cost_map, 1.5, 2.0) == costs
+        assert at(cost_map, 1.5, 0.0) == 0
+        # Uncertainty alone is no obstacle, nor is a vehicle that is not fit for what is asked.
+        cost_map.prior = Quantity(-1.0, 0.0)
+        assert at(cost_map, 1.5, 2.0) == (99 if costs > 0 else -1)
+
+    def test_a_class_on_which_it_was_stuck_and_was_not_is_said(self) -> None:
+        cost_map = made(ROVER)
+        cost_map.take_classes(Grid("odom", 0.25, (-2.0, -2.0), np.zeros((20, 40), np.int8)))
+        drive(cost_map, 3.0, GOOD, wheels=ROVER)
+        assert cost_map.problem == ""
+        cost_map.add(ROVER[0], "odom", Pose(3.0, 0.0, 0.0), 3.0, None, stuck=True)
+        assert "terrain class 0 is both: stuck at 1 of" in cost_map.problem
+
+
+class TestRemembered:
+    def test_an_earlier_map_lies_below_what_is_found_now(self) -> None:
+        old = Grid("odom", 0.2, (0.0, -1.0), np.full((10, 30), 40, np.int8))
+        cost_map = made(ROVER)
+        cost_map.remember(old)
+        drive(cost_map, 3.0, GOOD, wheels=ROVER)
+        assert at(cost_map, 1.5, 0.0) == 0
+        assert at(cost_map, 1.5, 0.7) == 40
+        whole = cost_map.whole()
+        assert whole is not None
+        assert whole.cells[whole.cell(5.5, 0.5)] == 40
+        assert whole.cells[whole.cell(1.5, 0.0)] == 0
+
+    def test_a_map_of_another_frame_is_said_and_laid_once_tf_tells_where(self) -> None:
+        # odom is 10 m east of map, and turned to the north.
+        cells = np.full((4, 4), -1, np.int8)
+        cells[1, 2] = 77
+        cost_map = made(ROVER)
+        cost_map.remember(Grid("map", 0.5, (10.0, 0.0), cells))
+        drive(cost_map, 1.0, GOOD, wheels=ROVER)
+        assert "saved cost map is in frame map" in cost_map.problem
+        assert at(cost_map, 0.75, -1.25) == -1
+        cost_map.place_frame("map", Pose(10.0, 0.0, math.pi / 2))
+        assert cost_map.problem == ""
+        assert cost_map.changed
+        assert at(cost_map, 0.75, -1.25) == 77
+        whole = cost_map.whole()
+        assert whole is not None
+        assert whole.frame == "map"
+        assert whole.cells[whole.cell(11.25, 0.75)] == 77
+
+    @settings(max_examples=examples(30))
+    @given(x=places, y=places, heading=st.floats(-3.2, 3.2), side=st.sampled_from([0.05, 0.1, 0.3]))
+    def test_a_turned_layer_leaves_no_holes(
+        self, x: float, y: float, heading: float, side: float
+    ) -> None:
+        above = Grid("odom", side, (0.0, 0.0), np.full((int(2 / side), int(3 / side)), 5, np.int8))
+        pose = Pose(x, y, heading)
+        whole = union("map", [(above, pose), (Grid("map", 0.1, (x, y), above.cells), HERE)])
+        lay_over(whole, above, pose)
+        for u, v in np.random.default_rng(1).uniform(0.2, 1.7, (50, 2)):
+            assert whole.cells[whole.cell(*pose.place(u, v))] == 5
 
 
 class TestGridOf:

@@ -73,10 +73,13 @@ class TestVehicle:
 class TestGroundMapper:
     def made(self, results: list[Result], **changes: object) -> np.ndarray | None:
         """Cells of a map on which each result is laid down at x = 0.05 i."""
-        cost_map = CostMap(CostSettings(size=60.0))
+        cost_map = CostMap(
+            CostSettings(size=60.0, spread=0.0, unknown="none"), [Wheel("a", 0.2, 0.1)]
+        )
         mapper = GroundMapper(cost_map)
         for i, result in enumerate(results):
-            instant = result.instant._replace(**{"place": (0.05 * i, 0.0), **changes})
+            at = {"vehicle": (0.05 * i, 0.0), "heading": 0.0, "distance": 0.05 * i}
+            instant = result.instant._replace(**{**at, **changes})
             mapper.add(replace(result, instant=instant), "odom")
         grid = cost_map.grid()
         return None if grid is None else grid.cells
@@ -88,9 +91,9 @@ class TestGroundMapper:
 
     def test_without_a_place_or_a_frame_there_is_no_map(self, results: list[Result]) -> None:
         assert results[0].instant.place is None
-        assert self.made(results, place=None) is None
-        mapper = GroundMapper(CostMap(CostSettings()))
-        instant = results[0].instant._replace(place=(0.0, 0.0))
+        assert self.made(results, heading=None) is None
+        mapper = GroundMapper(CostMap(CostSettings(), [Wheel("a", 0.2, 0.1)]))
+        instant = results[0].instant._replace(vehicle=(0.0, 0.0), heading=0.0)
         mapper.add(replace(results[0], instant=instant), "")
         assert mapper.map.grid() is None
 

@@ -18,7 +18,12 @@ from scipy.special import ndtr
 from smallwheel_ros.node_process import NodeProcess
 
 pytestmark = pytest.mark.dds
-FAST = {"cost.period": "0.2", "cost.size": "8.0"}
+FAST = {
+    "cost.period": "0.2",
+    "cost.size": "8.0",
+    "cost.spread": "0.0",
+    "cost.unknown": "none",
+}
 
 
 def assert_nav2_takes_it(message: Any, frame: str) -> None:
@@ -130,12 +135,16 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from smallwheel_ros.costmap.cost_map import CostSettings
+    from smallwheel_ros.costmap.vehicle import Pose
+    from smallwheel_ros.physics.wheel import Wheel
     from smallwheel_ros.ros import cost_publisher
 
     clock, sent = [100.0], []
     monkeypatch.setattr(cost_publisher.time, "monotonic", lambda: clock[0])
     publisher = SimpleNamespace(publish=sent.append)
-    cost = cost_publisher.CostPublisher(CostSettings(), publisher, lambda *_: None)
+    cost = cost_publisher.CostPublisher(
+        CostSettings(), [Wheel("front", 0.2, 0.1)], publisher, lambda *_: None
+    )
 
     def passes(seconds: float) -> int:
         """How many grids are sent at the end of so many seconds."""
@@ -145,10 +154,10 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
         return len(sent) - before
 
     assert passes(20.0) == 0  # there is none
-    cost.map.follow("odom", 0.0, 0.0)
+    cost.map.add(Wheel("front", 0.2, 0.1), "odom", Pose(0.0, 0.0, 0.0), 0.0, None)
     assert [passes(1.0), passes(1.0), passes(3.9), passes(0.2)] == [1, 0, 0, 1]
     assert sent[1] == sent[0]
-    cost.map.follow("odom", 30.0, 0.0)
+    cost.map.add(Wheel("front", 0.2, 0.1), "odom", Pose(30.0, 0.0, 0.0), 30.0, None)
     assert [passes(1.0), passes(4.9), passes(0.2)] == [1, 0, 1]
     assert sent[2] != sent[1]
     assert cost.published == len(sent)

@@ -1,25 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cost map: the ground that was crossed, and terrain classes where a classifier gives them.
 
-map = CostMap(CostSettings())
-map.add("front_left", "odom", (3.1, 0.2), 0.1, Quantity(0.12, 0.02))
+map = CostMap(CostSettings(), wheels)
+map.add(wheel, "odom", Pose(3.1, 0.2, 0.0), 17.4, Quantity(0.12, 0.02))
 grid = map.grid()
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from smallwheel_ros.costmap.cost import CostRules
-from smallwheel_ros.costmap.crossed_ground import CrossedGround
-from smallwheel_ros.costmap.grid import HIGHEST, CostMapError, Grid
-from smallwheel_ros.costmap.terrain_classes import TerrainClasses
-from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.costmap.crossed_ground import CrossedGround, side_of
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, CostMapError, Grid
+from smallwheel_ros.costmap.layers import lay_over, spread, union
+from smallwheel_ros.costmap.terrain_classes import NOTHING_HELD, TerrainClasses
+from smallwheel_ros.costmap.vehicle import HERE, Outline, Pose
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
-_NOTHING_HELD = Quantity(-1.0, 0.0)  # a wheel that its own load holds back
+_PASSABLE = HIGHEST - 1
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,10 @@ class CostSettings:
         Name of the frame that positions are in; empty: the one that odometry says.
     slope
         "measured": cost is the risk on the slope that was measured at a place; "level": on level ground.
+    spread
+        m, within which each cell has the dearest cost; None: half the vehicle's width.
+    unknown
+        What ground costs that nobody has crossed: what was believed before, or nothing is said of it.
     rules
         How a margin becomes a cost.
 
@@ -47,11 +54,13 @@ class CostSettings:
     period: float = 1.0
     frame: str = ""
     slope: str = "measured"
+    spread: float | None = None
+    unknown: Literal["prior", "none"] = "prior"
     rules: CostRules = field(default_factory=CostRules)
 
     def __post_init__(self) -> None:
         """Check what no other class checks."""
-        CrossedGround(self.size, self.resolution)
+        side_of(self.size, self.resolution)
         if not self.period > 0:
             raise CostMapError(f"period is {self.period!r} s, expected more than 0")
 
@@ -59,63 +68,78 @@ class CostSettings:
 class CostMap:
     """Costs of ground, from wheels' margins as they come.
 
-    changed: whether the grid differs from the one given last. problem: why terrain classes cannot
-    be learnt, in words; empty where they can, or where there are none.
+    changed: whether the grid differs from the one given last. prior: the vehicle's margin as it was
+    believed of any ground before driving, None where not known.
     """
 
-    def __init__(self, settings: CostSettings) -> None:
+    def __init__(self, settings: CostSettings, wheels: Sequence[Wheel]) -> None:
         self.settings = settings
+        self.outline = Outline.of(wheels)
         self.changed = False
-        self.problem = ""
-        self._ground = CrossedGround(settings.size, settings.resolution)
+        self.prior: Quantity | None = None
         self.classes = TerrainClasses(settings.rules, settings.resolution)
+        length = self.outline.length
+        self._ground = CrossedGround(settings.size, settings.resolution, length)
         self._class_grid: Grid | None = None
+        self._remembered: Grid | None = None
         self._frame = settings.frame
+        self._frames: dict[str, Pose] = {}  # of our frame in those above it
+        self._pose: Pose | None = None
+        self._held: Pose | None = (
+            None  # where it was on ground that cannot be crossed, at the last grid
+        )
+
+    @property
+    def spread(self) -> float:
+        """How far costs are spread, m."""
+        given = self.settings.spread
+        return self.outline.half_width if given is None else given
 
     def clear(self) -> None:
-        """Forget all that wheels have found; the classes' grid stays."""
+        """Forget all that wheels have found and what was remembered; the classes' grid stays."""
         self._ground.clear()
         self.classes.clear()
+        self.prior = self._pose = self._held = self._remembered = None
         self.changed = self._ground.placed or self._class_grid is not None
-
-    def follow(self, frame: str, x: float, y: float) -> None:
-        """Let the window go along with the robot, which is at this place (m) of that frame."""
-        self._enter(frame)
-        self.changed |= self._ground.follow(x, y)
 
     def add(
         self,
-        wheel: str,
+        wheel: Wheel,
         frame: str,
-        place: tuple[float, float],
-        width: float,
+        pose: Pose,
+        travel: float,
         margin: Quantity | None,
         *,
         stuck: bool = False,
         slope: float = 0.0,
     ) -> None:
-        """Take what a wheel of some width (m) has found at its place (m).
+        """Take what the vehicle, at its pose after so much travel (m), has found where a wheel is.
 
         slope: of the ground there, a tangent; terrain classes are learnt without it.
         margin: None where nothing is known there. stuck: it cannot move on there, whatever the
-        margin is: sunk to its axle, or digging itself in.
+        margin is: sunk to its axle, digging itself in, or spinning on the spot.
         """
         self._enter(frame)
-        x, y = place
+        self._pose = pose
+        self.changed |= self._ground.follow(pose.x, pose.y)
+        if self._held is not None and np.hypot(pose.x - self._held.x, pose.y - self._held.y) > (
+            0.5 * self.settings.resolution
+        ):
+            self.changed = True
         if margin is None and not stuck:
-            self._ground.skip(wheel)
-            return
-        if not (stuck or self._ground.moved(wheel, x, y)):
+            self._ground.skip(wheel.name)
             return
         cost = HIGHEST
         if margin is not None and not stuck:
             cost = int(self.settings.rules.cost(margin.value - slope, margin.standard_deviation))
-        self.changed |= self._ground.cross(wheel, x, y, width, cost)
+        across = self.outline.across(pose, wheel)
+        self.changed |= self._ground.cross(wheel.name, across, travel, cost, stuck=stuck)
+        x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
         if stuck:
             # A place of its own, although the wheel has not moved since it last counted.
-            self._learn(f"{wheel}, stuck", x, y, _NOTHING_HELD)
+            self._learn(f"{wheel.name}, stuck", x, y, NOTHING_HELD)
         elif margin is not None:
-            self._learn(wheel, x, y, margin)
+            self._learn(wheel.name, x, y, margin)
 
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""
@@ -127,7 +151,6 @@ class CostMap:
         ):
             return
         self._class_grid = grid
-        self._check_frames()
         self.changed = True
 
     @property
@@ -135,63 +158,136 @@ class CostMap:
         """The newest grid of terrain classes."""
         return self._class_grid
 
+    # --- What was found before
+
+    def remember(self, grid: Grid) -> None:
+        """Take costs that were found on an earlier drive; what is found now counts before them."""
+        self._remembered, self.changed = grid, True
+
+    @property
+    def remembered(self) -> Grid | None:
+        """What was found on earlier drives."""
+        return self._remembered
+
+    @property
+    def frame(self) -> str:
+        """Of positions; empty as long as it is not known."""
+        return self._frame
+
+    def place_frame(self, above: str, pose: Pose) -> None:
+        """Note where the frame of positions is in the one above it, such as odom in map."""
+        self.changed |= self._remembered is not None and self._frames.get(above) != pose
+        self._frames = {above: pose}
+
+    def whole(self) -> Grid | None:
+        """Return what was crossed, now and before, in the frame above that of positions if there is one.
+
+        None where nothing was crossed.
+        """
+        ground, old = self._ground.whole(self._frame), self._remembered
+        for above, pose in self._frames.items():
+            if ground is not None:
+                ground = union(above, [(ground, pose)])
+        if old is None or ground is None or old.frame != ground.frame:
+            return ground if ground is not None else old
+        return union(ground.frame, [(old, HERE), (ground, HERE)])
+
+    # --- The grid
+
     def grid(self) -> Grid | None:
         """Return the costs as they are now; None as long as there is no place to speak of.
 
         With terrain classes the cells are theirs: those that were crossed have what was found
         there, the others what is expected of their class. Without, they are the window's.
         """
+        costs = self._found()
         self.changed = False
-        if self._class_grid is None:
-            return self._ground.grid(self._frame) if self._frame and self._ground.placed else None
-        costs = self.classes.costs(self._class_grid)
-        if self._ground.placed and costs.frame == self._frame:
-            _lay_over(costs, self._ground.grid(self._frame))
+        if costs is None:
+            return None
+        self._let_out(costs)
+        cells = spread(costs.cells, self.spread / costs.resolution)
+        if self.settings.unknown == "prior" and self.prior is not None:
+            before = int(self.settings.rules.cost(self.prior.value, self.prior.standard_deviation))
+            unknown = costs.cells == UNKNOWN
+            cells[unknown] = np.maximum(cells[unknown], min(before, _PASSABLE))
+        return Grid(costs.frame, costs.resolution, costs.origin, cells)
+
+    def _found(self) -> Grid | None:
+        """What was found, newest on top, and what is expected of terrain classes."""
+        ground = self._ground.grid(self._frame) if self._frame and self._ground.placed else None
+        if self._class_grid is not None:
+            costs = self.classes.costs(self._class_grid)
+        elif ground is not None and self._remembered is not None:
+            blank = np.full_like(ground.cells, UNKNOWN)
+            costs = Grid(ground.frame, ground.resolution, ground.origin, blank)
+        else:
+            return ground
+        old = self._remembered
+        if old is not None and costs.frame == old.frame:
+            lay_over(costs, old)
+        elif old is not None and costs.frame == self._frame and old.frame in self._frames:
+            lay_over(costs, old, self._frames[old.frame].inverse())
+        if ground is not None and costs.frame == self._frame:
+            lay_over(costs, ground)
         return costs
+
+    def _let_out(self, costs: Grid) -> None:
+        """Leave no cell that cannot be crossed around a vehicle that stands on one, until it has left.
+
+        A planner finds no way for who is inside an obstacle. So far around it as costs are spread.
+        """
+        if self._pose is None or costs.frame != self._frame:
+            self._held = None
+            return
+        far = self.outline.radius + max(self.spread, self.outline.half_width) + costs.resolution
+        block, gap = self.outline.near(costs, self._pose, far)
+        cells = costs.cells[block]
+        touched = far if self._held is not None else 0.7 * costs.resolution
+        inside = bool((cells[gap <= touched] == HIGHEST).any())
+        self._held = self._pose if inside else None
+        if inside:
+            cells[(gap <= far) & (cells == HIGHEST)] = _PASSABLE
 
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""
         frame = self.settings.frame or frame
         if frame != self._frame:
             if self._frame:
+                remembered = self._remembered
                 self.clear()
+                self._remembered = remembered
             self._frame = frame
-            self._check_frames()
 
-    def _check_frames(self) -> None:
-        self.problem = ""
-        if self._class_grid is not None and self._frame and self._class_grid.frame != self._frame:
-            self.problem = (
+    @property
+    def in_other_frame(self) -> bool:
+        """Whether the classes' grid is in another frame than positions."""
+        classes = self._class_grid
+        return classes is not None and bool(self._frame) and classes.frame != self._frame
+
+    @property
+    def problem(self) -> str:
+        """Why something that was given cannot be used, in words; empty where all can."""
+        found = []
+        if self._class_grid is not None and self.in_other_frame:
+            found.append(
                 f"terrain_classes is in frame {self._class_grid.frame}, positions are in"
                 f" {self._frame}: nobody can tell on which class a wheel is, so the classes have no"
                 " cost. Feed odometry of that frame, or set cost.frame if it is the same"
             )
+        old = self._remembered
+        if old is not None and self._frame and old.frame not in (self._frame, *self._frames):
+            found.append(
+                f"the saved cost map is in frame {old.frame}, positions are in {self._frame}: it is laid"
+                " down once tf says where the one is in the other"
+            )
+        return "; ".join([*found, *self.classes.contradictions()])
 
     def _learn(self, wheel: str, x: float, y: float, margin: Quantity) -> None:
         classes = self._class_grid
-        if classes is None or self.problem:
+        if classes is None or classes.frame != self._frame:
             return
         cell = classes.cell(x, y)
         if cell is not None:
-            counted = self.classes.learn(wheel, x, y, int(classes.cells[cell]), margin)
+            terrain = int(classes.cells[cell])
+            counted = self.classes.learn(wheel, x, y, terrain, margin)
             self.changed |= counted
-
-
-def _lay_over(costs: Grid, ground: Grid) -> None:
-    """Write the known cells of a window into a grid of the same frame: of several, the worst."""
-    # The dearest last: of several that are written to one cell, the last one stays.
-    known = np.flatnonzero(ground.cells >= 0)
-    known = known[np.argsort(ground.cells.ravel()[known], kind="stable")]
-    rows, columns = np.divmod(known, ground.cells.shape[1])
-    scale = ground.resolution / costs.resolution
-    # Where the window's cells are the coarser ones, each covers several: look at their parts.
-    count = math.ceil(scale)
-    parts = (np.arange(count) + 0.5) / count
-    y = (ground.origin[1] - costs.origin[1]) / costs.resolution + scale * (rows[:, None] + parts)
-    x = (ground.origin[0] - costs.origin[0]) / costs.resolution + scale * (columns[:, None] + parts)
-    at_row = np.floor(y).astype(np.int64)[:, :, None] + np.zeros(parts.size, np.int64)
-    at_column = np.floor(x).astype(np.int64)[:, None, :] + np.zeros((parts.size, 1), np.int64)
-    cost = np.broadcast_to(ground.cells[rows, columns][:, None, None], at_row.shape)
-    inside = (at_row >= 0) & (at_row < costs.cells.shape[0])
-    inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
-    costs.cells[at_row[inside], at_column[inside]] = cost[inside]

@@ -25,6 +25,18 @@ class CostMapError(SmallwheelError):
     """A grid that is malformed, or a setting of the cost map outside its domain."""
 
 
+_MOST_CELLS = 100_000_000  # of a map of several drives: 100 MB
+
+
+def check_count(cells: int) -> None:
+    """Raise CostMapError for more cells than a map may have."""
+    if cells > _MOST_CELLS:
+        raise CostMapError(
+            f"the map would have {cells} cells, expected at most {_MOST_CELLS}: a larger"
+            " cost.resolution, or drives of one site only"
+        )
+
+
 @dataclass(frozen=True)
 class Grid:
     """Cells along the axes of a frame.

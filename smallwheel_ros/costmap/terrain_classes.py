@@ -25,6 +25,7 @@ from smallwheel_ros.physics.wheel import Quantity
 
 _CLASSES = 128  # int8 from 0 on; below is "not classified"
 _PRIOR_PLACES = 2.0
+NOTHING_HELD = Quantity(-1.0, 0.0)  # of a wheel that is stuck: its own load holds it back
 
 
 @dataclass
@@ -33,6 +34,7 @@ class _Class:
     mean: float = 0.0
     squares: float = 0.0  # sum of squared deviations from the mean
     variance: float = 0.0  # mean of the estimate's own
+    stuck: int = 0  # places of those where no vehicle moves on
 
     def add(self, margin: Quantity) -> None:
         self.places += 1
@@ -71,8 +73,19 @@ class TerrainClasses:
         ):
             return False
         self._last[wheel] = (terrain, x, y)
-        self._classes.setdefault(terrain, _Class()).add(margin)
+        known = self._classes.setdefault(terrain, _Class())
+        known.add(margin)
+        known.stuck += margin == NOTHING_HELD
         return True
+
+    def contradictions(self) -> list[str]:
+        """Say of each class on which the vehicle was stuck and more often was not, that it is both."""
+        return [
+            f"terrain class {terrain} is both: stuck at {known.stuck} of {known.places} places: the"
+            " classifier does not tell them apart, and its cost is that of the mean with their scatter"
+            for terrain, known in sorted(self._classes.items())
+            if 0 < known.stuck < 0.5 * known.places
+        ]
 
     def margin(self, terrain: int) -> Quantity | None:
         """What to expect at a new place of a class; None where no wheel has been on it."""

@@ -231,6 +231,15 @@ _DESCRIPTIONS: dict[Parameter, str] = {
         " pitch), the steepest way; where none is measured, and on terrain classes not crossed, on the level."
         " level: on level ground everywhere."
     ),
+    number("cost.spread", None, "m", 0.0, 10.0): (
+        "Each cell of ~/cost costs what the dearest within this distance does. Without it: from base_link"
+        " to the outermost edge of the wheels, for planners that plan by base_link; 0.0 for planners that"
+        " know the vehicle's footprint."
+    ),
+    choice("cost.unknown", "prior", "none"): (
+        "What ground costs that nobody has crossed. prior: what was believed of any ground before"
+        " driving. none: -1, nothing is said of it (docs/nav2.md)."
+    ),
     number("cost.required_margin", _COST.rules.required_margin, "1", -1.0, 2.0): (
         "Mobility margin that the vehicle needs everywhere beyond that (see cost.slope): tangent of the"
         " slopes that it has to climb."

@@ -22,6 +22,8 @@ FILES = {
     "measurements": MEASUREMENTS,
     "bag": BAG,
     "report": "report.html",
+    "cost_map": "cost_map.yaml",
+    "cost_map_image": "cost_map.pgm",
 }
 _UNFINISHED = f"{ESTIMATES}.csv.part"
 

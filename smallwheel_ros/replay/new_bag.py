@@ -3,15 +3,21 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace as Message  # has a type's fields, as rosbags needs it
 
 from smallwheel_ros.bag_files import RawMessage, Storage, storage_kind
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.costmap.grid import Grid
+from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.estimates import MOBILITY, SOIL, Estimate
 
+_GRID, _TF = "nav_msgs/msg/OccupancyGrid", "tf2_msgs/msg/TFMessage"
+_POSE_PERIOD = SECOND // 20
 _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a second
 
 
@@ -43,6 +49,8 @@ class NewBag(BagWriter):
         self._channels = {key: channel for key, channel in found.items() if channel is not None}
         self.left_out = [key for key, channel in found.items() if channel is None]
         self.damaged = 0
+        self._has_tf = any(topic in ("/tf", "tf") for topic, _ in self._channels)
+        self._posed = -_POSE_PERIOD
         self._soil_sent: int | None = None
         self._soil_waits: tuple[int, Estimate, str] | None = None
 
@@ -50,6 +58,7 @@ class NewBag(BagWriter):
         super().__enter__()
         self.add(f"{self.prefix}/mobility", MOBILITY)
         self.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
+        self.add(f"{self.prefix}/cost", _GRID, keeps_last=True)
         return self
 
     def copy(self, raw: RawMessage) -> None:
@@ -74,9 +83,46 @@ class NewBag(BagWriter):
             self._soil_sent = stamp
             self.finish()
 
+    def write_grid(self, grid: Grid, stamp: int, log_time: int) -> None:
+        """Write a cost grid; stamp and log_time in ns."""
+        (x, y), (height, width) = grid.origin, grid.cells.shape
+        time = _time(stamp)
+        place = Message(x=x, y=y, z=0.0)
+        origin = Message(position=place, orientation=Message(x=0.0, y=0.0, z=0.0, w=1.0))
+        info = Message(
+            map_load_time=time,
+            resolution=grid.resolution,
+            width=width,
+            height=height,
+            origin=origin,
+        )
+        header = Message(stamp=time, frame_id=grid.frame)
+        message = Message(header=header, info=info, data=grid.cells.ravel())
+        self.write(f"{self.prefix}/cost", _GRID, log_time, message)
+
+    def write_pose(self, instant: Instant, log_time: int, frame: str) -> None:
+        """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
+        if self._has_tf or not frame or instant.vehicle is None or instant.heading is None:
+            return
+        if instant.stamp < self._posed + _POSE_PERIOD:
+            return
+        self._posed = instant.stamp
+        x, y = instant.vehicle
+        turn = Message(
+            x=0.0, y=0.0, z=math.sin(instant.heading / 2), w=math.cos(instant.heading / 2)
+        )
+        moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
+        header = Message(stamp=_time(instant.stamp), frame_id=frame)
+        link = Message(header=header, child_frame_id="base_link", transform=moved)
+        self.write("/tf", _TF, log_time, Message(transforms=[link]))
+
     def finish(self) -> None:
         """Write the last soil, if it still waits."""
         if self._soil_waits is not None:
             log_time, estimate, frame = self._soil_waits
             self.write(f"{self.prefix}/soil", SOIL, log_time, estimate.soil(frame))
             self._soil_waits = None
+
+
+def _time(stamp: int) -> Message:
+    return Message(sec=stamp // SECOND, nanosec=stamp % SECOND)

@@ -11,7 +11,11 @@ from typing import Any
 from smallwheel_ros.bag_files import BagError, RawMessage, reason
 from smallwheel_ros.bags import BagReader, DefinitionError
 from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.layers import wide
+from smallwheel_ros.map_file import write_map
 from smallwheel_ros.onboard.feed import Feed
+from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
@@ -97,6 +101,7 @@ def replay(
             with table(folder / ESTIMATES, columns()) as add_row, bag:
                 session.run(add_row, bag, stop, progress)
             write_rows(folder / MEASUREMENTS, list(result.segments.table()))
+            session.write_map(folder / FILES["cost_map"])
             report(result, folder / FILES["report"])
             write_summary(folder, result.document(files_in(folder)))
     return result
@@ -114,6 +119,8 @@ class _Session:
         notes = [*spec.notes, *notes]
         self._reader, self._onboard = reader, Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
+        self._ground = GroundMapper(CostMap(settings.cost, settings.onboard.wheels))
+        self._grid_due = 0
         description = settings.robot_description_topic
         present = {(topic.name, topic.type) for topic in reader.topics}
         handlers: dict[Key, list[Handler]] = {}
@@ -178,6 +185,8 @@ class _Session:
                 raise  # of the new bag
             result.state, result.ended = "ended_early", str(error)
         self._write(self._onboard.flush(), time, add_row, bag)
+        if self._last is not None and self._ground.map.changed:
+            self._write_grid(bag, self._last.result.instant.stamp, time)
         bag.finish()
         result.prefix, result.left_out = bag.prefix, bag.left_out
         if bag.damaged:
@@ -213,9 +222,28 @@ class _Session:
         for found in results:
             self._last = estimate = Estimate(found, self._last)
             add_row(estimate.row(self.result.start))
-            bag.write_estimate(estimate, log_time, self._feed.odometry_frame)
+            frame = self._feed.odometry_frame
+            bag.write_estimate(estimate, log_time, frame)
+            self._ground.add(found, frame)
+            bag.write_pose(found.instant, log_time, frame)
+            if self._ground.map.changed and log_time >= self._grid_due:
+                self._write_grid(bag, found.instant.stamp, log_time)
             self.result.summary.add(found)
             self.result.segments.add(found, self.result.summary.changing)
+
+    def _write_grid(self, bag: NewBag, stamp: int, log_time: int) -> None:
+        """Write the grid as the node would have published it, at its rate."""
+        grid = self._ground.map.grid()
+        if grid is not None:
+            bag.write_grid(grid, stamp, log_time)
+            self._grid_due = log_time + round(self.result.settings.cost.period * SECOND)
+
+    def write_map(self, path: Path) -> None:
+        """Write all that was crossed, also what the window has left behind, for map_server."""
+        found = self._ground.map
+        whole = found.whole()
+        if whole is not None:
+            write_map(path, wide(whole, found.spread))
 
     def _stopped(self, stop: Stop, time: int) -> str:
         result = self.result

@@ -5,22 +5,29 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import rclpy
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecyclePublisher
+from rclpy.publisher import Publisher
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import CostMapError
+from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError
+from smallwheel_ros.costmap.vehicle import Pose
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.conversions import grid_from, grid_message, nanoseconds_of
 
 TERRAIN_CLASSES = "terrain_classes"
 # s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
 # where they belong once it comes again: at once where tf tells of it, else after so long.
 AGAIN_AFTER = 5.0
+_LAST = 0.5  # s for listeners to take the last grid
 
 
 class CostPublisher:
@@ -33,6 +40,7 @@ class CostPublisher:
     def __init__(
         self,
         settings: CostSettings,
+        wheels: Sequence[Wheel],
         publisher: LifecyclePublisher,
         report: Callable[[str, str, str], None],
     ) -> None:
@@ -48,7 +56,8 @@ class CostPublisher:
         self._corrected = False
         self.received = 0
         self.published = 0
-        self._ground = GroundMapper(CostMap(settings))
+        self._wheels = wheels
+        self._ground = GroundMapper(CostMap(settings, wheels))
 
     @property
     def map(self) -> CostMap:
@@ -60,7 +69,7 @@ class CostPublisher:
         if settings == self.map.settings:
             return False
         classes = self.map.class_grid
-        self._ground = GroundMapper(CostMap(settings))
+        self._ground = GroundMapper(CostMap(settings, self._wheels))
         if classes is not None:
             self.map.take_classes(classes)
         return True
@@ -82,11 +91,17 @@ class CostPublisher:
             self._report(TERRAIN_CLASSES, "malformed_grid", f"not used: {error}")
             return
         self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
-        if self.map.problem:
+        if self.map.in_other_frame:
             self._report(TERRAIN_CLASSES, "other_frame", self.map.problem)
 
     def on_transforms(self, message: Any) -> None:
         """Take transforms (tf2_msgs/TFMessage): the grid is sent again once its frame has moved."""
+        for found in message.transforms:
+            if found.child_frame_id == self.map.frame != "":
+                by, turn = found.transform.translation, found.transform.rotation
+                yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
+                if yaw is not None and math.isfinite(by.x + by.y + yaw):
+                    self.map.place_frame(found.header.frame_id, Pose(by.x, by.y, yaw))
         if self._sent is None:
             return
         frame, resolution = self._sent.header.frame_id, self._sent.info.resolution
@@ -125,6 +140,16 @@ class CostPublisher:
             self._corrected or time.monotonic() >= self._sent_at + AGAIN_AFTER
         ):
             self._send(self._sent)
+
+    def empty(self) -> None:
+        """Tell listeners, before the topic goes, that nothing is known any more: Nav2 would keep it."""
+        if self._sent is None or not rclpy.ok():
+            return
+        self._sent.data = array("b", bytes([UNKNOWN % 256])) * len(self._sent.data)
+        # The publisher of a node that is not active any more is silent by itself.
+        Publisher.publish(self._publisher, self._sent)
+        self._publisher.wait_for_all_acked(Duration(seconds=_LAST))
+        self._sent = None
 
     def _send(self, message: Any) -> None:
         self._publisher.publish(message)

@@ -56,7 +56,7 @@ class Inputs:
     time than the message: vehicles send a dozen of them at one instant.
 
     take, take_classes, take_transforms: called with a topic, its message and what the clock says
-    (ns), with a grid of terrain classes, and with what comes by /tf where tf2_msgs is installed.
+    (ns), with a grid of terrain classes, and with what comes by /tf and tf where tf2_msgs is installed.
     on: whether it listens.
     """
 
@@ -111,7 +111,9 @@ class Inputs:
             self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
             self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
             if TFMessage is not None:
-                self._subscribe(TFMessage, "/tf", self._take_transforms, qos.INPUT)
+                # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
+                for name in dict.fromkeys(map(self._node.resolve_topic_name, ("/tf", "tf"))):
+                    self._subscribe(TFMessage, name, self._take_transforms, qos.INPUT)
         except Exception:
             self.stop()
             raise

@@ -9,6 +9,7 @@ Where it cannot be configured it says why in one message; with autostart it then
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -262,6 +263,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
         node = MobilityEstimator()
+    except KeyboardInterrupt:
+        rclpy.try_shutdown()
+        return 0
     except Exception as error:
         # rcl explains what is wrong with ROS arguments or a parameter file, in several lines.
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -287,6 +291,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        # A launch file passes on the signal that the whole group has had: once is enough.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         executor.shutdown(1.0)  # its guard conditions cannot be destroyed once ROS has ended
         node.destroy_node()
         rclpy.try_shutdown()

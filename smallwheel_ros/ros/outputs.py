@@ -10,11 +10,11 @@ from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from visualization_msgs.msg import MarkerArray
 
-from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import mobility_message, soil_message
@@ -36,10 +36,10 @@ Report = Callable[[str, str, str], None]
 class Outputs:
     """The publishers of a configured node; `destroy` them in the end.
 
-    settings: of the cost map. newest: each wheel's newest result. cost: the cost map.
+    settings: of the node. newest: each wheel's newest result. cost: the cost map.
     """
 
-    def __init__(self, node: LifecycleNode, settings: CostSettings, report: Report) -> None:
+    def __init__(self, node: LifecycleNode, settings: NodeSettings, report: Report) -> None:
         self._node = node
         self._report = report
         self._publishers: list[LifecyclePublisher] = []
@@ -51,7 +51,7 @@ class Outputs:
             self._mobility, self._soil, self._markers, self._cost = (
                 self._publisher(topic) for topic in OUTPUTS
             )
-            self.cost = CostPublisher(settings, self._cost, report)
+            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, self._cost, report)
         except Exception:
             self.destroy()
             raise

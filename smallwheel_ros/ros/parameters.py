@@ -82,6 +82,9 @@ class NodeParameters:
             self._problems["wheels"] = str(error)
         self.unknown = unknown_parameters(given, wheels) if wheels else []
         for parameter in parameters_for(wheels) if wheels else GENERAL:
+            # `ros2 param dump` writes null for one that is not set, which ROS reads as a text.
+            if given.get(parameter.name) == "null" and parameter.default is None:
+                del given[parameter.name]
             self._declare(parameter, given.get(parameter.name))
         self._silent = set(silent_parameters(given)) | (set(VELOCITY_SENSOR) - given.keys())
         self._filling = False

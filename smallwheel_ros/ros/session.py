@@ -130,7 +130,9 @@ class Session:
         self._alarm = NO_ALARM  # the newest, in words
         self._last_arrival = time.monotonic()
         self._go_by(Feed(self._onboard, settings))
-        self._outputs = Outputs(node, settings.cost, self._report)
+        self._outputs = Outputs(node, settings, self._report)
+        remembered = self._soil_file.restore_map(self._outputs.cost.map)
+        self.restored = "; ".join(filter(None, [self.restored, remembered]))
 
     @property
     def active(self) -> bool:
@@ -161,6 +163,7 @@ class Session:
     def destroy(self) -> None:
         """Take all topics away."""
         self.deactivate()
+        self._outputs.cost.empty()
         self._outputs.destroy()
 
     def apply(self, settings: NodeSettings, changes: str) -> None:
@@ -189,7 +192,12 @@ class Session:
 
     def save(self) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""
-        return self._soil_file.save(self._onboard)
+        done, words = self._soil_file.save(self._onboard)
+        if done:
+            words = "; ".join(
+                filter(None, [words, self._soil_file.save_map(self._outputs.cost.map)])
+            )
+        return done, words
 
     def terrain_margins(self) -> str:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""

@@ -7,8 +7,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.saved_state import check_may_replace, remove_drafts
+from smallwheel_ros.map_file import read_map, write_map
 from smallwheel_ros.onboard.message_fields import soil_fields
 from smallwheel_ros.onboard.onboard import Onboard
 
@@ -47,6 +49,40 @@ class SoilFile:
         if self.problem:
             return ""
         return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
+
+    @property
+    def map_path(self) -> Path | None:
+        """Where the cost map is saved beside it."""
+        return (
+            None if self._path is None else self._path.with_name(f"{self._path.name}.cost_map.yaml")
+        )
+
+    def restore_map(self, cost_map: CostMap) -> str:
+        """Let a cost map go on from the one beside the soil; return in words what came of it."""
+        path = self.map_path
+        if path is None or not path.exists() or self.problem:
+            return ""
+        try:
+            grid = read_map(path)
+        except SmallwheelError as error:
+            return f"the saved cost map is not used: {error}"
+        cost_map.remember(grid)
+        return (
+            f"cost map restored from {path}: {int((grid.cells >= 0).sum())} cells in {grid.frame}"
+        )
+
+    def save_map(self, cost_map: CostMap) -> str:
+        """Save the cost map beside the soil; return in words what came of it."""
+        path, whole = self.map_path, cost_map.whole()
+        if path is None or whole is None:
+            return ""
+        if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
+            return f"{path} is left as it is: {cost_map.problem}"
+        try:
+            write_map(path, whole)
+        except SmallwheelError as error:
+            return f"the cost map is not saved: {error}"
+        return f"{path} in {whole.frame}"
 
     def save(self, onboard: Onboard) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""

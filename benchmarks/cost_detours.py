@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What planners do with the cost map: past where a robot got stuck, out of there, and on good ground.
+
+    python benchmarks/cost_detours.py --drives 20
+
+Simulated drives (truth simulator) that end stuck on slippery ground or a slope, one a seed, and as many
+that do not; their cost maps, and paths over them (`_grid_planner`): from 8 m before the place to 3 m
+behind it, back from there, and along the good drives. `m dear`: way of the outer wheels on cells that the
+map without spread has at 50 and more. Intervals (95 %): bootstrap over drives for means, Clopper-Pearson
+for counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binomtest, bootstrap
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
+
+from cost_map import cost_map
+
+from benchmarks._grid_planner import dear_way, near_share, plan
+from smallwheel_ros.node_process import config_file
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+_BEFORE, _BEHIND = 8.0, 3.0  # m
+Found = dict[str, dict[str, float]]
+
+
+def one_drive(seed: int, stuck: bool) -> Found:
+    """What planners do on the map of one drive: by kind of map and planner, by what is measured."""
+    finish = ("slippery", "slope")[seed % 2] if stuck else "none"
+    drive = simulate_drive(DriveSettings(seed=seed, distance=12.0, finish=finish))
+    with tempfile.TemporaryDirectory() as folder:
+        write_drive_bag(drive, Path(folder) / "bag")
+        made, way = cost_map(Path(folder) / "bag", config_file("four_wheels.yaml"))
+    settings, outline = made.settings, made.outline
+    pose = made._pose
+    assert pose is not None
+    found: Found = {}
+    made.settings = replace(settings, spread=0.0)
+    raw = made.grid()
+    assert raw is not None
+    blank = replace(raw, cells=np.full_like(raw.cells, -1))
+    at = int(np.argmin(np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE)))
+    kinds = [
+        ("none", None, None),
+        ("none", 0.0, outline),
+        ("prior", None, None),
+        ("prior", 0.0, outline),
+    ]
+    for unknown, spread, by in kinds:
+        made.settings = replace(settings, spread=spread, unknown=unknown)
+        standing = made.grid()
+        gone, made._pose = made._pose, None  # the vehicle is elsewhere
+        left, made._pose = made.grid(), gone
+        assert standing is not None
+        assert left is not None
+        name = f"{'footprint' if by else 'base_link'}, unknown {unknown}"
+        behind = pose.place(_BEHIND, 0.0) if stuck else tuple(way[-1])
+        start = tuple(way[at]) if stuck else tuple(way[0])
+        path, straight = plan(left, start, behind, by), plan(blank, start, behind, by)
+        assert straight is not None
+        row = {"plan": float(path is not None)}
+        if path is not None:
+            row |= {
+                "m dear": dear_way(path, raw, outline),
+                "m dear, no grid": dear_way(straight, raw, outline),
+                "near old track": near_share(path, way),
+                "near old track, no grid": near_share(straight, way),
+            }
+        if stuck:
+            row["out"] = float(plan(standing, (pose.x, pose.y), tuple(way[at]), by) is not None)
+        found[name] = row
+    return found
+
+
+def main() -> None:
+    """Print a table for drives that got stuck and one for those that did not."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--drives", type=int, default=20)
+    parser.add_argument("--first", type=int, default=500)
+    parser.add_argument("--processes", type=int, default=1)
+    given = parser.parse_args()
+    seeds = range(given.first, given.first + given.drives)
+    with ProcessPoolExecutor(given.processes) as pool:
+        for title, stuck in (("stuck", True), ("good ground", False)):
+            rows = list(pool.map(one_drive, seeds, [stuck] * given.drives))
+            for name in rows[0]:
+                print(f"{title}; {name}")
+                for what in dict.fromkeys(key for row in rows for key in row[name]):
+                    print(f"    {what}: {_words([r[name][what] for r in rows if what in r[name]])}")
+
+
+def _words(values: list[float]) -> str:
+    if set(values) <= {0.0, 1.0} and values:
+        ends = binomtest(int(sum(values)), len(values)).proportion_ci(0.95)
+        return f"{sum(values):.0f} of {len(values)} ({ends.low:.2f} to {ends.high:.2f})"
+    ends = bootstrap((values,), np.mean, method="percentile", rng=1).confidence_interval
+    interval = f"({ends.low:.2f} to {ends.high:.2f})"
+    return f"{np.mean(values):.2f} {interval}, worst {max(values):.2f}, n {len(values)}"
+
+
+if __name__ == "__main__":
+    main()
