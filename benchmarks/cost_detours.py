@@ -98,13 +98,17 @@ def main() -> None:
             for name in rows[0]:
                 print(f"{title}; {name}")
                 for what in dict.fromkeys(key for row in rows for key in row[name]):
-                    print(f"    {what}: {_words([r[name][what] for r in rows if what in r[name]])}")
+                    print(
+                        f"    {what}: {_words(what, [r[name][what] for r in rows if what in r[name]])}"
+                    )
 
 
-def _words(values: list[float]) -> str:
-    if set(values) <= {0.0, 1.0} and values:
+def _words(what: str, values: list[float]) -> str:
+    if what in ("plan", "out"):
         ends = binomtest(int(sum(values)), len(values)).proportion_ci(0.95)
         return f"{sum(values):.0f} of {len(values)} ({ends.low:.2f} to {ends.high:.2f})"
+    if len(set(values)) == 1:
+        return f"{values[0]:.2f} in all {len(values)}"
     ends = bootstrap((values,), np.mean, method="percentile", rng=1).confidence_interval
     interval = f"({ends.low:.2f} to {ends.high:.2f})"
     return f"{np.mean(values):.2f} {interval}, worst {max(values):.2f}, n {len(values)}"

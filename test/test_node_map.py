@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -229,6 +231,77 @@ def test_terrain_classes_in_costs_out(peer: Peer, one_wheel: Path, tmp_path: Pat
     text = log.read_text()
     assert "has 96 cells, expected width * height = 13 * 8" in text
     assert "Traceback" not in text
+
+
+def test_a_cleanup_empties_what_nav2_has(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+    from nav_msgs.msg import OccupancyGrid
+
+    grids = peer.latched(OccupancyGrid, "cost")
+    with NodeProcess([one_wheel], tmp_path / "node.log", FAST) as node:
+        peer.wait_for_node()
+        peer.drive(0.0, 2.0)
+        peer.spin_until(lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "the ground's cost")
+        for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+            request = ChangeState.Request(transition=Transition(id=transition))
+            assert peer.call(ChangeState, "change_state", request).success
+        peer.spin_until(lambda: cells_of(grids[-1]).max() == -1, "an empty grid")
+        assert node.death() is None
+
+
+def test_the_map_is_saved_with_the_soil_and_restored(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    from nav_msgs.msg import OccupancyGrid
+
+    saved = {**FAST, "soil.file": str(tmp_path / "soil.json")}
+    grids = peer.latched(OccupancyGrid, "cost")
+    with NodeProcess([one_wheel], tmp_path / "first.log", saved):
+        peer.wait_for_node()
+        peer.drive(0.0, 2.0)
+        peer.spin_until(lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "the ground's cost")
+        answer = peer.trigger("save_soil")
+        assert answer.success
+        assert "soil.json.cost_map.yaml in odom" in answer.message
+    assert (tmp_path / "soil.json.cost_map.pgm").exists()
+    grids.clear()
+    with NodeProcess([one_wheel], tmp_path / "second.log", saved):
+        peer.wait_for_node()
+        peer.drive(0.0, 0.4)
+        peer.spin_until(
+            lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "the way of the first drive"
+        )
+    assert "cost map restored from" in (tmp_path / "second.log").read_text()
+
+
+def test_what_param_dump_writes_can_be_loaded(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    """`ros2 param dump` has null for what is not set; ROS reads that as the text 'null'."""
+    dumped = tmp_path / "dump.yaml"
+    dumped.write_text(
+        "/mobility_estimator:\n  ros__parameters:\n    soil:\n      k: null\n      name: null\n"
+        "    vehicle:\n      mass: null\n    cost:\n      spread: null\n"
+    )
+    with NodeProcess([one_wheel, dumped], tmp_path / "node.log") as node:
+        peer.wait_for_node()
+        assert node.death() is None
+    assert "null" not in (tmp_path / "node.log").read_text()
+
+
+@pytest.mark.parametrize("after", [0.0, 0.3, 1.5])
+def test_interrupts_end_it_without_a_traceback(
+    peer: Peer, one_wheel: Path, tmp_path: Path, after: float
+) -> None:
+    """A launch file passes on what the process group has had already: two of them."""
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log) as node:
+        peer.wait_for_node()
+        for pause in (after, 0.05):
+            time.sleep(pause)
+            os.kill(node.process_id, signal.SIGINT)
+        peer.spin_until(lambda: node.death() is not None, "its end")
+        assert str(node.death()).startswith("exit code 0")
+    assert "Traceback" not in log.read_text()
 
 
 def test_a_bag_that_loops_clears_the_grid(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
