@@ -13,7 +13,8 @@ import numpy as np
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.costmap.vehicle import Pose
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 SIDE = 1000
 REPEATS = 40
@@ -37,21 +38,28 @@ def main() -> None:
     rng = np.random.default_rng(1)
     cells = rng.integers(-1, 12, (SIDE, SIDE)).astype(np.int8)
     table = rng.integers(0, 100, 256).astype(np.int8)
-    empty = CostMap(CostSettings())
-    crossed = CostMap(CostSettings())
-    for cost_map in (empty, crossed):
+    wheels = [Wheel(name, 0.2, 0.1, lateral_position=y) for name, y in (("a", -0.3), ("b", 0.3))]
+    plain = CostSettings(spread=0.0, unknown="none")
+    empty, crossed = CostMap(plain, wheels), CostMap(plain, wheels)
+    wide = CostMap(CostSettings(), wheels)
+    for cost_map in (empty, crossed, wide):
         cost_map.take_classes(Grid("odom", 0.05, (-25.0, -25.0), cells))
-    # 30 m of track of four wheels: what lies over the classes
+    # 15 m of a vehicle's swath: what lies over the classes
     for x in np.arange(0.0, 15.0, 0.02):
-        for name, y in (("a", -0.3), ("b", 0.3)):
-            crossed.add(name, "odom", (float(x) - 7.5, y), 0.1, Quantity(0.1, 0.01))
+        for wheel in wheels:
+            for cost_map in (crossed, wide):
+                pose = Pose(float(x) - 7.5, 0.0, 0.0)
+                cost_map.add(wheel, "odom", pose, float(x), Quantity(0.1, 0.01))
 
     names = (
         "one numpy table lookup (np.take), the limit",
         "classes only",
-        "classes, and 30 m of crossed ground laid over them",
+        "classes, and 15 m of crossed ground laid over them",
+        "the same, spread by half the width",
     )
-    taken = in_turn(lambda: np.take(table, cells.view(np.uint8)), empty.grid, crossed.grid)
+    taken = in_turn(
+        lambda: np.take(table, cells.view(np.uint8)), empty.grid, crossed.grid, wide.grid
+    )
     limit = float(np.median(taken[0]))
     print(f"class grid of {SIDE} x {SIDE} cells to cost grid, median of {REPEATS} (quartiles)")
     for name, spent in zip(names, taken, strict=True):

@@ -33,7 +33,7 @@ def test_what_is_written_is_read(
 
 
 def test_it_is_as_map_server_reads_it(tmp_path: Path) -> None:
-    """nav2_map_server, map_io.cpp: raw takes the pixel for the cost, over 100 for unknown; row 0 is the top."""
+    """nav2_map_server, map_io.cpp: raw takes a pixel for the cost, over 100 for unknown; top row first."""
     cells = np.array([[0, 100, -1], [7, 50, 99]], np.int8)
     write_map(tmp_path / "cost_map.yaml", Grid("map", 0.05, (1.0, -2.0), cells))
     content = yaml.safe_load((tmp_path / "cost_map.yaml").read_text())
