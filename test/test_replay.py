@@ -21,6 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
+from smallwheel_ros.map_file import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameter_files import read_parameters
@@ -43,6 +44,8 @@ _kinds.loader.exec_module(bag_kinds)
 SECOND = 10**9
 MOBILITY = "/mobility_estimator/mobility"
 SOIL = "/mobility_estimator/soil"
+COST = "/mobility_estimator/cost"
+OWN = {MOBILITY, SOIL, COST, "/tf"}  # what a replay adds to a bag without transforms
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +183,7 @@ def test_the_new_bag_has_originals_and_estimates(bag, usual):
         originals = [(*m[:3], bytes(m.data)) for m in reader.raw_messages()]
         names = {topic.name for topic in reader.topics}
     with BagReader(folder / "bag") as reader:
-        assert {t.name for t in reader.topics} == names | {MOBILITY, SOIL}
+        assert {t.name for t in reader.topics} == names | OWN
         copies = [(*m[:3], bytes(m.data)) for m in reader.raw_messages(names)]
         mobility = [m.message for m in reader.messages({MOBILITY})]
         soils = [m.message for m in reader.messages({SOIL})]
@@ -222,7 +225,7 @@ def test_the_new_bag_is_in_the_order_of_recording_with_large_messages_too(bag, r
         ).fetchall()
     times = [time for _, _, time, _ in written]
     assert times == sorted(times)
-    assert [m for m in written if m[0] not in (MOBILITY, SOIL)] == originals
+    assert [m for m in written if m[0] not in OWN] == originals
     assert sum(topic == MOBILITY for topic, *_ in written) == len(table)
 
 
@@ -343,6 +346,28 @@ def test_a_bag_with_estimates_in_it_keeps_both(usual, rover, tmp_path):
     assert counts[MOBILITY] == counts[f"/replay{MOBILITY}"] == len(table)
 
 
+def test_the_map_of_the_drive_is_one_of_map_server_and_the_grid_is_in_the_bag(usual, bag):
+    folder, _ = usual
+    whole = read_map(folder / "cost_map.yaml")
+    assert whole.frame == "odom"
+    with BagReader(folder / "bag") as reader:
+        grids = [m.message for m in reader.messages({COST})]
+        poses = [m.message.transforms[0] for m in reader.messages({"/tf"})]
+    assert len(grids) > 3
+    assert grids[-1].header.frame_id == "odom"
+    assert {(p.header.frame_id, p.child_frame_id) for p in poses} == {("odom", "base_link")}
+    # Where it went is known, and as dear as the last grid has it.
+    last = grids[-1]
+    info, cells = last.info, np.asarray(last.data).reshape(last.info.height, last.info.width)
+    for pose in poses:
+        at = pose.transform.translation
+        cost = whole.cells[whole.cell(at.x, at.y)]
+        row = int((at.y - info.origin.position.y) / info.resolution)
+        column = int((at.x - info.origin.position.x) / info.resolution)
+        assert cost == -1 or abs(int(cells[row, column]) - int(cost)) <= 1
+    assert np.mean(whole.cells >= 0) > 0.1
+
+
 @pytest.mark.parametrize(("copy", "originals"), [("none", 0), ("used", 10), ("all", 13)])
 def test_what_is_copied_can_be_chosen(bag, rover, tmp_path, copy, originals):
     foreign = bag_kinds.write_foreign(tmp_path / "foreign", bag)
@@ -350,7 +375,7 @@ def test_what_is_copied_can_be_chosen(bag, rover, tmp_path, copy, originals):
     with BagReader(tmp_path / "out" / "bag") as reader:
         topics = {topic.name for topic in reader.topics}
     unknown = copy == "all"  # its type is not known: it cannot be copied
-    assert len(topics - {MOBILITY, SOIL}) == originals - unknown
+    assert len(topics - OWN) == originals - unknown
 
 
 # --- Topics
