@@ -20,6 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import binomtest, bootstrap
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -28,7 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
 from cost_map import cost_map
 
 from benchmarks._grid_planner import dear_way, near_share, plan
+from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.node_process import config_file
+from smallwheel_ros.pictures.costmap import draw_cost
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -36,13 +39,30 @@ _BEFORE, _BEHIND = 8.0, 3.0  # m
 Found = dict[str, dict[str, float]]
 
 
-def one_drive(seed: int, stuck: bool) -> Found:
-    """What planners do on the map of one drive: by kind of map and planner, by what is measured."""
+def map_of(seed: int, stuck: bool) -> tuple[CostMap, NDArray[np.float64]]:
+    """The cost map after a drive, and the places of the robot on it."""
     finish = ("slippery", "slope")[seed % 2] if stuck else "none"
     drive = simulate_drive(DriveSettings(seed=seed, distance=12.0, finish=finish))
     with tempfile.TemporaryDirectory() as folder:
         write_drive_bag(drive, Path(folder) / "bag")
-        made, way = cost_map(Path(folder) / "bag", config_file("four_wheels.yaml"))
+        return cost_map(Path(folder) / "bag", config_file("four_wheels.yaml"))
+
+
+def draw(seed: int, picture: Path) -> None:
+    """Draw what a planner does that goes by base_link, past where a robot got stuck."""
+    made, way = map_of(seed, stuck=True)
+    pose, made._pose = made._pose, None
+    made.settings = replace(made.settings, unknown="none")  # a window of one colour shows nothing
+    grid = made.grid()
+    assert pose is not None
+    assert grid is not None
+    path = plan(grid, tuple(way[0]), pose.place(_BEHIND, 0.0))
+    draw_cost(grid, picture, way=way, planned=path, title="Stuck there; a path to behind it")
+
+
+def one_drive(seed: int, stuck: bool) -> Found:
+    """What planners do on the map of one drive: by kind of map and planner, by what is measured."""
+    made, way = map_of(seed, stuck)
     settings, outline = made.settings, made.outline
     pose = made._pose
     assert pose is not None
@@ -90,7 +110,11 @@ def main() -> None:
     parser.add_argument("--drives", type=int, default=20)
     parser.add_argument("--first", type=int, default=500)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--picture", type=Path, help="only draw the first drive's map and a path")
     given = parser.parse_args()
+    if given.picture:
+        draw(given.first, given.picture)
+        return
     seeds = range(given.first, given.first + given.drives)
     with ProcessPoolExecutor(given.processes) as pool:
         for title, stuck in (("stuck", True), ("good ground", False)):

@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from bag_kinds import beginning
@@ -20,6 +21,7 @@ from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
+from smallwheel_ros.map_file import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -92,6 +94,34 @@ def assert_merged(folder: Path, names: list[str]) -> None:
 
 
 # --- Many bags
+
+
+def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, tmp_path):
+    out = tmp_path / "out"
+    printed = smallwheel("replay", *bags, "--config", rover, "-o", out, "--map").output
+    assert "cost_map.yaml" in printed
+    assert json.loads((out / "replays.json").read_text())["files"]["cost_map"] == "cost_map.yaml"
+    folders = [out / f"drive_{i}" for i in (1, 2, 3)]
+    folders.sort(key=lambda folder: json.loads((folder / "replay.json").read_text())["start"])
+    parts = [read_map(folder / "cost_map.yaml") for folder in folders]
+    whole = read_map(out / "cost_map.yaml")
+    assert whole.frame == "odom"
+    for part in parts:
+        known = np.argwhere(part.cells >= 0)
+        for row, column in known[:: max(len(known) // 50, 1)]:
+            x = part.origin[0] + (column + 0.5) * part.resolution
+            y = part.origin[1] + (row + 0.5) * part.resolution
+            cell = whole.cells[whole.cell(x, y)]
+            assert cell >= 0
+            assert cell == 100 or part is not parts[-1] or cell == part.cells[row, column]
+    # Another frame: said, and what there was stays.
+    path = out / "drive_1" / "cost_map.yaml"
+    path.write_text(path.read_text().replace("frame: odom", "frame: map"))
+    arguments = ("replay", *bags, "--config", rover, "-o", out, "--map")
+    found = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert found.exit_code == 2
+    assert "expected maps in one frame, found map" in found.output
+    assert (out / "drive_3" / "cost_map.yaml").exists()
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])

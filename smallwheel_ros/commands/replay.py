@@ -25,6 +25,7 @@ from smallwheel_ros.replay.many import (
     many_document,
     many_text,
     merge,
+    merge_maps,
     replay_on_cluster,
     replay_on_processors,
     replay_one_by_one,
@@ -62,6 +63,8 @@ _PATH = click.Path(path_type=Path)
               help="Bags at a time.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
               help="Of a Dask cluster to do it on, one bag a task: tcp://host:8786.")  # fmt: skip
+@click.option("--map", "one_map", is_flag=True,
+              help="Lay the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
 @click.option("--json", "json_file", metavar="FILE",
               help="Write the summary as JSON, - for standard output.")  # fmt: skip
 def replay(
@@ -74,6 +77,7 @@ def replay(
     copy: Copy,
     jobs: int,
     scheduler: str | None,
+    one_map: bool,
     json_file: str | None,
 ) -> None:
     """Give recorded drives to the estimator that the node runs, with the node's parameters.
@@ -98,10 +102,10 @@ def replay(
         like = with_assumed_config(like)
     for note in check_parameters(like):
         click.echo(f"warning: {note}", err=True)
-    if len(bags) == 1 and scheduler is None:
+    if len(bags) == 1 and scheduler is None and not one_map:
         _one(like, json_file)
     else:
-        _many(specs_of(bags, like), output, jobs, scheduler, json_file)
+        _many(specs_of(bags, like), output, jobs, scheduler, json_file, one_map=one_map)
 
 
 def _write_report(result: Replayed, path: Path) -> None:
@@ -139,6 +143,8 @@ def _many(
     jobs: int,
     scheduler: str | None,
     json_file: str | None,
+    *,
+    one_map: bool,
 ) -> None:
     if scheduler is not None:
         # Workers may stand elsewhere in the tree of folders than this process does.
@@ -165,6 +171,8 @@ def _many(
         outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
         done = [o for o in outcomes if o.state in ("complete", "ended_early")]
         files = merge(folder, done) if done else {}
+        if one_map and done:
+            files |= merge_maps(folder, done)
         document = many_document(outcomes, files)
         write_json(str(folder / "replays.json"), document)
     if json_file is not None:

@@ -21,7 +21,12 @@ _MARGIN = 1.0  # m around what is known
 
 
 def draw_cost(
-    grid: Grid, path: Path | str, *, way: ArrayLike | None = None, title: str = ""
+    grid: Grid,
+    path: Path | str,
+    *,
+    way: ArrayLike | None = None,
+    planned: ArrayLike | None = None,
+    title: str = "",
 ) -> None:
     """Write a PNG of a grid's costs.
 
@@ -29,6 +34,8 @@ def draw_cost(
     ----------
     way
         Places of the robot on its way, m; shape (places, 2).
+    planned
+        Places of a path that a planner has found, m; shape (places, 2).
     title
         Above the picture.
     """
@@ -58,11 +65,13 @@ def draw_cost(
         norm=BoundaryNorm(bounds, colours.N),
         interpolation="nearest",
     )
-    if way is not None:
-        places = np.asarray(way, dtype=np.float64)
-        axes.plot(places[:, 0], places[:, 1], color="white", linewidth=2.2)
-        axes.plot(places[:, 0], places[:, 1], color=COLOURS[0], linewidth=1.0, label="robot's way")
-        key(axes, "upper right")
+    lines = [(way, "robot's way", COLOURS[0]), (planned, "planned path", COLOURS[1])]
+    for line, words, colour in lines:
+        if line is not None:
+            places = np.asarray(line, dtype=np.float64)
+            axes.plot(places[:, 0], places[:, 1], color="white", linewidth=2.2)
+            axes.plot(places[:, 0], places[:, 1], color=colour, linewidth=1.0, label=words)
+            key(axes, "upper right")
     axes.set(xlim=across, ylim=along)
     bar = figure.colorbar(image, ax=axes, label="cost")
     bar.set_ticks([UNKNOWN, 4.5, 44.5, 84.5, HIGHEST], labels=_LABELS)

@@ -14,7 +14,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
+from smallwheel_ros.costmap.layers import union
+from smallwheel_ros.costmap.vehicle import HERE
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.map_file import read_map, write_map
 from smallwheel_ros.replay.estimates import columns, table, write_rows
 from smallwheel_ros.replay.folder import (
     ESTIMATES,
@@ -218,6 +224,36 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     write_rows(folder / MEASUREMENTS, measured)
     merged = ("estimates_csv", "estimates_parquet", "measurements")
     return {what: name for what, name in files_in(folder).items() if what in merged}
+
+
+def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Lay the cost maps of all bags into one, the newest on top; return the files' names.
+
+    Where any of them has 100 it stays: a robot was stuck there.
+
+    Raises
+    ------
+    ReplayError, CostMapError, OutputError
+        If there is no map, if they are not in one frame, or if one cannot be read or written.
+    """
+    found: list[tuple[Outcome, Grid]] = []
+    for outcome in sorted(outcomes, key=lambda outcome: float(outcome.summary["start"])):
+        path = outcome.spec.folder / FILES["cost_map"]
+        if path.exists():
+            found.append((outcome, read_map(path)))
+    if not found:
+        raise ReplayError("option --map: no bag has a cost map: nobody says where the wheels were")
+    frames = {grid.frame: outcome.spec.bag for outcome, grid in found}
+    if len(frames) > 1:
+        words = ", ".join(f"{frame} ({bag})" for frame, bag in frames.items())
+        raise ReplayError(f"option --map: expected maps in one frame, found {words}")
+    stuck = [
+        replace(grid, cells=np.where(grid.cells == HIGHEST, grid.cells, UNKNOWN).astype(np.int8))
+        for _, grid in found
+    ]
+    layers = [(grid, HERE) for grid in [*(grid for _, grid in found), *stuck]]
+    write_map(folder / FILES["cost_map"], union(next(iter(frames)), layers))
+    return {what: FILES[what] for what in ("cost_map", "cost_map_image")}
 
 
 def many_document(outcomes: Sequence[Outcome], files: dict[str, str]) -> dict[str, Any]:
