@@ -266,12 +266,17 @@ def test_the_map_is_saved_with_the_soil_and_restored(
         assert "soil.json.cost_map.yaml in odom" in answer.message
     assert (tmp_path / "soil.json.cost_map.pgm").exists()
     grids.clear()
+    precious = tmp_path / "other.json.cost_map.pgm"
+    precious.write_text("precious")
     with NodeProcess([one_wheel], tmp_path / "second.log", saved):
         peer.wait_for_node()
         peer.drive(0.0, 0.4)
         peer.spin_until(
             lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "the way of the first drive"
         )
+        assert peer.set_parameter("soil.file", str(tmp_path / "other.json")).successful
+        assert "the cost map is not saved" in peer.trigger("save_soil").message
+    assert precious.read_text() == "precious"
     assert "cost map restored from" in (tmp_path / "second.log").read_text()
 
 

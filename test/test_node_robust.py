@@ -275,7 +275,11 @@ def test_saving_replaces_nothing_but_a_saved_soil(
             assert not answer.success
             assert f"nothing saved: {path}: " in answer.message
         assert precious.read_text() == "precious"
-        assert {file.name for file in tmp_path.iterdir() if "soil" in file.name} == {"soil.json"}
+        assert {file.name for file in tmp_path.iterdir() if "soil" in file.name} == {
+            "soil.json",
+            "soil.json.cost_map.yaml",
+            "soil.json.cost_map.pgm",
+        }
         assert node.death() is None
     assert "Traceback" not in log.read_text()
 

@@ -79,6 +79,8 @@ class SoilFile:
         if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
             return f"{path} is left as it is: {cost_map.problem}"
         try:
+            if path.exists() or path.with_suffix(".pgm").exists():
+                read_map(path)  # nothing but a saved map is replaced
             write_map(path, whole)
         except SmallwheelError as error:
             return f"the cost map is not saved: {error}"
