@@ -18,7 +18,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilPrior,
     UpdateResult,
 )
-from smallwheel_ros.onboard.ground import GroundMapper, vehicle_margin
+from smallwheel_ros.onboard.ground import GroundMapper, Spinning, vehicle_margin
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import WheelForces
 from smallwheel_ros.onboard.result import Result, Status
@@ -177,3 +177,28 @@ class TestHealth:
         health.add(UpdateResult(Outcome.REFUSED, "not_finite", ""))
         assert health.count == 0
         assert math.isfinite(health.outlier_share)
+
+
+class TestSpinning:
+    def said(self, speeds: dict[str, float], seconds: float, rim: float = 0.3) -> bool:
+        """What is said of wheel a at the end; speeds over ground by wheel, m/s, ten a second."""
+        spinning, found = Spinning(), False
+        for i in range(round(10 * seconds) + 1):
+            for wheel, speed in speeds.items():
+                instant = estimate(wheel, 30.0, None).instant
+                stamp = i * 10**8
+                told = spinning.add(instant._replace(stamp=stamp, speed=speed, rim_speed=rim))
+                found = told if wheel == "a" else found
+        return found
+
+    def test_a_vehicle_that_gets_nowhere_for_a_second_is_stuck(self) -> None:
+        assert self.said({"b": 0.03, "a": 0.03}, 1.5)
+        assert self.said({"b": -0.01, "a": -0.01}, 1.5, rim=-0.3)
+        assert not self.said({"b": 0.03, "a": 0.03}, 0.8)
+        assert not self.said({"b": 0.1, "a": 0.1}, 1.5)
+
+    def test_one_wheel_that_spins_is_dragged_along(self) -> None:
+        assert not self.said({"b": 0.2, "c": 0.2, "a": 0.03}, 1.5)
+
+    def test_who_stands_is_not_stuck(self) -> None:
+        assert not self.said({"b": 0.0, "a": 0.0}, 1.5, rim=0.0)
