@@ -103,6 +103,4 @@ class GroundMapper:
             margin = None
         pose = Pose(*instant.vehicle, instant.heading)
         slope = result.slope if self.map.settings.slope == "measured" else 0.0
-        self.map.add(
-            instant.wheel, frame, pose, instant.distance, margin, stuck=stuck, slope=slope
-        )
+        self.map.add(instant.wheel, frame, pose, instant.distance, margin, stuck=stuck, slope=slope)
