@@ -120,11 +120,13 @@ class TestGroundMapper:
         margin = Quantity(0.2, 0.05)
 
         def cost(slope: float) -> int:
-            cost_map = CostMap(CostSettings(size=60.0, slope=choice))
+            settings = CostSettings(size=60.0, slope=choice, unknown="none")
+            cost_map = CostMap(settings, [Wheel("a", 0.2, 0.1)])
             mapper = GroundMapper(cost_map)
             for i in range(5):
                 one = estimate("a", 30.0, margin)
-                instant = one.instant._replace(place=(0.2 * i, 0.0), stamp=i)
+                at = {"vehicle": (0.2 * i, 0.0), "heading": 0.0, "distance": 0.2 * i, "stamp": i}
+                instant = one.instant._replace(**at)
                 soil_there = replace(one.soil, accepted=9)
                 mapper.add(replace(one, instant=instant, slope=slope, soil=soil_there), "odom")
             grid = cost_map.grid()

@@ -107,6 +107,8 @@ def test_digging_in_is_an_alarm_and_lethal_on_the_map(
         assert "digs itself in" in peer.mobility[-1].status_text
         peer.spin_until(lambda: peer.entry("alarms").level == b"\x02", "the alarm in diagnostics")
         assert "front: digging in" in peer.entry("alarms").message
-        peer.spin_until(lambda: max(grids[-1].data) == 100, "lethal ground")
+        peer.spin_until(lambda: max(grids[-1].data) == 99, "ground that it may still leave")
+        peer.drive(1.65, 4.0, slip=0.1, step=0.01, period=0.025)
+        peer.spin_until(lambda: max(grids[-1].data) == 100, "lethal ground behind it")
         assert node.death() is None
     assert "Traceback" not in log.read_text()

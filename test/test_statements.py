@@ -46,7 +46,7 @@ def test_node_and_replay_say_the_same(world: str) -> None:
     onboard, summary, newest = replayed(world)
     said = statements(onboard, newest)
     assert said
-    cost = CostPublisher(CostSettings(), None, lambda *_: None)
+    cost = CostPublisher(CostSettings(), onboard.settings.wheels, None, lambda *_: None)
     found = {entry.name: entry for entry in entries("node", onboard, newest, cost)}
     for statement in said:
         entry = found[f"node: {statement.entry}"]
