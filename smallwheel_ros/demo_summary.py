@@ -147,7 +147,7 @@ def _cost(clip: Clip) -> str:
         np.mean((known >= low) & (known < high)) for low, high in ((0, 20), (20, 60), (60, 101))
     ]
     return (
-        f"cost map: {known.size} cells crossed; cost 0 to 19 in {shares[0]:.0%}, 20 to 59 in"
+        f"cost map: {known.size} cells with a cost; 0 to 19 in {shares[0]:.0%}, 20 to 59 in"
         f" {shares[1]:.0%}, 60 and more in {shares[2]:.0%}"
     )
 
