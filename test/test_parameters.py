@@ -51,8 +51,13 @@ class TestTable:
     @pytest.mark.parametrize(
         ("group", "kind", "elsewhere"),
         [
-            # Two of a fault's deviations are the same on every vehicle.
-            ("estimator", EstimatorSettings, {"sinkage_std", "slip_sinkage_std", "pitch_std"}),
+            # Two of a fault's deviations are the same on every vehicle; load.source says whether loads
+            # are measured.
+            (
+                "estimator",
+                EstimatorSettings,
+                {"sinkage_std", "slip_sinkage_std", "pitch_std", "loads_measured"},
+            ),
             ("noise", SensorNoise, set()),
             ("timing", Timing, set()),
             ("digging_in", DiggingInRules, set()),

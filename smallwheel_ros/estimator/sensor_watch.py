@@ -84,7 +84,8 @@ def _fault_of(wheel: str, zero: float, scale: float) -> tuple[str, str]:
 class SensorWatch:
     """Follows the segments of each wheel and the nuisances of the state."""
 
-    def __init__(self) -> None:
+    def __init__(self, loads_measured: bool = True) -> None:
+        self._loads_measured = loads_measured
         self._shown: dict[str, deque[Segment]] = {}
         self._off: dict[str, deque[float]] = {}
         self._segments = 0
@@ -184,7 +185,7 @@ class SensorWatch:
         means = {
             wheel: (sum(list(off)[:half]) / half, sum(list(off)[half:]) / (_WINDOW - half))
             for wheel, off in self._off.items()
-            if len(off) == _WINDOW
+            if len(off) == _WINDOW and self._loads_measured
         }
         for wheel, mean in means.items():
             others = [value for name, value in means.items() if name != wheel]

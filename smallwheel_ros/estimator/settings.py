@@ -176,6 +176,8 @@ class EstimatorSettings:
         s, by which sinkage is shown behind the load.
     pitch_std
         m/rad, error of the shown sinkage with pitch.
+    loads_measured
+        Whether each wheel's load is; else ground that is not plane loads wheels by what nobody knows.
 
     Raises EstimatorError where a number is outside its domain.
     """
@@ -194,6 +196,7 @@ class EstimatorSettings:
     slip_sinkage_std: float = 1.0
     delay_std: float = 0.1
     pitch_std: float = 0.01
+    loads_measured: bool = True
 
     def __post_init__(self) -> None:
         """Check every number."""

@@ -109,7 +109,7 @@ class SoilEstimator:
 
     def reset(self) -> None:
         """Forget every measurement and count: the prior again."""
-        self._sensors = SensorWatch()
+        self._sensors = SensorWatch(self.settings.loads_measured)
         self._soils = Soils(self.prior, self.settings, self.effects, self._sensors)
         self._wheels: dict[str, WheelTrack] = {}
         self._judge = ReadingJudge(self.settings.gate_probability)

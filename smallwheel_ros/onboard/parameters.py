@@ -222,7 +222,7 @@ def _onboard(
         # What is wrong with a load that nobody measures stays wrong as long as slope and curve do:
         # like another soil at each spot, it does not average out over measurements at one place.
         scatter = math.hypot(v["estimator.soil_scatter"], v["load.static_std"])
-        estimator["soil_scatter"] = scatter
+        estimator |= {"soil_scatter": scatter, "loads_measured": False}
     velocity = "none" if v["odometry_from_wheels"] else "odometry"
     rolling = [w for w in wheels if v[f"{w}.contact"] == ROLLING]
     return _of(
