@@ -8,23 +8,21 @@ python benchmarks/field_rates.py --seeds 0:0 --scores out/field.jsonl
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
 import sys
 from collections.abc import Sequence
-from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest
-from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.field_drives import make_drive
 from benchmarks.field_scores import QUANTITIES, SOON, FieldScore, run
 from benchmarks.field_worlds import WORLDS
+from benchmarks.robot_rates import run_worlds
 
 
 def drive_and_score(task: tuple[str, int]) -> FieldScore:
@@ -107,28 +105,8 @@ def table(scores: Sequence[FieldScore], worlds: Sequence[str]) -> list[str]:
 def main() -> None:
     """Run the worlds and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--worlds", default="", help="regular expression; all without it")
-    parser.add_argument("--seeds", default="0:12", help="first and end")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--scores", type=Path, help="file of scores: more are added, all are shown")
     parser.add_argument("--words", action="store_true", help="what was said in each drive, too")
-    given = parser.parse_args()
-    first, end = (int(part) for part in given.seeds.split(":"))
-    worlds = [name for name in WORLDS if re.search(given.worlds, name)]
-    scores: list[FieldScore] = []
-    if given.scores is not None and given.scores.exists():
-        scores = [FieldScore(**json.loads(line)) for line in given.scores.read_text().splitlines()]
-    done = {(score.world, score.seed) for score in scores}
-    tasks = [(name, seed) for seed in range(first, end) for name in worlds]
-    tasks = [task for task in tasks if task not in done]
-    with Pool(given.jobs) as pool:
-        found = pool.imap_unordered(drive_and_score, tasks)
-        for score in tqdm(found, total=len(tasks), disable=not sys.stderr.isatty()):
-            scores.append(score)
-            if given.scores is not None:
-                with given.scores.open("a") as stream:
-                    stream.write(json.dumps(score.as_dict()) + "\n")
-    scores = [score for score in scores if score.world in worlds]
+    given, worlds, scores = run_worlds(parser, WORLDS, FieldScore, drive_and_score)
     print("\n".join(table(scores, worlds)))
     if given.words:
         for score in scores:

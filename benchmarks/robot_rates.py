@@ -16,9 +16,10 @@ import json
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from multiprocessing import Pool
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
@@ -29,6 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.robot_drives import make_drive
 from benchmarks.robot_scores import NAMES, Score, run
 from benchmarks.robot_worlds import WORLDS
+
+ScoreT = TypeVar("ScoreT", bound=Any)  # of a drive: has world, seed and as_dict
 
 _WITHIN = 1.0  # m behind the border
 _LEAD = 0.35  # m that the front wheels are ahead
@@ -146,20 +149,23 @@ def summary(scores: Sequence[Score]) -> list[str]:
     ]
 
 
-def main() -> None:
-    """Run the worlds and print or write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+def run_worlds(
+    parser: argparse.ArgumentParser,
+    known: Collection[str],
+    kind: Callable[..., ScoreT],
+    drive_and_score: Callable[[tuple[str, int]], ScoreT],
+) -> tuple[argparse.Namespace, list[str], list[ScoreT]]:
+    """The options that every such benchmark has, the worlds meant by them, and the scores of their drives."""
     parser.add_argument("--worlds", default="", help="regular expression; all without it")
     parser.add_argument("--seeds", default="0:12", help="first and end")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--scores", type=Path, help="file of scores: more are added, all are shown")
-    parser.add_argument("--output", type=Path, help="Markdown file")
     given = parser.parse_args()
     first, end = (int(part) for part in given.seeds.split(":"))
-    worlds = [name for name in WORLDS if re.search(given.worlds, name)]
-    scores = []
+    worlds = [name for name in known if re.search(given.worlds, name)]
+    scores: list[ScoreT] = []
     if given.scores is not None and given.scores.exists():
-        scores = [Score(**json.loads(line)) for line in given.scores.read_text().splitlines()]
+        scores = [kind(**json.loads(line)) for line in given.scores.read_text().splitlines()]
     done = {(score.world, score.seed) for score in scores}
     tasks = [(name, seed) for seed in range(first, end) for name in worlds]
     tasks = [task for task in tasks if task not in done]
@@ -170,7 +176,14 @@ def main() -> None:
             if given.scores is not None:
                 with given.scores.open("a") as stream:
                     stream.write(json.dumps(score.as_dict()) + "\n")
-    scores = [score for score in scores if score.world in worlds]
+    return given, worlds, [score for score in scores if score.world in worlds]
+
+
+def main() -> None:
+    """Run the worlds and print or write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--output", type=Path, help="Markdown file")
+    given, worlds, scores = run_worlds(parser, WORLDS, Score, drive_and_score)
     counts = [sum(score.world == name for score in scores) for name in worlds]
     head = _HEAD.format(drives=len(scores), least=min(counts), most=max(counts))
     text = head + "\n".join([*summary(scores), "", *table(scores, worlds), ""])

@@ -60,9 +60,8 @@ def read_map(path: Path) -> Grid:
         pixels = np.frombuffer(data, np.uint8, offset=found.end())
         if pixels.size != width * height:
             raise ValueError(f"{image.name} has {pixels.size} pixels, expected {width} * {height}")
-        known = pixels.reshape(height, width)[::-1] <= HIGHEST
-        cells: Cells = np.where(known, pixels.reshape(height, width)[::-1], 0).astype(np.int8)
-        cells[~known] = UNKNOWN
+        rows = pixels.reshape(height, width)[::-1].astype(np.int16)
+        cells: Cells = np.where(rows <= HIGHEST, rows, UNKNOWN).astype(np.int8)
         return Grid(str(content["frame"]), float(content["resolution"]), (x, y), cells)
     except OSError as error:
         raise CostMapError(f"{path}: no map can be read there: {error.strerror or error}") from None

@@ -85,9 +85,8 @@ class CostMap:
         self._frame = settings.frame
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
-        self._held: Pose | None = (
-            None  # where it was on ground that cannot be crossed, at the last grid
-        )
+        # Where it was on ground that cannot be crossed, at the last grid.
+        self._held: Pose | None = None
 
     @property
     def spread(self) -> float:

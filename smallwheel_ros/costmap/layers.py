@@ -81,12 +81,12 @@ def spread(cells: Cells, reach: float) -> Cells:
     height, width = part.shape
     # Row by row of the disc, from its narrow end to its middle: the dearest of a wider and wider run.
     run: Cells = padded[:, steps : steps + width].copy()
-    wide = 0
+    reached = 0
     for down in range(steps, -1, -1):
-        for aside in range(wide + 1, math.floor(math.sqrt(reach**2 - down**2)) + 1):
+        for aside in range(reached + 1, math.floor(math.sqrt(reach**2 - down**2)) + 1):
             np.maximum(run, padded[:, steps + aside : steps + aside + width], out=run)
             np.maximum(run, padded[:, steps - aside : steps - aside + width], out=run)
-            wide = aside
+            reached = aside
         np.maximum(part, run[steps + down : steps + down + height], out=part)
         np.maximum(part, run[steps - down : steps - down + height], out=part)
     return whole

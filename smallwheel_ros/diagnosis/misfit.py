@@ -56,7 +56,7 @@ class LackOfFit:
     """What a model leaves of a channel's settings against what runs of one setting differ by.
 
     ratio: root of F, the misfit in deviations of a setting's mean. misfit: root mean square relative
-    misfit of the settings. at: a setting's values that is furthest off.
+    misfit of the settings. rows: values of the setting that is furthest off.
     """
 
     ratio: float
@@ -109,24 +109,32 @@ class Plateau:
     p: float
 
 
-def plateau(fitter: Fitter, fit: Fit, channel: str) -> Plateau | None:
-    """Whether the largest values of a channel are one and the same: a sensor at the end of its range.
+def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
+    """By channel of positive values, how close its largest are: a sensor at its end shows one and the same.
 
     The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of them,
     each standardised; its law comes from data drawn from the fit with its scatter, in steps of the data's
     resolution.
     """
-    points = fitter.points
-    mine = np.flatnonzero((points.channel == points.channels.index(channel)) & ~points.swept)
-    measured, predicted = points.value[mine], fit.predicted[mine]
-    if mine.size < 2 * _PLATEAU or min(measured.min(), predicted.min()) <= 0.0:
-        return None
+    points, found = fitter.points, {}
     v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
-    share = np.sqrt(v.variance()[mine]) / predicted
+    deviation = np.sqrt(v.variance())
+    for c, name in enumerate(points.channels):
+        mine = np.flatnonzero((points.channel == c) & ~points.swept)
+        measured, predicted = points.value[mine], fit.predicted[mine]
+        if name == "drawbar_pull" or mine.size < 2 * _PLATEAU:
+            continue
+        if min(measured.min(), predicted.min()) > 0.0:
+            found[name] = _plateau(measured, predicted, deviation[mine] / predicted)
+    return found
+
+
+def _plateau(measured: Array, predicted: Array, share: Array) -> Plateau:
+    """Of one channel. share: relative deviation of each value about what is predicted."""
     resolution = float(np.diff(np.unique(measured), prepend=0.0).min())
-    noise = np.random.default_rng(17).normal(size=(_DRAWS, mine.size))
+    noise = np.random.default_rng(17).normal(size=(_DRAWS, measured.size))
     drawn = np.maximum(np.rint(predicted * np.exp(share * noise) / resolution), 1.0) * resolution
-    top = np.log(np.sort(np.vstack([measured, drawn]), axis=1)[:, : -mine.size // 2 - 1 : -1])
+    top = np.log(np.sort(np.vstack([measured, drawn]), axis=1)[:, : -measured.size // 2 - 1 : -1])
     count = np.arange(1, top.shape[1] + 1)
     apart = top - top[:, :1]
     spread = np.cumsum(apart**2, axis=1) / count - (np.cumsum(apart, axis=1) / count) ** 2
@@ -158,9 +166,8 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
             f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
             f"p {p_text(worst.p)}), most at {at}"
         )
-    for name in (n for n in found.fitter.points.channels if n != "drawbar_pull"):
-        flat = plateau(found.fitter, judged, name)
-        if flat is not None and flat.p <= _SURE:
+    for name, flat in plateaus(found.fitter, judged).items():
+        if flat.p <= _SURE:
             verdict = verdict.not_described(
                 f"the {flat.count} largest values of {words(name)} lie within {percent(flat.span)} of each "
                 f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
@@ -190,21 +197,21 @@ def of_channels(
     errors: held out, of the base and after each name. judged: channels that decided.
     """
     repeats = repeatability(found.fitter.points.measurements)
+    load = found.fitter.points.measurements.conditions.load
+    before, falls = errors[0].rmse(), compare_cv(errors[0], errors[-1]).reduction
     said = {}
     for name, last in errors[-1].rmse().items():
-        change = compare_cv(errors[0], errors[-1]).reduction.get(name, 0.0)
-        first, off = errors[0].rmse()[name], last / repeats.get(name, np.inf)
+        off = last / repeats.get(name, np.inf)
         if name not in judged:
-            load = found.fitter.points.measurements.conditions.load
             share = float(np.sqrt(np.nanmean((errors[-1].error[name] / load) ** 2)))
             said[name] = f"off by {percent(share)} of the load" + (
                 f", {number(off, 2)} times its repeats: the law of thrust is wrong here"
                 if off > _FAR_OFF
                 else ", within what its law is known to"
             )
-        elif change > 0.0 and verdict.named:
+        elif falls.get(name, 0.0) > 0.0 and verdict.named:
             said[name] = (
-                f"{shown_value(name, first)} -> {shown_value(name, last)} with what is named"
+                f"{shown_value(name, before[name])} -> {shown_value(name, last)} with what is named"
             )
         elif verdict.word in ("adequate", "missing_effect"):
             said[name] = "nothing missing" + (" besides" if verdict.named else "")

@@ -116,6 +116,11 @@ class TractionEstimator:
             self.sources |= {"torque"} if any(w.torque is not None for w in wheels) else set()
             self.sources |= {"pull"} if any(w.pull is not None for w in wheels) else set()
 
+    @property
+    def _filters(self) -> list[TractionFilter]:
+        """The filter of all that is measured, and that of the balance alone where there are both."""
+        return [self.now] if self.reserve is self.now else [self.now, self.reserve]
+
     def level(self, zero: Quantity) -> None:
         """Use what turns and ways back have shown of the zero of the imu (m/s^2) up to now.
 
@@ -123,8 +128,7 @@ class TractionEstimator:
         """
         before, self._told = self._told, zero
         more = zero.standard_deviation**-2 - before.standard_deviation**-2
-        filters = [self.now] if self.reserve is self.now else [self.now, self.reserve]
-        for one in filters:
+        for one in self._filters:
             if more <= 0.0:
                 one.widen_level(zero.standard_deviation**2 - before.standard_deviation**2)
             else:
@@ -134,13 +138,12 @@ class TractionEstimator:
 
     def unlisted(self, share: float) -> None:
         """A share of the weight is on wheels that nobody lists: what they drag is not known."""
-        filters = [self.now] if self.reserve is self.now else [self.now, self.reserve]
-        for one in filters:
+        for one in self._filters:
             one.widen_level((_DRAG * share * GRAVITY) ** 2)
 
     def _change(self, soil: int) -> None:
         """Go on on another soil, with what is known of it, or else by what the last one tells."""
-        filters = [self.now] if self.reserve is self.now else [self.now, self.reserve]
+        filters = self._filters
         self._soils.pop(self._soil, None)
         self._soils[self._soil] = tuple(one.strength for one in filters)
         self._soils = dict(list(self._soils.items())[-REMEMBERED:])

@@ -66,9 +66,8 @@ class Assessor:
         self.health = FilterHealth()
         self._motion = MotionWatch(rolling)
         self._passes = PassCounter(settings.wheels)
-        self._looked: dict[
-            str, float
-        ] = {}  # m, paths of the wheels at the newest look at an innovation
+        # m, paths of the wheels at the newest look at an innovation.
+        self._looked: dict[str, float] = {}
         self._ways: dict[str, bool] = {}
         self._onward = True
         self._level = Level()

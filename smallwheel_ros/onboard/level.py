@@ -8,8 +8,8 @@ shown ahead and across, p and r. A vehicle that looks along the heading a is sho
 
 The ground follows the vehicle, a zero stays with the imu: on the straight nobody can tell one from the other,
 and a quarter of a turn on one spot tells both. Prediction: slopes are an Ornstein-Uhlenbeck process along the
-path, 0.1 over 5 m; zeros one in time, 1.5 degrees over 3 minutes, since orientations are filtered gyroscopes.
-A row is taken after 0.2 m or 0.2 rad, with 0.5 degrees of its own: bumps.
+path, 0.15 over 40 m; zeros one in time, 1.5 degrees over 3 minutes, since orientations are filtered
+gyroscopes. A row is taken after 0.2 m or 0.2 rad, with 0.5 degrees of its own: bumps.
 """
 
 from __future__ import annotations

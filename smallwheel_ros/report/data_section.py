@@ -62,9 +62,8 @@ def _channel_row(comparison: Comparison, name: str, expected: bool) -> list[str]
     values = comparison.measurements.channels[name]
     known = values[np.isfinite(values)]
     floor = comparison.noise[name]
-    found = [known.min(), known.max(), floor.repeatability, *([floor.value] if expected else [])]
-    cells = [number(None if v is None else v * shown.scale) for v in found]
-    if not expected:
-        return [shown.label, str(known.size), *cells]
+    found = [known.min(), known.max(), floor.repeatability, floor.value]
+    low, high, repeats, value = (number(None if v is None else v * shown.scale) for v in found)
     source = {"repeats": "repeated rows", "declared": "the table's own figures", None: "unknown"}
-    return [shown.label, str(known.size), *cells, f"{source[floor.source]}: {floor.reason}"]
+    of_truth = [value, f"{source[floor.source]}: {floor.reason}"] if expected else []
+    return [shown.label, str(known.size), low, high, repeats, *of_truth]
