@@ -30,7 +30,10 @@ class Soil:
 
     k: Pa/m^(n+m), > 0. n: 1, in (0, 3). m: 1. cohesion: Pa. friction_angle: rad.
     shear_displacement: the deformation modulus kappa of eq. 2, m. m = 0 gives the law of
-    Bernstein and Goriatchkin (eq. 8). `source` says where the numbers come from.
+    Bernstein and Goriatchkin (eq. 8). `source` says where the numbers come from. rolling_share,
+    rim_friction: eta and mu of `stresses`, 1: how a wheel shears this soil by rolling alone, and the
+    friction of a bare rim that is driven over the soil's own. Their defaults are medians of rigs, as
+    those of the strength are what dry sands have under small wheels.
     """
 
     name: str
@@ -41,6 +44,8 @@ class Soil:
     friction_angle: float = np.radians(30.0)
     shear_displacement: float = 0.015
     source: str = ""
+    rolling_share: float = 1.3
+    rim_friction: float = 0.8
 
     def __post_init__(self) -> None:
         rules = (
@@ -60,6 +65,8 @@ class Soil:
                 self.shear_displacement > 0,
                 "a length over 0 m",
             ),
+            ("rolling_share", self.rolling_share, 0 <= self.rolling_share <= 5, "0 to 5"),
+            ("rim_friction", self.rim_friction, 0 < self.rim_friction <= 2, "over 0 to 2"),
         )
         for parameter, value, good, expected in rules:
             if not (np.isfinite(value) and good):

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Thrust, resistance, drawbar pull and torque of a rigid wheel, from the stresses along its contact.
+
+The sinkage comes first, from the law of depth and its effects or from a sensor; then the balance of
+forces. Angles from the lowest point, r the radius, R = r + lambda h where soil shears between rim and tip
+of lugs of height h:
+
+    depth          d(t) = r (cos t - cos t1),  cos t1 = 1 - z/r,  0 <= t <= t1   (Bekker 1956)
+    pressure       p(t) = A [d(t)/z]^n                            n of p = k z^n D^m
+    displacement   j(t) = R {eta [(t1 - t) - (sin t1 - sin t)] + (1 - u)(sin t1 - sin t)}
+                   u = V/(R omega): 1 - i driven, 1/(1 + i) skidding      (Wong and Reece 1967: eta = 1)
+                   at a slip angle beta also j_y = R u tan(beta) (t1 - t); shear points along (j, j_y)
+    shear          tau = mu (c + p tan phi) (1 - exp(-|j|/K)) sign j      (Janosi and Hanamoto 1961)
+    A from         W = b Int (r p cos t + R tau sin t) dt                 linear in A: nothing to solve
+    thrust         H = b Int R tau cos t dt
+    resistance     B = b Int r p sin t dt
+    drawbar pull   DP = H - B
+    torque         T = b Int R^2 tau dt
+
+k is in none of them: the load says how large the pressure is, the sinkage over which arc it acts. What a
+wheel dug or ploughed loose carries like the rest: the arc is that of the whole sinkage. mu is the rim's
+friction over the soil's: under 1 for a bare rim that is driven; 1 between lugs, and where a wheel skids,
+since soil sticks ahead of it and shears on soil.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# Of the lugs' height, where soil shears: between rim and tip. Held: 0 to 1 predict rigs alike.
+LUG_SHARE = 0.5
+DEEPEST = 0.985  # of the radius: there the arc still has an end
+_LOCKED = 0.02  # least R omega / V of a wheel that skids: beyond it shear has reached its limit
+_FASTEST = 0.97  # slip of a driven wheel, likewise
+# t = t1 (1 - x^2) makes the power (t1 - t)^n at the entry smooth.
+_X, _W = np.polynomial.legendre.leggauss(12)
+_PLACE, _WEIGHT = 1.0 - (0.5 * (_X + 1.0)) ** 2, _W * 0.5 * (_X + 1.0)
+_BLOCK = 1024  # rows worked on at a time: the nodes' arrays then stay in the processor's cache
+
+
+class ShearLaw(NamedTuple):
+    """What shear needs of soil and rim, numbers or arrays of shape (rows,).
+
+    cohesion: c, Pa. friction_angle: phi, rad. shear_displacement: K, m. rolling_share: eta, 1.
+    rim_friction: mu of each row, 1 (`rim_friction`).
+    """
+
+    cohesion: ArrayLike
+    friction_angle: ArrayLike
+    shear_displacement: ArrayLike
+    rolling_share: ArrayLike = 1.0
+    rim_friction: ArrayLike = 1.0
+
+
+class WheelForces(NamedTuple):
+    """Thrust and resistance (N), torque (N m), and the load (N) that the stresses carry."""
+
+    thrust: Array
+    resistance: Array
+    torque: Array
+    load: Array
+
+
+def rim_friction(bare: ArrayLike, slip: ArrayLike, lug_height: ArrayLike) -> Array:
+    """mu of each row: `bare` where a rim without lugs is driven, else 1."""
+    slides = (np.asarray(lug_height) <= 0.0) & (np.asarray(slip) >= 0.0)
+    return np.asarray(np.where(slides, bare, 1.0))
+
+
+def speed_ratio(slip: ArrayLike) -> Array:
+    """u = V/(R omega) of a slip, -1 .. 1; short of a wheel that stands or spins on the spot."""
+    i = np.asarray(slip, dtype=float)
+    driven, skids = 1.0 - np.minimum(i, _FASTEST), 1.0 / np.maximum(1.0 + i, _LOCKED)
+    return np.asarray(np.where(i >= 0.0, driven, skids))
+
+
+def wheel_forces(
+    load: ArrayLike,
+    sinkage: ArrayLike,
+    diameter: ArrayLike,
+    width: ArrayLike,
+    slip: ArrayLike,
+    exponent: ArrayLike,
+    shear: ShearLaw,
+    *,
+    lug_height: ArrayLike = 0.0,
+    slip_angle: ArrayLike = 0.0,
+    factor: Callable[[Array], Array] | None = None,
+    peak: ArrayLike = 0.0,
+    pressure: ArrayLike | None = None,
+) -> WheelForces:
+    """Forces of wheels at a given sinkage; see the module. Arguments broadcast to shape (rows,).
+
+    load: N. sinkage, diameter, width, lug_height: m. slip: -1 .. 1 of the speed along the wheel's plane.
+    exponent: n. slip_angle: rad. factor: multiplies the pressure, by the depth (m), shape (nodes, rows).
+    peak: place of the largest pressure, of the entry angle; behind it pressure falls as it rises ahead,
+    over the arc that is left (Wong and Reece 1967). pressure: the largest one (Pa), where soil decides
+    about it and not the load: the load that comes out is then what the soil carries.
+    """
+    given = (load, sinkage, diameter, width, slip, exponent, lug_height, slip_angle, peak)
+    columns = (*given, *shear, np.nan if pressure is None else pressure)
+    rows = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in columns))
+    shape = rows[0].shape
+    flat = [np.atleast_1d(a).reshape(-1) for a in rows]
+    found = np.empty((4, flat[0].size))
+    # A factor knows the rows of its model, so those are one block.
+    block = _BLOCK if factor is None else max(flat[0].size, 1)
+    for first in range(0, flat[0].size, block):
+        part = slice(first, first + block)
+        found[:, part] = _forces([a[part] for a in flat], factor)
+    return WheelForces(*(values.reshape(shape) for values in found))
+
+
+def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array:
+    load, sinkage, diameter, width, slip, n, height, angle, peak, *of_shear, pressure = rows
+    c, phi, modulus, eta, mu = of_shear
+    r = 0.5 * diameter
+    big = r + LUG_SHARE * height
+    deep = np.clip(sinkage / r, 1e-6, DEEPEST)
+    entry = np.arccos(1.0 - deep)
+    u = speed_ratio(slip)
+    cohesion, grip = mu * c, mu * np.tan(phi)
+
+    t = entry * _PLACE[:, None]  # (nodes, rows)
+    sin, cos = np.sin(t), np.cos(t)
+    rim = np.sin(entry) - sin
+    j = (big / modulus) * (eta * (entry - t) + (1.0 - u - eta) * rim)
+    if np.any(angle):
+        across = (big / modulus) * u * np.tan(np.clip(angle, -1.5, 1.5)) * (entry - t)
+        length = np.hypot(j, across) + 1e-300
+        called = -np.expm1(-length) * j / length
+    else:
+        called = np.sign(j) * -np.expm1(-np.abs(j))
+    under = cos  # where on the rim the same pressure is found as here
+    if np.any(peak):
+        top = np.maximum(peak, 1e-6) * entry
+        under = np.cos(np.where(t < top, entry - t / top * (entry - top), t))
+        deepest = np.cos(top) - (1.0 - deep)
+    else:
+        deepest = deep
+    depth = np.maximum(under - (1.0 - deep), 1e-300)
+    f = np.exp(n * np.log(depth / deepest))
+    if factor is not None:
+        f = f * factor(r * depth)
+    w = entry * _WEIGHT[:, None]
+
+    def total(values: Array) -> Array:
+        return np.asarray(np.einsum("nr,nr->r", w, values))
+
+    rubbed = f * called
+    lift, cohesive = r * total(f * cos) + big * grip * total(rubbed * sin), total(called * sin)
+    # Shear that points down leaves little of it only where no wheel is: sunk to the axle and skidding.
+    lift = np.maximum(lift, 1e-3 * r * total(f))
+    balanced = np.maximum(load / width - cohesion * big * cohesive, 0.0) / lift
+    p = np.where(np.isnan(pressure), balanced, pressure)
+    thrust = width * big * (cohesion * total(called * cos) + p * grip * total(rubbed * cos))
+    resistance = width * r * p * total(f * sin)
+    torque = width * big**2 * (cohesion * total(called) + p * grip * total(rubbed))
+    return np.stack([thrust, resistance, torque, width * (p * lift + cohesion * big * cohesive)])
+
+
+class MeanPlace(NamedTuple):
+    """Where the pressure acts on the arc: mean and deviation of t/t1 under (1 - (t/t1)^2)^n."""
+
+    mean: float
+    deviation: float
+
+
+def mean_place(n: float) -> MeanPlace:
+    """kappa and sigma of `closed_form_forces`, for an exponent n."""
+    mean = math.gamma(n + 1.5) / (math.sqrt(math.pi) * math.gamma(n + 2.0))
+    return MeanPlace(mean, math.sqrt(1.0 / (2.0 * n + 3.0) - mean**2))
+
+
+def closed_form_forces(
+    load: float, sinkage: float, diameter: float, width: float, slip: float, place: MeanPlace,
+    cohesion: float, tangent: float, shear_displacement: float, rolling_share: float = 1.0,
+    rim_friction: float = 1.0, lug_height: float = 0.0,
+) -> tuple[float, float]:  # fmt: skip
+    """Drawbar pull W tan(delta - kappa t1) and torque W R sin(delta)/cos(delta - kappa t1).
+
+    tan(delta) = mu (tan phi + c b r t1/W) m, with m the mean of 1 - exp(-|j|/K) at kappa -+ sigma of the
+    arc: all of the pressure acts at its mean place. A check by hand, and quick enough for planners: of a
+    driven wheel to 0.004 of the load in the mean, of one that skids to 0.05. tangent: of phi.
+    """
+    r = 0.5 * diameter
+    big = r + LUG_SHARE * lug_height
+    deep = min(max(sinkage / r, 1e-6), DEEPEST)
+    entry, sin1 = math.acos(1.0 - deep), math.sqrt(deep * (2.0 - deep))
+    u = 1.0 - min(slip, _FASTEST) if slip >= 0.0 else 1.0 / max(1.0 + slip, _LOCKED)
+    called = 0.0
+    for at in (place.mean - place.deviation, place.mean + place.deviation):
+        t = entry * min(at, 1.0)
+        rim = sin1 - math.sin(t)
+        j = big / shear_displacement * (rolling_share * (entry - t - rim) + (1.0 - u) * rim)
+        called += 0.5 * math.copysign(1.0 - math.exp(-abs(j)), j)
+    delta = math.atan(rim_friction * (tangent + cohesion * width * r * entry / load) * called)
+    turned = delta - place.mean * entry
+    return load * math.tan(turned), load * big * math.sin(delta) / math.cos(turned)
+
+
+def _of_arc(nodes: int) -> list[tuple[float, float]]:
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    root = 0.5 * (x + 1.0)
+    return list(zip((1.0 - root**2).tolist(), (weight * root).tolist(), strict=True))
+
+
+# Where a wheel skids the shear's sign changes within the arc, which takes more nodes.
+_DRIVEN, _SKIDDING = _of_arc(4), _of_arc(6)
+
+
+class PointForces(NamedTuple):
+    """Thrust, resistance (N) and torque (N m); slopes: of each by c, phi, ln K, eta and slip."""
+
+    thrust: float
+    resistance: float
+    torque: float
+    thrust_slopes: tuple[float, ...]
+    resistance_slopes: tuple[float, ...]
+    torque_slopes: tuple[float, ...]
+
+
+def point_forces(
+    load: float, sinkage: float, diameter: float, width: float, slip: float, exponent: float,
+    cohesion: float, friction_angle: float, log_shear: float, rolling_share: float,
+    rim_friction: float = 1.0, lug_height: float = 0.0,
+) -> PointForces:  # fmt: skip
+    """`wheel_forces` of one wheel at one instant, in plain floats and with slopes: for a filter.
+
+    To 3e-4 of the load driven, 7e-3 skidding. log_shear: ln K. cohesion: may go below 0 on the way of an iteration.
+    """
+    r = 0.5 * diameter
+    big, deep = r + LUG_SHARE * lug_height, min(max(sinkage / r, 1e-6), DEEPEST)
+    low = 1.0 - deep
+    entry, sin1 = math.acos(low), math.sqrt(deep * (2.0 - deep))
+    driven = slip >= 0.0
+    u = 1.0 - min(slip, _FASTEST) if driven else 1.0 / max(1.0 + slip, _LOCKED)
+    by_slip = 0.0 if slip > _FASTEST or slip < _LOCKED - 1.0 else -1.0 if driven else -u * u  # of u
+    tangent = math.tan(friction_angle)
+    scale, share = big * math.exp(-log_shear), 1.0 - u
+    up = back = rubbed_up = rubbed_on = rubbed = called_up = called_on = called = 0.0
+    nodes = []
+    for place, weight in _DRIVEN if driven else _SKIDDING:
+        t = entry * place
+        sin = math.sin(t)
+        cos = math.sqrt(1.0 - sin * sin)  # t is under pi/2
+        rim = sin1 - sin
+        roll = entry - t - rim
+        j = scale * (rolling_share * roll + share * rim)
+        rest = math.exp(-abs(j))
+        f = ((cos - low) / deep) ** exponent
+        m = weight * (1.0 - rest) if j >= 0.0 else weight * (rest - 1.0)
+        up += weight * f * cos
+        back += weight * f * sin
+        called_up += m * sin
+        called_on += m * cos
+        called += m
+        m *= f
+        rubbed_up += m * sin
+        rubbed_on += m * cos
+        rubbed += m
+        nodes.append((sin, cos, f, weight * rest, j, roll, rim))
+    c, grip = rim_friction * cohesion, rim_friction * tangent
+    lift = max(r * up + big * grip * rubbed_up, 1e-3 * r * up)
+    area = width * entry
+    p = max(load / area - big * c * called_up, 0.0) / lift
+    lever = area * big
+    thrust = lever * (c * called_on + p * grip * rubbed_on)
+    torque = lever * big * (c * called + p * grip * rubbed)
+    # What a change of shear does: its stress up, forward and around, and the pressure that keeps the balance.
+    by_p = lever * grip * rubbed_on, area * r * back, lever * big * grip * rubbed
+    eased = big / lift if p > 0.0 else 0.0
+    ku = ko = kr = eu = eo = er = su = so = sr = 0.0
+    for sin, cos, f, rest, j, roll, rim in nodes:
+        stress = (c + p * grip * f) * rest
+        x = j * stress
+        ku, ko, kr = ku - x * sin, ko - x * cos, kr - x
+        x = roll * stress
+        eu, eo, er = eu + x * sin, eo + x * cos, er + x
+        x = rim * stress
+        su, so, sr = su + x * sin, so + x * cos, sr + x
+    mu, sec = rim_friction, rim_friction * p * (1.0 + tangent * tangent)
+    changes = (
+        (mu * called_up, mu * called_on, mu * called, 1.0),
+        (sec * rubbed_up, sec * rubbed_on, sec * rubbed, 1.0),
+        (ku, ko, kr, 1.0),
+        (eu, eo, er, scale),
+        (su, so, sr, -scale * by_slip),
+    )
+    return PointForces(
+        thrust,
+        by_p[1] * p,
+        torque,
+        tuple([by * (lever * on - by_p[0] * eased * up_) for up_, on, _, by in changes]),
+        tuple([-by * by_p[1] * eased * up_ for up_, _, _, by in changes]),
+        tuple([by * (lever * big * turn - by_p[2] * eased * up_) for up_, _, turn, by in changes]),
+    )
