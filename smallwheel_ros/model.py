@@ -29,8 +29,14 @@ from smallwheel_ros.physics.sinkage import (
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.physics.soil import Soil, nearest, soil
-from smallwheel_ros.physics.traction import ThrustForm, compaction_resistance, thrust
+from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, nearest, soil
+from smallwheel_ros.physics.stresses import ShearLaw, WheelForces, rim_friction, wheel_forces
+from smallwheel_ros.physics.traction import (
+    ThrustForm,
+    compaction_resistance,
+    contact_length,
+    thrust,
+)
 from smallwheel_ros.results import Result, Writer
 from smallwheel_ros.stages import Stages, guarded
 
@@ -40,6 +46,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
 _DEEPEST_PLATE = 3.0  # of its diameter: no plate is pressed deeper
+# Place of the largest pressure, of the entry angle: c1 + c2 i, as quoted for sands (Wong and Reece 1967;
+# 0.2 to 0.4 and 0.2 to 0.4, not read in the original).
+_PEAK, _PEAK_BY_SLIP = 0.4, 0.3
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
 
 
@@ -61,14 +70,14 @@ class Model(Result):
     soils: tuple[Soil, ...]
     geometry: Geometry = "contact_integral"
     effects: tuple[Effect, ...] = ()
-    thrust_form: ThrustForm = "integrated"
+    thrust_form: ThrustForm = "stress_integral"
 
     def __init__(
         self,
         soils: Soil | str | Sequence[Soil | str],
         geometry: Geometry = "contact_integral",
         effects: Sequence[Effect | type[Effect] | str] = (),
-        thrust_form: ThrustForm = "integrated",
+        thrust_form: ThrustForm = "stress_integral",
     ) -> None:
         given = (
             tuple(soils) if isinstance(soils, Iterable) and not isinstance(soils, str) else (soils,)
@@ -181,16 +190,20 @@ class Prediction:
 
     sinkage and resistance are what the instruments would show; true_sinkage and true_resistance
     what they measure, the same where the model has no effect of an instrument. compaction_resistance
-    is the share of compaction in true_resistance. drawbar_pull is thrust less true_resistance; both
-    are None where the conditions have no slip. Where `immobilised` (sunk to the axle) the numbers
-    are a continuation for fits, not predictions.
+    is the share of compaction in true_resistance, the work of k z^n D^m (eq. 14).
+    thrust, rolling_resistance, drawbar_pull and torque are None where the conditions have no slip.
+    rolling_resistance is that of a wheel that carries its load by pressure and shear, with what effects
+    add: drawbar_pull is thrust less this one (in the published forms of thrust it is true_resistance).
+    Where `immobilised` (sunk to the axle) the numbers are a continuation for fits, not predictions.
     """
 
     sinkage: Array
     compaction_resistance: Array
     resistance: Array
     thrust: Array | None
+    rolling_resistance: Array | None
     drawbar_pull: Array | None
+    torque: Array | None
     immobilised: NDArray[np.bool_]
     true_sinkage: Array
     true_resistance: Array
@@ -198,7 +211,6 @@ class Prediction:
 
 def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
     """Each soil parameter, one value per row (or one for all where there is one soil)."""
-    names = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
     if len(model.soils) == 1:
         rows: NDArray[np.intp] = np.zeros(len(conditions), dtype=np.intp)
     else:
@@ -213,7 +225,7 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
             raise ModelError(f"the model has no soil '{unknown[0]}': {nearest(unknown[0], known)}")
         order = np.argsort(known)
         rows = order[np.searchsorted(np.asarray(known)[order], conditions.soil)]
-    return {name: np.array([getattr(s, name) for s in model.soils])[rows] for name in names}
+    return {name: np.array([getattr(s, name) for s in model.soils])[rows] for name in SOIL_NUMBERS}
 
 
 def _static_sinkage(
@@ -294,6 +306,8 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
     rolling = stages.rolling
     load, diameter, modulus, n = stages.loaded(soil["k"], soil["n"], soil["m"])
     static, sunk = _static_sinkage(model, stages, load, diameter, modulus, n)
+    if model.thrust_form == "wong_reece" and "slip" in conditions:
+        static, sunk = _with_shear(stages, soil, static, sunk, load, diameter, modulus, n)
     z = stages.change_rolling("sinkage", static)
     compacted = z
     if stages.acting_at("compaction_sinkage"):
@@ -309,42 +323,101 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
         compaction = compaction_resistance(compacted, conditions.width, modulus, n)
     strength = (soil["cohesion"], soil["friction_angle"])
     state = WheelState(load, diameter, conditions.width, z, modulus, n, *strength)
-    resistance = compaction
+    added: Array = np.zeros(len(conditions))
     for effect in stages.acting_at("added_resistance"):
-        resistance = resistance + stages.call(effect, "added_resistance", 0.0, state)
+        added = added + stages.call(effect, "added_resistance", 0.0, state)
     if not stages.all_rolling:
-        compaction, resistance = (np.where(rolling, a, 0.0) for a in (compaction, resistance))
-    push = _push(model, stages, soil, state) if "slip" in conditions else None
+        compaction, added = (np.where(rolling, a, 0.0) for a in (compaction, added))
+    resistance = compaction + added
+    forces = None
+    if "slip" in conditions:
+        forces = _forces(model, stages, soil, state, compaction)
     immobilised = sunk | (sunk_to_axle(z, diameter) & ~conditions.plate)
     return Prediction(
         stages.change("measured_sinkage", z),
         compaction,
         stages.change_rolling("measured_resistance", resistance),
-        push,
-        None if push is None else push - resistance,
+        None if forces is None else forces.thrust,
+        None if forces is None else forces.resistance + added,
+        None if forces is None else forces.thrust - forces.resistance - added,
+        None if forces is None else forces.torque,
         immobilised,
         z,
         resistance,
     )
 
 
-def _push(model: Model, stages: Stages, soil: dict[str, Array], state: WheelState) -> Array:
-    """Thrust; a body pressed straight down shears no soil."""
+def _slip(stages: Stages) -> Array:
     slip = stages.conditions["slip"]
     blank = np.flatnonzero(np.isnan(slip) & stages.rolling)
     if blank.size:
         raise ModelError(f"slip is blank in row {blank[0] + 1}, a rolling wheel")
-    push = thrust(
-        state.load,
-        slip,
-        state.sinkage,
-        state.diameter,
-        state.width,
-        state.cohesion,
-        state.friction_angle,
-        soil["shear_displacement"],
-        model.thrust_form,
-    )
+    return np.nan_to_num(slip)
+
+
+def _optional(conditions: Conditions, name: str) -> Array:
+    """A covariate, 0 where it is blank or there is none."""
+    return np.nan_to_num(conditions[name]) if name in conditions else np.zeros(len(conditions))
+
+
+def _wong_reece(soil: dict[str, Array], slip: Array, pressure: Array) -> dict[str, Any]:
+    """What `wheel_forces` needs of shear and pressure in the law of Wong and Reece (1967)."""
+    shear = ShearLaw(soil["cohesion"], soil["friction_angle"], soil["shear_displacement"])
+    return {
+        "shear": shear,
+        "peak": _PEAK + _PEAK_BY_SLIP * np.maximum(slip, 0.0),
+        "pressure": pressure,
+    }
+
+
+def _with_shear(
+    stages: Stages, soil: dict[str, Array], static: Array, sunk: NDArray[np.bool_],
+    load: Array, diameter: Array, modulus: Array, n: Array,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    """Sinkage of rolling wheels that pressure and shear carry together (Wong and Reece 1967)."""
+    slip, width = _slip(stages), np.nan_to_num(stages.conditions.width, nan=1.0)
+
+    def load_at(z: Array) -> Array:
+        law = _wong_reece(soil, slip, modulus * z**n)
+        return np.maximum(wheel_forces(load, z, diameter, width, slip, n, **law).load, 1e-9)
+
+    z, deep = solve_layered(load, 0.5 * diameter, load_at)
+    return np.where(stages.rolling, z, static), np.where(stages.rolling, deep, sunk)
+
+
+def _forces(
+    model: Model, stages: Stages, soil: dict[str, Array], state: WheelState, compaction: Array
+) -> WheelForces:
+    """Thrust, the resistance that goes with it, and torque; a body pressed straight down has none."""
+    slip, conditions = _slip(stages), stages.conditions
+    at = (state.load, state.sinkage, state.diameter, np.nan_to_num(state.width, nan=1.0), slip)
+    if model.thrust_form == "stress_integral":
+        lugs = _optional(conditions, "grouser_height")
+        found = wheel_forces(
+            *at, state.exponent,
+            ShearLaw(
+                state.cohesion, state.friction_angle, soil["shear_displacement"],
+                soil["rolling_share"], rim_friction(soil["rim_friction"], slip, lugs),
+            ),
+            lug_height=lugs,
+            slip_angle=_optional(conditions, "slip_angle"),
+            factor=stages.pressure_factor if stages.layered else None,
+        )  # fmt: skip
+    elif model.thrust_form == "wong_reece":
+        pressure = state.modulus * np.maximum(state.sinkage, 0.0) ** state.exponent
+        found = wheel_forces(*at, state.exponent, **_wong_reece(soil, slip, pressure))
+    else:
+        load, sinkage, diameter, width, _ = at
+        strength = (state.cohesion, state.friction_angle, soil["shear_displacement"])
+        push = thrust(load, slip, sinkage, diameter, width, *strength, model.thrust_form)
+        # The lever where shear stress is the same along the arc: r theta / sin theta.
+        entry = 2.0 * contact_length(sinkage, diameter) / diameter
+        found = WheelForces(push, compaction, push * 0.5 * diameter / np.sinc(entry / np.pi), load)
+    push, torque = found.thrust, found.torque
     for effect in stages.acting_at("thrust_factor"):
-        push = push * stages.call(effect, "thrust_factor", 1.0, state)
-    return push if stages.all_rolling else np.where(stages.rolling, push, 0.0)
+        share = stages.call(effect, "thrust_factor", 1.0, state)
+        push, torque = push * share, torque * share
+    found = found._replace(thrust=push, torque=torque)
+    if stages.all_rolling:
+        return found
+    return WheelForces(*(np.where(stages.rolling, values, 0.0) for values in found))

@@ -20,7 +20,7 @@ from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.output import write_bytes
-from smallwheel_ros.physics.soil import Soil, SoilError, nearest
+from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError, nearest
 from smallwheel_ros.physics.traction import ThrustForm
 from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
@@ -44,9 +44,10 @@ SOIL_PARAMETERS = (
     "cohesion",
     "friction_angle",
     "log_shear_displacement",
+    "rolling_share",
+    "rim_friction",
 )
-_SOIL_NUMBERS = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
-_SOIL_UNITS = ("Pa/m^(n+m)", "1", "1", "Pa", "rad", "m")
+_SOIL_UNITS = ("Pa/m^(n+m)", "1", "1", "Pa", "rad", "m", "1", "1")
 _HEAD = """\
 # A model of wheel and soil for smallwheel. Units are SI; angles in rad.
 # k in Pa/m^(n+m): pressure p = k z^n D^m. cohesion in Pa, shear_displacement in m.
@@ -120,10 +121,8 @@ def model_text(model: Model) -> str:
 
 def model_rows(model: Model) -> list[dict[str, Any]]:
     """Numbers of soils and effects, and the standard deviations of those that were fitted."""
-    calibrated, units = as_calibrated(model), dict(zip(_SOIL_NUMBERS, _SOIL_UNITS, strict=True))
-    found = [
-        (s.name, n, float(getattr(s, n)), units[n]) for s in model.soils for n in _SOIL_NUMBERS
-    ]
+    calibrated, units = as_calibrated(model), dict(zip(SOIL_NUMBERS, _SOIL_UNITS, strict=True))
+    found = [(s.name, n, float(getattr(s, n)), units[n]) for s in model.soils for n in SOIL_NUMBERS]
     found += [
         (effect.id, p.name, float(getattr(effect, p.name)), p.unit)
         for effect in model.effects
@@ -149,7 +148,7 @@ def model_document(model: Model) -> dict[str, Any]:
         "geometry": model.geometry,
         "thrust_form": model.thrust_form,
         "soils": [
-            {"name": s.name, **{n: float(getattr(s, n)) for n in _SOIL_NUMBERS}, "source": s.source}
+            {"name": s.name, **{n: float(getattr(s, n)) for n in SOIL_NUMBERS}, "source": s.source}
             for s in model.soils
         ],
         "effects": [_effect_entry(e, calibrated) for e in model.effects],
@@ -229,11 +228,11 @@ class _Reader:
 
     def soil(self, key: str, value: object) -> Soil:
         entry = self.mapping(key, value)
-        self.only(key, entry, ("name", "source", *_SOIL_NUMBERS))
+        self.only(key, entry, ("name", "source", *SOIL_NUMBERS))
         for name in ("name", "k", "n"):
             if name not in entry:
                 raise self.fail(f"{key}.{name}", None, "a name" if name == "name" else "a number")
-        numbers = {n: self.number(f"{key}.{n}", entry[n]) for n in _SOIL_NUMBERS if n in entry}
+        numbers = {n: self.number(f"{key}.{n}", entry[n]) for n in SOIL_NUMBERS if n in entry}
         try:
             return Soil(str(entry["name"]), source=str(entry.get("source", "")), **numbers)
         except SoilError as error:
@@ -355,7 +354,7 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
         "geometry", document.get("geometry", "contact_integral"), get_args(Geometry)
     )
     thrust_form: ThrustForm = reader.choice(  # type: ignore[assignment]
-        "thrust_form", document.get("thrust_form", "integrated"), get_args(ThrustForm)
+        "thrust_form", document.get("thrust_form", "stress_integral"), get_args(ThrustForm)
     )
     names: tuple[str, ...] = ()
     covariance: Array = np.zeros((0, 0))

@@ -17,7 +17,10 @@ from smallwheel_ros.physics.soil import Soil, SoilError
 
 Array = NDArray[np.float64]
 
-QUANTITIES = ("sinkage", "compaction_resistance", "resistance", "thrust", "drawbar_pull")
+QUANTITIES = (
+    "sinkage", "compaction_resistance", "resistance", "thrust", "rolling_resistance", "drawbar_pull",
+    "torque",
+)  # fmt: skip
 _STEP = 1e-4  # of a standard deviation: far from rounding, close enough to be a slope
 
 
@@ -57,7 +60,7 @@ def _changed_soil(soil: Soil, parameter: str, change: float) -> Soil:
     if parameter == "log_shear_displacement":
         longer = soil.shear_displacement * float(np.exp(change))
         return replace(soil, shear_displacement=longer)
-    if parameter in ("cohesion", "friction_angle"):
+    if parameter in ("cohesion", "friction_angle", "rolling_share", "rim_friction"):
         return replace(soil, **{parameter: getattr(soil, parameter) + change})
     law = {
         "log_reference_pressure": soil.log_reference_pressure,

@@ -92,14 +92,14 @@ def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]
     return cross_validate(problem.points, choose, len(models))
 
 
-def with_pull(
+def with_forces(
     problem: Problem, models: Sequence[CandidateFit], errors: list[CvErrors]
 ) -> list[CvErrors]:
-    """Errors of models of the judged channels, with those of drawbar pull, which had no say in them."""
+    """Errors of models of the judged channels, with those of pull and torque, which had no say in them."""
     if problem.judged is problem:
         return errors
     full = [replace(m, fit=problem.with_all_channels(m.fit)) for m in models]
     return [
-        replace(e, error={**e.error, "drawbar_pull": p.error["drawbar_pull"]})
+        replace(e, error={**e.error, **{name: p.error[name] for name in problem.points.forces}})
         for e, p in zip(errors, of_model(problem, full), strict=True)
     ]

@@ -24,6 +24,7 @@ from smallwheel_ros.fitting.constants import (
 )
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
+from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.repeatability import repeatability
 
 Array = NDArray[np.float64]
@@ -122,7 +123,7 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
     for c, name in enumerate(points.channels):
         mine = np.flatnonzero((points.channel == c) & ~points.swept)
         measured, predicted = points.value[mine], fit.predicted[mine]
-        if name == "drawbar_pull" or mine.size < 2 * _PLATEAU:
+        if name in FORCES or mine.size < 2 * _PLATEAU:
             continue
         if min(measured.min(), predicted.min()) > 0.0:
             found[name] = _plateau(measured, predicted, deviation[mine] / predicted)

@@ -17,7 +17,7 @@ from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.candidate import CandidateFit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.curves import curve_shown
-from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_pull
+from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_forces
 from smallwheel_ros.diagnosis.misfit import of_channels, with_misfit
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.residuals import (
@@ -35,7 +35,8 @@ from smallwheel_ros.fitting.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.fitting.constants import (
     ALARM,
     FEWEST_RUNS,
-    THRUST_LAW,
+    FORCE_LAW,
+    FORCE_WHEEL,
     USEFUL,
 )
 from smallwheel_ros.fitting.fit import one_thread
@@ -295,11 +296,15 @@ def _steps(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, 
             f"on runs that the choice never saw, the error of {listed(worse)} rises with what is named: "
             "its law does not carry over to settings outside those measured"
         )
-    errors = with_pull(problem, models, errors)
-    if "drawbar_pull" in compare_cv(errors[0], errors[-1]).worse and problem.judged is not problem:
-        verdict = verdict.saying(
-            "the held-out error of drawbar pull rises with what is named: its law is crude"
+    errors = with_forces(problem, models, errors)
+    if problem.judged is not problem:
+        worse = tuple(
+            n for n in compare_cv(errors[0], errors[-1]).worse if n in problem.points.forces
         )
+        if worse:
+            verdict = verdict.saying(
+                f"the held-out error of {listed([words(name) for name in worse])} rises with what is named"
+            )
     verdict = replace(verdict, named=tuple(added) or verdict.named)
     steps = [Step(*step) for step in zip([None, *added], models, errors, strict=True)]
     verdict = with_misfit(found, verdict)
@@ -378,18 +383,23 @@ def _alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErro
 
 
 def _about_pull(problem: Problem, found: Search, errors: CvErrors, seed: int) -> list[str]:
-    """Whether drawbar pull would say something else of the effects, in words. errors: held out."""
+    """Whether pull or torque would say something else of the effects, in words. errors: held out."""
     if problem.judged is problem:
         return []
     with_pull = search(problem.fitter, problem.fit, found.field, seed=seed, most=0)
-    said = "drawbar pull did not decide: its law is known to about 30 % of the load only"
-    share = errors.error["drawbar_pull"] / problem.measurements.conditions.load
-    off = float(np.sqrt(np.nanmean(share**2)))
-    if off > 2.0 * THRUST_LAW:
-        said += (
-            f". It is off by {100 * off:.0f} % of the load, more than any such law: the two channels "
-            "disagree; check its sign, its zero and what else pulls"
-        )
+    usual = float(np.hypot(FORCE_LAW, FORCE_WHEEL))
+    which = listed([words(name) for name in problem.points.forces])
+    said = f"{which} did not decide: the law is known to about {100 * usual:.0f} % of the load only"
+    conditions = problem.measurements.conditions
+    for name in problem.points.forces:
+        lever = 0.5 * conditions.diameter if name == "torque" else 1.0
+        share = errors.error[name] / (conditions.load * lever)
+        off = float(np.sqrt(np.nanmean(share**2)))
+        if off > 2.0 * usual:
+            said += (
+                f". {words(name).capitalize()} is off by {100 * off:.0f} % of the load, more than that "
+                "law: the channels disagree; check sign, zero and what else pulls"
+            )
     if with_pull.p_drawn <= ALARM < found.p:
         first = min(with_pull.p_values, key=lambda f: with_pull.p_values[f])
         said += (

@@ -217,8 +217,8 @@ def _screen_at(found: Search, parent: CandidateFit, columns: list[Column]) -> Sc
     base = found.none.fit.predicted
     ratio = parent.fit.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
     points = found.fitter.points
-    if "drawbar_pull" in points.channels:
-        ratio = np.where(points.of_channel("drawbar_pull"), 1.0, ratio)
+    for name in points.forces:
+        ratio = np.where(points.of_channel(name), 1.0, ratio)
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, 1.0)
     others = [c for c in columns if c.competitor.family not in parent.families]
     shifted = [replace(c, shift=c.shift * ratio[:, None]) for c in others]

@@ -16,11 +16,12 @@ turn:
     sinkage             changes the sinkage after the solve                   m      -> m
     compaction_sinkage  the depth to which soil is compacted (default: the same change)
     added_resistance    adds to the compaction resistance                     N
-    thrust_factor       multiplies the thrust                                 1
+    thrust_factor       multiplies thrust and torque                          1
     measured_sinkage    what the instrument shows of the sinkage              m      -> m
     measured_resistance what the instrument shows of the resistance           N      -> N
 
-A drawbar pull is the thrust less the resistance itself, whatever the instrument shows of that.
+Drawbar pull and torque follow from load and sinkage (`physics.stresses`), whatever the instrument shows of
+the resistance: an effect that deepens the rut leaves their balance alone.
 
 Override only what the effect changes. To write your own, copy a file of this folder, or see
 docs/your_own_effect.md.
@@ -63,12 +64,12 @@ ROLLING_STAGES = (
     "thrust_factor",
     "measured_resistance",
 )
-_ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull")
+_ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
 # Stages that do not touch every channel.
 _CHANNELS = {
-    "compaction_sinkage": ("resistance", "drawbar_pull"),
+    "compaction_sinkage": ("resistance",),
     "added_resistance": ("resistance", "drawbar_pull"),
-    "thrust_factor": ("drawbar_pull",),
+    "thrust_factor": ("drawbar_pull", "torque"),
     "measured_sinkage": ("sinkage",),
     "measured_resistance": ("resistance",),
 }

@@ -17,7 +17,7 @@ class ContactIntegral(Effect):
     summary = "The wheel's true outline carries the load, not eq. 10's parabola and two terms."
     formula = "W = b r int p(z(theta)) cos(theta) d(theta), z = r (cos(theta) - cos(theta0))"
     source = "Bekker 1956; Wong 2008, ch. 2"
-    channels = ("sinkage", "resistance", "drawbar_pull")
+    channels = ("sinkage", "resistance", "drawbar_pull", "torque")
     stage = "geometry"
     next_step = "Compare both rules on the same data: smallwheel compare."
     geometry = "contact_integral"

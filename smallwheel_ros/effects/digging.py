@@ -25,7 +25,7 @@ def dug(form: Form) -> Form:
         return sinkage
 
     return _made(form, "Dug", "compaction resistance at z0", compaction_sinkage,
-                 channels=("sinkage", "drawbar_pull"))  # fmt: skip
+                 channels=("sinkage", "drawbar_pull", "torque"))  # fmt: skip
 
 
 def partly_dug(form: Form) -> Form:

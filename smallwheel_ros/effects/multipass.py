@@ -64,7 +64,7 @@ class Logarithmic(_Multipass):
 @dataclass(frozen=True)
 class RutPower(Power):
     formula = "z = z1 N^p; compaction resistance as on fresh soil"
-    channels = ("sinkage", "drawbar_pull")
+    channels = ("sinkage", "drawbar_pull", "torque")
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage

@@ -87,7 +87,7 @@ class FadingQuadratic(Quadratic):
     formula = "z = z0 (1 + s [(1 - q) |i| + q i^2] cos^p beta), i < 0; compaction resistance at z0"
     source = "empirical: at a slip angle, skid along the wheel's plane counts for less"
     needs = ("slip", "slip_angle")
-    channels = ("sinkage", "drawbar_pull")
+    channels = ("sinkage", "drawbar_pull", "torque")
 
     p: float = parameter(1.0, (0.0, 12.0), "how fast it fades with the slip angle", neutral=None)
 

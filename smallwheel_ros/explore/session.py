@@ -17,7 +17,7 @@ from smallwheel_ros.diagnosis.apply import Grown
 from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.document import failing_settings
-from smallwheel_ros.diagnosis.held_out import with_pull
+from smallwheel_ros.diagnosis.held_out import with_forces
 from smallwheel_ros.display import number, shown_value, words
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
@@ -242,7 +242,7 @@ class Session:
             grown = self._grown(kept, tuple(name for name in names if name not in self.chosen))
             self.progress = (len(names), 1 + len(names))
             fit = problem.result(grown.model.fit)
-            after = with_pull(problem, [grown.model], [grown.held_out(problem.judged)])[0]
+            after = with_forces(problem, [grown.model], [grown.held_out(problem.judged)])[0]
         before = after if names == self.chosen else self.view(self.chosen).after
         return View(names, fit, before, after, compare_cv(before, after))
 

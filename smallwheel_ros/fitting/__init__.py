@@ -34,7 +34,7 @@ def fit_model(
     *,
     soils: Sequence[Soil] = (),
     priors: Mapping[str, SoilPrior] | None = None,
-    thrust_form: ThrustForm = "integrated",
+    thrust_form: ThrustForm = "stress_integral",
     fixed_m: float | None = None,
 ) -> FitResult:
     """Fit soils and effects to all channels at once.
@@ -53,7 +53,7 @@ def fit_model(
     priors
         Soils known from elsewhere (from an indentation test, say) with their covariance.
     thrust_form
-        Law of thrust, for drawbar_pull.
+        Law of drawbar_pull and torque.
     fixed_m
         m of every soil, held (0 is the law of Bernstein and Goriatchkin); None fits it.
 

@@ -54,12 +54,24 @@ SPREAD = _constant(
     "log-deviation of each of these priors", 0.7,
     "a factor of 2 either way: 2 to 15 % spans what prepared soils scatter by",
 )  # fmt: skip
-THRUST_LAW = _constant(
-    "discrepancy of the law of thrust, of the load", 0.3,
-    "published laws of drawbar pull differ by this share of the load at one slip; fixed, since "
+FORCE_LAW = _constant(
+    "discrepancy of the law of pull and torque, of the load (times the radius)", 0.05,
+    "held-out pulls of four rigs say 0.03 to 0.05 (ln evidence 0, -3; at 0.1 -21); fixed, since "
     "where it is estimated an effect gains by shrinking it",
 )  # fmt: skip
-THRUST_SLIP = _constant(
+FORCE_WHEEL = _constant(
+    "the same, of a wheel at all slips", 0.05,
+    "pulls of wheels that were left out are off by 0.03 to 0.07 of the load, by up to 0.06 in the mean",
+)  # fmt: skip
+FORCE_LUGS = _constant(
+    "the same, of a wheel with lugs over a tenth of its radius", 0.1,
+    "no law of lugs holds on all rigs: twice the error of a wheel with lower ones or none",
+)  # fmt: skip
+FORCE_WORKING = _constant(
+    "the same, by which a fit weighs pull and torque", 0.03,
+    "where the evidence of four rigs is largest; its deviations come from the three above",
+)  # fmt: skip
+FORCE_SLIP = _constant(
     "slip over which that discrepancy changes", 0.3, "thrust saturates over slips of 0.2 to 0.4"
 )
 INSTRUMENT = _constant(

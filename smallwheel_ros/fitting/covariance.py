@@ -115,6 +115,12 @@ class Covariance:
             for part, index in zip(found, self._blocks, strict=True)
         ]
 
+    def times(self, columns: Array) -> Array:
+        """V columns, shape (values, columns)."""
+        return self._joined(
+            [part @ columns[index] for part, index in zip(self._parts, self._blocks, strict=True)]
+        )
+
     def variance(self) -> Array:
         """The diagonal of V, shape (values,)."""
         return self._joined([np.diagonal(part, axis1=1, axis2=2) for part in self._parts])

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -105,7 +106,10 @@ class Fitter:
     """Fits models to one set of points under one variance model.
 
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
-    compared. law: what predicts points, the model if not another.
+    compared. law: what predicts points, the model if not another. working: the law's errors of pull and
+    torque count as independent from row to row. Correlated as they are, a constant or a tilt over slip
+    costs next to nothing, and a fit would leave both to them (Peelle's puzzle); what they do to the
+    parameters is in the posterior (`result.posterior_covariance`).
     """
 
     def __init__(
@@ -114,14 +118,26 @@ class Fitter:
         level: Array,
         repeats: Repeats,
         law: Callable[[Points], Predictor] = Predictor.of,
+        *,
+        working: bool = False,
     ) -> None:
         self.points, self.level, self.repeats, self._law = points, level, repeats, law
-        self.variance = VarianceModel(points, level, repeats.variance, repeats.stated)
+        self.working = working
+        self.variance = self._variance(working)
         self.predictor = law(points)
+
+    def _variance(self, working: bool) -> VarianceModel:
+        known = self.repeats
+        return VarianceModel(self.points, self.level, known.variance, known.stated, working=working)
+
+    @cached_property
+    def true_variance(self) -> VarianceModel:
+        """The variance as it is believed to be, where `variance` is the one that is worked with."""
+        return self._variance(False) if self.working else self.variance
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""
-        return Fitter(self.points, self.level, self.repeats, law)
+        return Fitter(self.points, self.level, self.repeats, law, working=self.working)
 
     def of_runs(self, training: Points) -> Fitter:
         """A fitter of some of the runs, under the same levels and repeatability."""
@@ -131,7 +147,7 @@ class Fitter:
         """A fitter of some of the values, `points.take(keep)`, under the same."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
-        return Fitter(training, self.level[keep], part, self._law)
+        return Fitter(training, self.level[keep], part, self._law, working=self.working)
 
     @one_thread
     def fit(

@@ -10,6 +10,7 @@ from smallwheel_ros.fitting.noise import repeats_of
 from smallwheel_ros.fitting.parameters import Array, ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.predictor import Predictor
+from smallwheel_ros.measurements.columns import FORCES
 
 _SMALLEST = 0.05  # of a channel's median: least level of a value
 _LEVELS = 2  # times that the levels are taken from the fit itself
@@ -21,7 +22,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
     Newton's steps in metres stray from a start that is a decade off.
     """
     theta = vector.start
-    channel = next((n for n in points.channels if n != "drawbar_pull"), None)
+    channel = next((n for n in points.channels if n not in FORCES), None)
     mine = {(p.owner, p.field): j for j, p in enumerate(vector.of_soils)}
     if channel is None:
         return theta
@@ -58,8 +59,8 @@ def first_levels(points: Points) -> Array:
     loads = points.column("load")
     for channel in range(len(points.channels)):
         mine = points.channel == channel
-        if points.channels[channel] == "drawbar_pull":
-            level[mine] = loads[mine]
+        if points.channels[channel] in FORCES:
+            level[mine] = _of_load(points)[mine]
             continue
         for run in np.unique(points.run[mine & points.swept]):
             curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
@@ -91,23 +92,29 @@ def _floored(points: Points, level: Array) -> Array:
 
 
 def levels_from(points: Points, predicted: Array) -> Array:
-    """The size of each value as a model has it; of drawbar pull the load."""
-    level = np.abs(predicted)
-    pull = [points.channels[c] == "drawbar_pull" for c in points.channel]
-    return _floored(points, np.where(pull, points.column("load"), level))
+    """The size of each value as a model has it; of pull the load, of torque that times the radius."""
+    forces = np.isin(np.array(points.channels)[points.channel], FORCES)
+    return _floored(points, np.where(forces, _of_load(points), np.abs(predicted)))
+
+
+def _of_load(points: Points) -> Array:
+    """The load, times the radius where the value is a torque, shape (values,)."""
+    torque = np.array(points.channels)[points.channel] == "torque"
+    lever = np.where(torque, 0.5 * points.column("diameter"), 1.0)
+    return np.asarray(points.column("load") * lever)
 
 
 def make_fitter(
-    points: Points, vector: ParameterVector, start: Array | None = None
+    points: Points, vector: ParameterVector, start: Array | None = None, *, working: bool = False
 ) -> tuple[Fitter, Fit]:
-    """A fitter whose levels suit these points, and the fit of that model with it.
+    """A fitter whose levels suit these points, and the fit of that model with it. working: see `Fitter`.
 
     Raises FittingError where there are too few values.
     """
     if len(points) < 2:
         raise FittingError("one measurement cannot be fitted: measure at least a few loads")
     level = first_levels(points)
-    fitter = Fitter(points, level, repeats_of(points, level))
+    fitter = Fitter(points, level, repeats_of(points, level), working=working)
     fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
     return fitter, fitter.fit(vector, fit.theta, fit.scatter)
 
@@ -115,13 +122,13 @@ def make_fitter(
 def fit_points(
     points: Points, vector: ParameterVector, start: Array | None = None
 ) -> tuple[Fitter, Fit]:
-    """Fit one model, with the levels of the noise from its own predictions. start: theta.
+    """Fit one model for people, with the levels of the noise from its own predictions. start: theta.
 
     Raises FittingError where there are too few values.
     """
-    fitter, fit = make_fitter(points, vector, start)
+    fitter, fit = make_fitter(points, vector, start, working=True)
     for _ in range(_LEVELS):
         level = levels_from(points, fit.predicted)
-        fitter = Fitter(points, level, repeats_of(points, level))
+        fitter = Fitter(points, level, repeats_of(points, level), working=True)
         fit = fitter.fit(vector, fit.theta, fit.scatter)
     return fitter, fit

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import FEWEST_VALUES
 from smallwheel_ros.fitting.runs import Group, groups_of, runs_of
+from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.settings import (
     order_columns,
     setting_columns,
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-_ALONG = np.radians(10.0)  # slip angle up to which a law of thrust along the wheel's plane holds
+_ALONG = np.radians(10.0)  # slip angle up to which the law of pull is as good as along the plane
 
 
 class FittingError(SmallwheelError):
@@ -68,6 +69,11 @@ class Points:
     def count(self) -> Array:
         """How many rows each value is the mean of."""
         return np.array([r.size for r in self.rows], dtype=float)
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Those of the channels that rest on the soil's strength."""
+        return tuple(name for name in self.channels if name in FORCES)
 
     @property
     def run_count(self) -> int:
@@ -149,7 +155,7 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
     if not any(mask.any() for mask in usable.values()):
         raise FittingError(
             f"{measurements.source or 'the measurements'}: no row has a usable sinkage, resistance "
-            "or drawbar_pull (which needs slip): measure at least one of them"
+            "or drawbar_pull or torque (which need slip): measure at least one of them"
         )
     channels = tuple(name for name in CHANNELS if name in usable and usable[name].any())
     names, run = runs_of(measurements)
@@ -225,15 +231,18 @@ def _usable(
         usable = there if name == "sinkage" else there & conditions.rolling
         if usable.sum() < there.sum():
             notes.append(f"{name} of rows that do not roll is not used: no model predicts it")
-        if name == "drawbar_pull" and usable.any() and "slip" not in conditions:
-            notes.append("drawbar_pull is not used: the table has no slip, which thrust needs")
+        if name in FORCES and usable.any() and "slip" not in conditions:
+            first = measurements.line[np.flatnonzero(usable)[0]]
+            notes.append(
+                f"{name} (from line {first}) is not used: the table has no slip, which it needs"
+            )
             continue
-        if name == "drawbar_pull" and "slip_angle" in conditions:
+        if name in FORCES and "slip_angle" in conditions:
             along = np.abs(conditions["slip_angle"]) <= _ALONG
             if (usable & ~along).any():
                 notes.append(
-                    f"drawbar_pull of {int((usable & ~along).sum())} rows is not used: the law of "
-                    "thrust holds for a wheel that runs along its plane (slip angle up to 10 deg)"
+                    f"{name} of {int((usable & ~along).sum())} rows is not used: its law is as good as "
+                    "stated for a wheel that runs along its plane (slip angle up to 10 deg)"
                 )
             usable = usable & along
         found[name] = usable

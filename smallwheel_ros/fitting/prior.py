@@ -67,11 +67,22 @@ SOIL_PARAMETERS = {
     "n": ("1", Prior(0.9, 0.4, 0.05, 2.9)),
     "m": ("1", Prior(0.0, 0.6, -3.0, 3.0)),
 }
-# Published: phi 28 to 42 deg, c 0.1 to 2 kPa, K 10 to 28 mm for small wheels (bounds 2 to 60 mm).
+# Dry sand under small wheels: phi 28 to 40 deg, c 0 to 1 kPa (Wong 2008; 21 to 31 deg and 200 to 2300 Pa in
+# the pulls of nine rigs), K 5 to 25 mm.
 STRENGTH_PARAMETERS = {
-    "friction_angle": ("rad", Prior(0.56, 0.12, 0.1, 1.0)),
-    "log_shear_displacement": ("ln m", Prior(-4.2, 0.6, -6.2, -2.8)),
-    "cohesion": ("Pa", Prior(700.0, 700.0, 0.0, 20e3)),
+    "friction_angle": ("rad", Prior(0.576, 0.08, 0.1, 1.0)),
+    "log_shear_displacement": ("ln m", Prior(-4.42, 0.6, -6.2, -2.8)),
+    "cohesion": ("Pa", Prior(500.0, 500.0, 0.0, 20e3)),
+}
+# What a wheel does with that strength (`stresses`): eta is 1 in Wong and Reece 1967 and 1.2 to 1.9 on rigs;
+# mu of sand on metal is 0.5 to 0.9 (Potyondy 1961), 0.70 to 0.84 on rigs.
+WHEEL_PARAMETERS = {
+    "rolling_share": ("1", Prior(1.3, 0.4, 0.0, 4.0)),
+    "rim_friction": ("1", Prior(0.8, 0.12, 0.2, 1.5)),
+}
+# Where nobody measured it.
+USUAL_STRENGTH = {
+    name: prior.centre for name, (_, prior) in (STRENGTH_PARAMETERS | WHEEL_PARAMETERS).items()
 }
 
 
@@ -84,6 +95,8 @@ def soil_numbers(soil: Soil) -> dict[str, float]:
         "friction_angle": soil.friction_angle,
         "log_shear_displacement": float(np.log(soil.shear_displacement)),
         "cohesion": soil.cohesion,
+        "rolling_share": soil.rolling_share,
+        "rim_friction": soil.rim_friction,
     }
 
 
@@ -99,6 +112,8 @@ def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
         v["friction_angle"],
         float(np.exp(v["log_shear_displacement"])),
         soil.source,
+        v["rolling_share"],
+        v["rim_friction"],
     )
 
 

@@ -21,12 +21,15 @@ from smallwheel_ros.fitting.points import FittingError, Points, points_of
 from smallwheel_ros.fitting.prior import (
     SOIL_PARAMETERS,
     STRENGTH_PARAMETERS,
+    USUAL_STRENGTH,
+    WHEEL_PARAMETERS,
     Prior,
     SoilPrior,
     soil_from,
     soil_numbers,
 )
 from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.physics.soil import Soil
@@ -46,7 +49,7 @@ class Base:
 
     effects: tuple[Effect, ...] = ()
     geometry: Geometry = "contact_integral"
-    thrust_form: ThrustForm = "integrated"
+    thrust_form: ThrustForm = "stress_integral"
     soils: tuple[Soil, ...] = ()
     priors: Mapping[str, SoilPrior] = field(default_factory=dict)
     parts: tuple[EffectPart, ...] = ()
@@ -67,14 +70,14 @@ class Base:
         free: list[FreeParameter] = []
         precision: list[Array] = []
         for name in soil_names(points):
-            soil = given.get(name) or Soil(name, 1e6, 0.9, 0.0)
+            soil = given.get(name) or soil_from(Soil(name, 1e6, 0.9, 0.0), USUAL_STRENGTH)
             if self.fixed_m is not None:
                 soil = soil_from(soil, {"m": self.fixed_m})
             start.append(soil)
             numbers = soil_numbers(soil)
             held = self.fixed_m is not None or one_diameter(points, name)
             priors, blocks = self._soil(name, numbers, ["m"] if held else [])
-            strength = _strength(points)
+            strength = self._strength(points)
             precision += [*blocks, np.diag([p.deviation**-2 for _, p in strength.values()])]
             for number, (unit, prior) in (priors | strength).items():
                 value = numbers[number] if name in given else prior.centre
@@ -103,18 +106,18 @@ class Base:
         }
         return known, [np.asarray(np.linalg.inv(covariance))]
 
+    def _strength(self, points: Points) -> dict[str, tuple[str, Prior]]:
+        """The numbers of a soil's strength that these channels could depend on.
 
-def _strength(points: Points) -> dict[str, tuple[str, Prior]]:
-    """The numbers of a soil's strength that these channels could depend on.
-
-    Without drawbar pull that is where an effect reads it (bulldozing); elsewhere it has no influence,
-    and its posterior is its prior.
-    """
-    if "drawbar_pull" in points.channels:
-        return STRENGTH_PARAMETERS
-    if "resistance" not in points.channels:
-        return {}
-    return {n: p for n, p in STRENGTH_PARAMETERS.items() if n != "log_shear_displacement"}
+        Without drawbar pull and torque that is where an effect reads it (bulldozing); elsewhere it has no
+        influence, and its posterior is its prior.
+        """
+        if set(FORCES) & set(points.channels):
+            own = WHEEL_PARAMETERS if self.thrust_form == "stress_integral" else {}
+            return STRENGTH_PARAMETERS | own
+        if "resistance" not in points.channels:
+            return {}
+        return {n: p for n, p in STRENGTH_PARAMETERS.items() if n != "log_shear_displacement"}
 
 
 def soil_names(points: Points) -> list[str]:
@@ -166,7 +169,7 @@ class Problem:
 
     @cached_property
     def _made(self) -> tuple[Fitter, Fit]:
-        return make_fitter(self.points, self.vector)
+        return make_fitter(self.points, self.vector, working=self.judged is not self)
 
     @property
     def fitter(self) -> Fitter:
@@ -205,13 +208,14 @@ class Problem:
 
     @cached_property
     def judged(self) -> Problem:
-        """The channels that decide about effects: all, but drawbar pull only where it is alone.
-
-        The law of thrust is wrong by a share of the load; it must not decide about sinkage.
-        """
-        if "drawbar_pull" not in self.points.channels or len(self.points.channels) == 1:
+        """The channels that decide about effects: all, but pull and torque only where they are alone."""
+        forces = [name for name in self.points.channels if name in FORCES]
+        if not forces or len(forces) == len(self.points.channels):
             return self
-        return replace(self, points=self.points.without_channel("drawbar_pull"))
+        points = self.points
+        for name in forces:
+            points = points.without_channel(name)
+        return replace(self, points=points)
 
     def _own(self, fit: Fit) -> tuple[ParameterVector, Array]:
         """The parameters of a fit of the judged channels, for all channels, and where they start."""

@@ -18,7 +18,7 @@ from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS
+from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, WHEEL_PARAMETERS
 from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, Prediction, predict
@@ -37,6 +37,7 @@ Status = Literal["determined", "at its bound", "not determined", "held"]
 
 _ALIKE = 0.98  # correlation from which two numbers are said to be tied
 
+_STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
 _REMEDIES = {
     "log_reference_pressure": "measure sinkage at a few loads",
     "n": "measure over a wider range of loads (4 to 1), or measure resistance too",
@@ -44,6 +45,8 @@ _REMEDIES = {
     "friction_angle": "measure drawbar pull at slip over 0.5",
     "log_shear_displacement": "measure drawbar pull at slips from 0.05 to 0.3",
     "cohesion": "measure drawbar pull at high slip under a light and a heavy load",
+    "rolling_share": "measure drawbar pull or torque at slips from -0.1 to 0.1",
+    "rim_friction": "measure the same wheel with lugs, or braked, beside the bare rim driven",
 }
 
 
@@ -175,7 +178,8 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     C(phi) = (J' V(phi)^-1 J + P)^-1 is averaged over ln phi ~ N(found, its covariance) by the 2 q
     points found +- sqrt(q) times the columns of its root (the cubature rule, Arasaratnam and Haykin
     2009): few runs do not know their scatter well, and the deviations say so. A parameter at its
-    bound has zero rows and columns.
+    bound has zero rows and columns. Where the fit worked with another covariance V_0 than the true V
+    (`Fitter`), C = (J' V_0^-1 J + P)^-1 (J' V_0^-1 V V_0^-1 J + P) (J' V_0^-1 J + P)^-1.
     """
     model, points = fitter.variance, fitter.points
     free = np.flatnonzero(~fit.at_bound)
@@ -188,8 +192,12 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     total = np.zeros((free.size, free.size))
     for column in np.sqrt(size) * np.hstack([root, -root]).T:
         at = replace(fit.scatter, log_deviation=fit.scatter.log_deviation + column)
-        white = model.covariance(at, stiff).whiten(slopes)
-        total += inverse(white.T @ white + precision) / (2 * size)
+        weighted = model.covariance(at, stiff).solve(slopes)
+        one = inverse(slopes.T @ weighted + precision)
+        if fitter.working:
+            true = fitter.true_variance.covariance(at, stiff)
+            one = one @ (weighted.T @ true.times(weighted) + precision) @ one
+        total += one / (2 * size)
     full = np.zeros((fit.theta.size, fit.theta.size))
     full[np.ix_(free, free)] = total
     return full
@@ -224,7 +232,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     model = fit.model
     # Strength that nothing reads is no part of the result.
     used = [j for j, p in enumerate(fit.vector.free)
-            if p.field not in STRENGTH_PARAMETERS or np.any(fit.slopes[:, j])]  # fmt: skip
+            if p.field not in _STRENGTH or np.any(fit.slopes[:, j])]  # fmt: skip
     parameters = [_parameter(fit, covariance, j) for j in used]
     names = {p.full_name for p in parameters}
     for soil in fit.vector.soils:
@@ -255,7 +263,7 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
     free = fit.vector.free[j]
     prior, of_soil = free.prior, j < fit.vector.base_size
     # Before any data at all, also where this fit began from a known soil.
-    before = (SOIL_PARAMETERS | STRENGTH_PARAMETERS)[free.field][1] if of_soil else prior
+    before = (SOIL_PARAMETERS | _STRENGTH)[free.field][1] if of_soil else prior
     std = float(np.sqrt(covariance[j, j]))
     status: Status = "determined"
     if fit.at_bound[j]:

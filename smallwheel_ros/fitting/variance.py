@@ -19,8 +19,9 @@ or wheel), and no law of size is a power either:
 
       + shape^2 L L' [(1 + same body) exp(-|d ln L|) + same body]
 
-Drawbar pull has (0.3 W)^2 exp(-|d slip| / 0.3) within each wheel. L is the size
-of each value (`levels`). phi = (tau, own, ...) have log-normal priors; ln phi is found by maximising
+Drawbar pull and torque have L^2 [law^2 exp(-|d slip| / 0.3) + wheel^2] within each wheel (`FORCE_LAW`). L
+is the size of each value, of pull the load W, of torque W r (`levels`). phi = (tau, own, ...) have
+log-normal priors; ln phi is found by maximising
 
     ln N(e; 0, V + J P^-1 J') + ln p(ln phi)
 
@@ -40,6 +41,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.covariance import Covariance, blocks_of
 from smallwheel_ros.fitting.points import Index, Points
+from smallwheel_ros.measurements.columns import FORCES
 
 Array = NDArray[np.float64]
 
@@ -63,16 +65,27 @@ class Scatter:
 
 
 class VarianceModel:
-    """The components of one set of points. level: L, shape (values,). pure: variance of the values' rows."""
+    """The components of one set of points.
 
-    def __init__(self, points: Points, level: Array, pure: Array, stated: Array) -> None:
-        self.points, self.level = points, level
+    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`.
+    """
+
+    def __init__(
+        self,
+        points: Points,
+        level: Array,
+        pure: Array,
+        stated: Array,
+        *,
+        working: bool = False,
+    ) -> None:
+        self.points, self.level, self._working = points, level, working
         self.swept = bool(points.swept.any())
         repeated = settings_repeated(points)
         self.names, self.medians = ["tau"], [constants.SOIL_SCATTER]
         for c, name in enumerate(points.channels):
             self._add(f"own:{name}", constants.CHANNEL_SCATTER)
-            if name != "drawbar_pull":
+            if name not in FORCES:
                 self._add(f"zero:{name}", constants.ZERO_SCATTER)
             if repeated:
                 self._add(f"fit:{name}", constants.LACK_OF_FIT)
@@ -82,8 +95,8 @@ class VarianceModel:
             self._add("along", constants.CURVE_CORRELATED)
         links = [points.run, np.where(points.swept, points.channel, -1)]
         links += [points.setting] if repeated else []
-        if "drawbar_pull" in points.channels:
-            links.append(np.where(points.of_channel("drawbar_pull"), _wheels(points), -1))
+        for name in () if working else points.forces:
+            links.append(np.where(points.of_channel(name), _wheels(points), -1))
         self.blocks = blocks_of(links)
         pairs = [_Pairs(index) for index in self.blocks]
         pure = pure + (_RESOLUTION * level) ** 2
@@ -95,10 +108,15 @@ class VarianceModel:
         """Covariance of what a law of thrust and a curve's power of depth get wrong."""
         points, sizes = self.points, pairs.product(self.level)
         found = np.zeros_like(sizes)
-        if "drawbar_pull" in points.channels:
-            pull = pairs.product(points.of_channel("drawbar_pull")) * pairs.same(_wheels(points))
-            near = np.exp(-pairs.apart(points.column("slip")) / constants.THRUST_SLIP)
-            found += constants.THRUST_LAW**2 * sizes * pull * near
+        for name in points.forces:
+            mine = pairs.product(points.of_channel(name))
+            if self._working:
+                found += np.eye(pairs.size) * constants.FORCE_WORKING**2 * sizes * mine
+                continue
+            mine = mine * pairs.same(_wheels(points))
+            near = np.exp(-pairs.apart(points.column("slip")) / constants.FORCE_SLIP)
+            own = pairs.product(wheel_discrepancy(points))
+            found += sizes * mine * (constants.FORCE_LAW**2 * near + own)
         if self.swept:
             bodies = _codes([points.column("diameter"), points.column("width")])
             same = pairs.same(bodies)
@@ -283,6 +301,14 @@ class _Pairs:
     def apart(self, values: Array) -> Array:
         """How far the two values are from each other."""
         return np.abs(values[self.index][:, :, None] - values[self.index][:, None, :])
+
+
+def wheel_discrepancy(points: Points) -> Array:
+    """What the law of pull and torque is off by for a wheel at all slips, of the load, at each value."""
+    if "grouser_height" not in points.conditions:
+        return np.full(len(points), constants.FORCE_WHEEL)
+    high = points.column("grouser_height") >= 0.05 * points.column("diameter")
+    return np.where(high, constants.FORCE_LUGS, constants.FORCE_WHEEL)
 
 
 def _wheels(points: Points) -> Index:

@@ -19,7 +19,8 @@ from smallwheel_ros.measurements.units import DIMENSIONLESS, RADIAN, TORQUE
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-CHANNELS = ("sinkage", "resistance", "drawbar_pull")  # what a model predicts
+CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")  # what a model predicts
+FORCES = ("drawbar_pull", "torque")  # those that rest on the soil's strength, and need slip
 TEXTS = ("contact", "soil", "run", "wheel")
 SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
 _ROUNDING = 1e-9  # a limit may be passed by the rounding of a converted unit
@@ -83,9 +84,11 @@ COLUMNS: dict[str, ColumnSpec] = {
     ),
     "resistance": ColumnSpec("motion resistance", "N", *_FORCE),
     "drawbar_pull": ColumnSpec("drawbar pull", "N", *_FORCE),
+    "torque": ColumnSpec("torque on the wheel's axle", TORQUE, *_FORCE),
     "sinkage_std": ColumnSpec("deviation of sinkage", "m", *_LENGTH_STD, hint=_BLANK),
     "resistance_std": ColumnSpec("deviation of resistance", "N", *_FORCE_STD, hint=_BLANK),
     "drawbar_pull_std": ColumnSpec("deviation of drawbar pull", "N", *_FORCE_STD, hint=_BLANK),
+    "torque_std": ColumnSpec("deviation of torque", TORQUE, *_FORCE_STD, hint=_BLANK),
     # A rig with separate drives holds slip to one or two hundredths.
     "slip": ColumnSpec(
         "slip", DIMENSIONLESS, -1.0, 1.0, same=0.02, hint="in per cent? then the header is 'slip [%]'"

@@ -15,6 +15,8 @@ import unicodedata
 from collections.abc import Collection
 from typing import NamedTuple
 
+from smallwheel_ros.measurements.columns import CHANNELS
+
 WORDS: dict[str, str] = {
     "load": "normal load, vertical load, axle load per wheel, normal force, vertical force, weight, "
     "Last, Radlast, Normallast, Vertikallast, Auflast, Normalkraft, Vertikalkraft, Aufstandskraft, "
@@ -157,7 +159,7 @@ def find(text: str) -> Match | None:
 def _deviation(of: str, text: str) -> Match | None:
     """`sinkage_std` and the like; only of what a wheel's measurement is weighed by."""
     name = f"{_BY_WORD.get(of, SYMBOLS.get(_tokens(text)[0], ''))}_std"
-    if name not in ("sinkage_std", "resistance_std", "drawbar_pull_std"):
+    if name not in {f"{channel}_std" for channel in CHANNELS}:
         return None
     return Match(name, 0 if plain(text) == plain(name) else 1)
 

@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 # under a wheel of one metre, an extrapolation whose error is tied to n and m.
 REFERENCE_SINKAGE = 0.010  # m
 REFERENCE_DIAMETER = 0.200  # m
+# Numbers of a soil, in the order of a model file.
+SOIL_NUMBERS = (
+    "k", "n", "m", "cohesion", "friction_angle", "shear_displacement", "rolling_share", "rim_friction"
+)  # fmt: skip
 
 
 class SoilError(SmallwheelError):

@@ -234,7 +234,7 @@ def point_forces(
 ) -> PointForces:  # fmt: skip
     """`wheel_forces` of one wheel at one instant, in plain floats and with slopes: for a filter.
 
-    To 3e-4 of the load driven, 7e-3 skidding. log_shear: ln K. cohesion: may go below 0 on the way of an iteration.
+    To 3e-4 of the load driven, 7e-3 skidding. log_shear: ln K. cohesion: may go below 0 in an iteration.
     """
     r = 0.5 * diameter
     big, deep = r + LUG_SHARE * lug_height, min(max(sinkage / r, 1e-6), DEEPEST)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces along the direction of travel: compaction resistance, thrust, drawbar pull."""
+"""Compaction resistance, and thrust by the published forms, which take it for one number of the contact.
+
+The model's own law of pull and torque is the balance of stresses along the contact (`stresses`).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-ThrustForm = Literal["integrated", "exponential"]
+# stress_integral: `stresses`, the default. wong_reece: the same with k and a peak that moves with slip.
+ThrustForm = Literal["stress_integral", "integrated", "exponential", "wong_reece"]
 
 
 def compaction_resistance(
@@ -43,7 +47,7 @@ def thrust(
     cohesion: ArrayLike,
     friction_angle: ArrayLike,
     shear_displacement: ArrayLike,
-    form: ThrustForm = "integrated",
+    form: Literal["integrated", "exponential"] = "integrated",
 ) -> Array:
     """Thrust (N) of the soil on a wheel at a slip; negative where the wheel skids.
 
