@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from smallwheel_ros.display import words
+from smallwheel_ros.display import listed, words
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import usual_strength
+from smallwheel_ros.fitting.constants import FORCE_LAW
+from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
+from smallwheel_ros.fitting.variance import of_load, wheel_discrepancy
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.model_file import CalibratedModel
@@ -45,6 +48,7 @@ _SHOWN = {
     "resistance": ("resistance [N]", 1.0),
     "thrust": ("thrust [N]", 1.0),
     "drawbar_pull": ("drawbar pull [N]", 1.0),
+    "torque": ("torque [N m]", 1.0),
 }
 
 
@@ -70,7 +74,7 @@ class PredictionTable(Result):
             return SUNK
         shown = [q for q in ("sinkage", "resistance", "drawbar_pull") if q in row]
         return ", ".join(
-            f"{words(q)} {_cell(row, q)} {_SHOWN[q][0][-3:].strip('[ ]')}" for q in shown
+            f"{words(q)} {_cell(row, q)} {_SHOWN[q][0].partition('[')[2].strip(']')}" for q in shown
         )
 
     def text(self) -> str:
@@ -97,7 +101,7 @@ class PredictionTable(Result):
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage") -> Axes:
         """Draw a quantity over the setting of most values, a curve for each combination of the others.
 
-        quantity: sinkage, resistance, drawbar_pull, thrust or compaction_resistance.
+        quantity: sinkage, resistance, drawbar_pull, torque, thrust or compaction_resistance.
         """
         from smallwheel_ros.pictures.physics import draw_prediction
 
@@ -164,71 +168,87 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
 
 
 class _Assumed(NamedTuple):
-    """A parameter of the strength that nobody measured; name, variance: as in a covariance."""
+    """A parameter of the strength that nobody measured; name, deviation: as in a covariance.
+
+    shown, spread: value and deviation for people, in `unit`.
+    """
 
     name: str
-    variance: float
-    words: str
-    value: float
     deviation: float
+    words: str
+    shown: float
+    spread: float
     unit: str
-    default: float  # all three in that unit, for people
 
-    @property
-    def is_default(self) -> bool:
-        return math.isclose(self.value, self.default)
-
-    def text(self, spread: bool) -> str:
-        word = "default " if self.is_default else ""
-        width = f" +- {float(f'{self.deviation:.2g}'):g}" if spread else ""
-        return f"the {word}{self.words} ({self.value:.4g}{width} {self.unit})"
+    def text(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.words} ({self.shown:.4g} +- {float(f'{self.spread:.2g}'):g}{unit})"
 
 
 def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
+    """What pull and torque rest on that the model's covariance does not have."""
     usual = usual_strength(soil)
     c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
-    found = []
-    for name, called, known, derivative, unit, factor, default in (
-        ("cohesion", "cohesion", c, 1.0, "Pa", 1.0, Soil.cohesion),
-        ("friction_angle", "friction angle", phi, 1.0, "deg", 180 / math.pi, Soil.friction_angle),
+    eta, mu = (WHEEL_PARAMETERS[n][1].deviation for n in ("rolling_share", "rim_friction"))
+    degree, relative = 180.0 / math.pi, kappa.standard_deviation / kappa.value
+    known = [
+        ("cohesion", c.standard_deviation, "cohesion", c.value, 1.0, "Pa"),
+        ("friction_angle", phi.standard_deviation, "friction angle", phi.value, degree, "deg"),
         (
-            "log_shear_displacement", "shear displacement", kappa, 1.0 / kappa.value, "mm", 1e3,
-            Soil.shear_displacement,
+            "log_shear_displacement",
+            relative,
+            "shear displacement",
+            kappa.value,
+            1e3 * kappa.value,
+            "mm",
         ),
-    ):  # fmt: skip
+        ("rolling_share", eta, "share of rolling in the shear", soil.rolling_share, 1.0, "1"),
+        ("rim_friction", mu, "bare rim's friction over the soil's", soil.rim_friction, 1.0, "1"),
+    ]
+    found = []
+    for name, deviation, called, value, factor, unit in known:
         if f"{soil.name}.{name}" not in names:
-            variance = (derivative * known.standard_deviation) ** 2
-            value, deviation = factor * known.value, factor * known.standard_deviation
-            found.append(_Assumed(name, variance, called, value, deviation, unit, factor * default))
+            shown = 1e3 * value if unit == "mm" else factor * value
+            found.append(_Assumed(name, deviation, called, shown, factor * deviation, unit))
     return found
 
 
 def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
-    """The model with a covariance of the strength too, and a note where that was not measured.
+    """The model with a covariance of the strength too, and a note of what of it nobody measured.
 
-    A fit without drawbar pull leaves cohesion, friction angle and shear displacement where they
-    were: thrust would look as if they were known exactly. What the covariance lacks gets the
-    deviations among soils of one kind (`usual_strength`), as in the estimator. A model without any
-    covariance stays as it is, with a note where its cohesion and friction angle are the defaults.
+    A fit without pull and torque leaves the strength where it was: pull would look as if that were known
+    exactly. What the covariance lacks gets the deviations among soils of one kind (`usual_strength`), as
+    in the estimator, and among rigs (`WHEEL_PARAMETERS`).
     """
     names, covariance, notes = calibrated.names, calibrated.covariance, []
     for soil in calibrated.model.soils:
         assumed = _assumed_strength(soil, calibrated.names)
-        known = bool(calibrated.names)
-        defaults = {one.name for one in assumed if one.is_default}
-        unmeasured = {"cohesion", "friction_angle"} <= defaults
-        if not assumed or not (known or unmeasured):
+        if not assumed:
             continue
-        what = "strength" if len(assumed) == 3 else " and ".join(one.words for one in assumed)
-        texts = [one.text(known) for one in assumed]
-        listed = " and ".join(filter(None, [", ".join(texts[:-1]), texts[-1]]))
-        source = "; these deviations are those among soils of one kind" if known else ""
-        doubt = "not measured" if unmeasured else "without a deviation in the model"
-        notes.append(f"{what} {doubt}: thrust and drawbar pull rest on {listed}{source}")
-        if known:
-            names += tuple(f"{soil.name}.{one.name}" for one in assumed)
-            covariance = block_diag(covariance, np.diag([one.variance for one in assumed]))
+        notes.append(
+            f"nobody measured {listed([one.text() for one in assumed])}: thrust, pull and torque rest "
+            "on these, with the deviations among soils of one kind and among rigs"
+        )
+        names += tuple(f"{soil.name}.{one.name}" for one in assumed)
+        covariance = block_diag(covariance, np.diag([one.deviation**2 for one in assumed]))
     return CalibratedModel(calibrated.model, names, covariance, calibrated.provenance), tuple(notes)
+
+
+def _with_law_error(
+    result: UncertainPrediction, conditions: Conditions, sinkage_known: bool
+) -> UncertainPrediction:
+    """The deviations with what the law of pull and torque is itself off by, of a wheel not measured before.
+
+    sinkage_known: whether the model says how well its law of sinkage is known; else only forces of the
+    balance have a deviation, at the sinkage as it is predicted.
+    """
+    share = np.hypot(FORCE_LAW, wheel_discrepancy(conditions))
+    found = dict(result.standard_deviation)
+    for name in ("thrust", "drawbar_pull", "torque"):
+        found[name] = np.hypot(found[name], share * of_load(conditions, name))
+    if not sinkage_known:
+        found = {name: found[name] for name in ("thrust", "drawbar_pull", "torque")}
+    return replace(result, standard_deviation=found)
 
 
 def _refuse_absurd(name: str, values: Array) -> None:
@@ -289,10 +309,13 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
     columns = {name: g.reshape(-1) for name, g in zip(settings, grid, strict=True)}
     conditions = Conditions.of(**columns)
     notes: tuple[str, ...] = ()
+    known = bool(calibrated.names)
     if "slip" in settings:
         calibrated, notes = with_usual_strength(calibrated)
     with np.errstate(all="ignore"):  # what is no number is refused below, by name
         result = predict_with_uncertainty(calibrated, conditions)
         _refuse_no_number(calibrated.model, conditions, columns, result)
+    if "slip" in settings:
+        result = _with_law_error(result, conditions, known)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
     return PredictionTable(columns, varied, result, notes + calibrated.model.cautions(conditions))

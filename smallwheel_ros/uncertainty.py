@@ -29,7 +29,8 @@ class UncertainPrediction:
     """A prediction and, by quantity, its standard deviation; arrays of shape (rows,), SI units.
 
     standard_deviation is empty where the model file has no covariance. It holds what follows
-    from the parameters: not the scatter of a single measurement, nor what the model lacks.
+    from the parameters: not the scatter of a single measurement, nor what the model lacks; of pull and torque
+    `prediction` adds what their law is off by.
     """
 
     prediction: Prediction

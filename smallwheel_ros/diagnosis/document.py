@@ -174,7 +174,7 @@ def _row(
         "probability": probability,
         "p_value": found.p_values.get(name),
         "held_out_rmse": {} if errors is None else errors.rmse(),
-        "reduction": None if errors is None else _reduction(base, errors),
+        "reduction": None if errors is None else reduction(base, errors),
         "form": form,
         "forms_not_told_apart": sorted({m.competitors[0].form for m in close} - {form}),
         "summary": summary,
@@ -183,7 +183,7 @@ def _row(
     }
 
 
-def _reduction(before: CvErrors, after: CvErrors) -> float:
+def reduction(before: CvErrors, after: CvErrors) -> float:
     """Relative fall of the error, root mean square over the channels of each one's ratio."""
     first, second = before.rmse(), after.rmse()
     ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]

@@ -18,14 +18,15 @@ from smallwheel_ros.fitting.constants import (
     ALARM,
     CHANNEL_SCATTER,
     CURVE_CORRELATED,
+    FORCE_LAW,
     LACK_OF_FIT,
     SOIL_SCATTER,
     SPREAD,
 )
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
+from smallwheel_ros.fitting.variance import of_load, wheel_discrepancy
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.measurements.repeatability import repeatability
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -33,7 +34,9 @@ Index = NDArray[np.intp]
 _PLATEAU = 4  # values at least
 _DRAWS = 999
 _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
-_FAR_OFF = 3.0  # deviations of repeats, from which a law is wrong where it was measured
+_FAR_OFF = (
+    2.0  # of what the law of pull is usually off by, from which it is wrong where it was measured
+)
 
 # By component of the scatter: what is usual, and what is said of much more.
 _UNUSUAL = {
@@ -197,18 +200,19 @@ def of_channels(
 
     errors: held out, of the base and after each name. judged: channels that decided.
     """
-    repeats = repeatability(found.fitter.points.measurements)
-    load = found.fitter.points.measurements.conditions.load
+    conditions = found.fitter.points.measurements.conditions
     before, falls = errors[0].rmse(), compare_cv(errors[0], errors[-1]).reduction
     said = {}
     for name, last in errors[-1].rmse().items():
-        off = last / repeats.get(name, np.inf)
         if name not in judged:
-            share = float(np.sqrt(np.nanmean((errors[-1].error[name] / load) ** 2)))
+            scale = of_load(conditions, name)
+            share = float(np.sqrt(np.nanmean((errors[-1].error[name] / scale) ** 2)))
+            usual = float(np.sqrt(np.mean(FORCE_LAW**2 + wheel_discrepancy(conditions) ** 2)))
             said[name] = f"off by {percent(share)} of the load" + (
-                f", {number(off, 2)} times its repeats: the law of thrust is wrong here"
-                if off > _FAR_OFF
-                else ", within what its law is known to"
+                f", where its law is usually off by {percent(usual)}: look at its sign and zero, at the zero "
+                "of sinkage, and at what else pulls"
+                if share > _FAR_OFF * usual
+                else f", within what its law is known to ({percent(usual)})"
             )
         elif falls.get(name, 0.0) > 0.0 and verdict.named:
             said[name] = (

@@ -28,6 +28,7 @@ from smallwheel_ros.diagnosis.residuals import (
 from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted, no_help
+from smallwheel_ros.diagnosis.zero import Witness, witness
 from smallwheel_ros.display import listed, number, words
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
@@ -35,8 +36,6 @@ from smallwheel_ros.fitting.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.fitting.constants import (
     ALARM,
     FEWEST_RUNS,
-    FORCE_LAW,
-    FORCE_WHEEL,
     USEFUL,
 )
 from smallwheel_ros.fitting.fit import one_thread
@@ -198,6 +197,9 @@ def diagnose(
         field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
         return Diagnosis(written.insufficient(problem, reason, field), problem)
     progress("testing each effect")
+    plain, told = problem.base, _fault_told(problem, known, without)
+    if told is not None:
+        problem = problem.with_part(told.part, told.told)
     found = _searched(problem, known, without, seed)
     with_all = verdict = decide(found)
     bad: list[BadRun] = []
@@ -214,8 +216,12 @@ def diagnose(
         verdict = verdict.saying(_changes(with_all, verdict, len(bad)))
     progress("held-out error of each step")
     verdict, steps = _steps(problem, found, verdict)
+    if told is not None:
+        verdict, steps = _with_fault(replace(problem, base=plain), verdict, steps, told)
     progress("ranking")
     document = _document(problem, found, verdict, steps, seed)
+    if told is not None:
+        document["ranking"] = _ranked(document["ranking"], steps, problem, told)
     document["bad_runs"] = [
         {"run": one.name, "lines": measurements.line[one.rows], "channel": one.channel,
          "size": one.deviations, "against": one.against}
@@ -232,6 +238,67 @@ def _searched(problem: Problem, known: Registry, without: Collection[str], seed:
     judged = problem.judged
     field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
     return search(judged.fitter, judged.fit, field, seed=seed)
+
+
+def _fault_told(problem: Problem, known: Registry, without: Collection[str]) -> Witness | None:
+    """A fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
+    told = witness(problem.points, known, frozenset({*without, *problem.base.names}))
+    if told is None or not told.named or problem.points.run_count < FEWEST_RUNS:
+        return None
+    before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
+    useful = before is not None and after is not None and compare_cv(before, after).helps
+    return told if useful else None
+
+
+def _with_fault(
+    plain: Problem, verdict: Verdict, steps: list[Step], told: Witness
+) -> tuple[Verdict, list[Step]]:
+    """The verdict and its steps with the fault that pull and torque name as the first of them.
+
+    plain: the problem without it.
+    """
+    name = told.part.id
+    errors = plain.held_out()
+    assert errors is not None  # as it was named
+    none = CandidateFit((), plain.judged.fit, plain.judged.fit.evidence)
+    word: Word = "missing_effect" if verdict.word == "adequate" else verdict.word
+    verdict = replace(
+        verdict,
+        word=word,
+        named=(name, *verdict.named),
+        probabilities={**verdict.probabilities, name: told.probability},
+    ).saying(
+        f"{words(name)} is told by {listed([words(n) for n in plain.points.forces])}: their law holds at the "
+        f"sinkage as it is shown {number(told.evidence, 2)} nats worse than at one that is corrected"
+    )
+    first = replace(steps[0], added=name)
+    return verdict, [Step(None, none, errors), first, *steps[1:]]
+
+
+def _ranked(
+    ranking: list[dict[str, Any]], steps: list[Step], problem: Problem, told: Witness
+) -> list[dict[str, Any]]:
+    """The ranking with the fault that pull and torque name at its head."""
+    name, kind = told.part.id, problem.with_all_channels(steps[-1].model.fit)
+    before, after = steps[0].errors, steps[1].errors
+    effect = next(e for e in kind.model.effects if e.id == name)
+    places = kind.vector.places(name)
+    parameters = {
+        kind.vector.free[j].field: {
+            "value": float(kind.theta[j]), "std": float(np.sqrt(kind.covariance[j, j])),
+            "unit": kind.vector.free[j].unit, "published_range": None, "plausible": None,
+        }
+        for j in places
+    }  # fmt: skip
+    row = {
+        "effect": name, "kind": "instrument", "status": "significant",
+        "reason": f"{words(name)}: pull and torque speak of it, {number(told.evidence, 2)} nats",
+        "probability": told.probability, "p_value": None, "held_out_rmse": after.rmse(),
+        "reduction": written.reduction(before, after), "form": effect.form,
+        "forms_not_told_apart": [], "summary": effect.summary, "next_step": effect.next_step,
+        "parameters": parameters, "confounded_with": [],
+    }  # fmt: skip
+    return [row, *(other for other in ranking if other["effect"] != name)]
 
 
 def _bad_words(bad: BadRun, measurements: Measurements) -> str:
@@ -360,7 +427,6 @@ def _document(
                 for name in sorted(learnt)
             ),
             *([f"after the best explanation {worst}"] if worst else []),
-            *_about_pull(problem, found, steps[-1].errors, seed),
         ],
     }
 
@@ -380,35 +446,3 @@ def _alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErro
     models = [(f, m) for f in families if (m := found.alone(f)) is not None][:_LISTED]
     errors = of_model(judged, [m for _, m in models]) if models else []
     return {f: e for (f, _), e in zip(models, errors, strict=True)}
-
-
-def _about_pull(problem: Problem, found: Search, errors: CvErrors, seed: int) -> list[str]:
-    """Whether pull or torque would say something else of the effects, in words. errors: held out."""
-    if problem.judged is problem:
-        return []
-    with_pull = search(problem.fitter, problem.fit, found.field, seed=seed, most=0)
-    usual = float(np.hypot(FORCE_LAW, FORCE_WHEEL))
-    which = listed([words(name) for name in problem.points.forces])
-    said = f"{which} did not decide: the law is known to about {100 * usual:.0f} % of the load only"
-    conditions = problem.measurements.conditions
-    for name in problem.points.forces:
-        lever = 0.5 * conditions.diameter if name == "torque" else 1.0
-        share = errors.error[name] / (conditions.load * lever)
-        off = float(np.sqrt(np.nanmean(share**2)))
-        if off > 2.0 * usual:
-            said += (
-                f". {words(name).capitalize()} is off by {100 * off:.0f} % of the load, more than that "
-                "law: the channels disagree; check sign, zero and what else pulls"
-            )
-    if with_pull.p_drawn <= ALARM < found.p:
-        first = min(with_pull.p_values, key=lambda f: with_pull.p_values[f])
-        said += (
-            f". With it something is missing (p {with_pull.p_drawn:.2g}, most likely {first}), without it "
-            "nothing is: the two channels disagree"
-        )
-    elif found.p <= ALARM < with_pull.p_drawn:
-        said += (
-            f". With it the test would say that nothing is missing (p {with_pull.p_drawn:.2g}): "
-            "the two channels disagree"
-        )
-    return [said]

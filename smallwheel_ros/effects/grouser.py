@@ -53,9 +53,11 @@ class Digging(_Digging):
 @dataclass(frozen=True)
 class LugDigging(_Digging):
     formula = "z = z0 + a h i / (1 - i), i > 0 (i up to 0.95)"
-    source = "Reece 1965-66 with a = 1 (unverified)"
+    source = (
+        "Reece 1965-66 with a = 1 (unverified); range from the sinkages of three rigs, 0.3 to 0.6"
+    )
 
-    a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.0, 3.0))
+    a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.2, 0.7))
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         i = np.minimum(driven_slip(conditions), _LARGEST_SLIP)

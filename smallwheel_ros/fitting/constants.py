@@ -78,6 +78,10 @@ INSTRUMENT = _constant(
     "strength of an instrument effect, of the reading", 0.05,
     "a calibration that was not made anew is off by a few per cent",
 )  # fmt: skip
+SHOWN_SINKAGE = _constant(
+    "zero of the sinkage, where pull and torque speak of it, m", 0.008,
+    "what a small wheel sinks under its own weight, on which the zero may have been taken",
+)  # fmt: skip
 ROW_NOISE = _constant(
     "repeatability before any repeats, of the level", 0.02,
     "counts as one repeat; a few repeats outweigh it",

@@ -10,6 +10,7 @@ from smallwheel_ros.fitting.noise import repeats_of
 from smallwheel_ros.fitting.parameters import Array, ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.predictor import Predictor
+from smallwheel_ros.fitting.variance import of_load
 from smallwheel_ros.measurements.columns import FORCES
 
 _SMALLEST = 0.05  # of a channel's median: least level of a value
@@ -60,7 +61,7 @@ def first_levels(points: Points) -> Array:
     for channel in range(len(points.channels)):
         mine = points.channel == channel
         if points.channels[channel] in FORCES:
-            level[mine] = _of_load(points)[mine]
+            level[mine] = of_load(points.conditions, points.channels[channel])[points.row[mine]]
             continue
         for run in np.unique(points.run[mine & points.swept]):
             curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
@@ -93,15 +94,11 @@ def _floored(points: Points, level: Array) -> Array:
 
 def levels_from(points: Points, predicted: Array) -> Array:
     """The size of each value as a model has it; of pull the load, of torque that times the radius."""
-    forces = np.isin(np.array(points.channels)[points.channel], FORCES)
-    return _floored(points, np.where(forces, _of_load(points), np.abs(predicted)))
-
-
-def _of_load(points: Points) -> Array:
-    """The load, times the radius where the value is a torque, shape (values,)."""
-    torque = np.array(points.channels)[points.channel] == "torque"
-    lever = np.where(torque, 0.5 * points.column("diameter"), 1.0)
-    return np.asarray(points.column("load") * lever)
+    level = np.abs(predicted)
+    for name in points.forces:
+        mine = points.of_channel(name)
+        level[mine] = of_load(points.conditions, name)[points.row[mine]]
+    return _floored(points, level)
 
 
 def make_fitter(

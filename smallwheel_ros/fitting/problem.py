@@ -44,7 +44,7 @@ class Base:
 
     soils: where to start, by name. priors: soils known beforehand. fixed_m: m of every soil, held (0
     is the law of Bernstein and Goriatchkin); None fits it where bodies of several diameters met the
-    soil.
+    soil. told: parts as they are known to a fit without pull and torque, by id, from these two.
     """
 
     effects: tuple[Effect, ...] = ()
@@ -54,6 +54,7 @@ class Base:
     priors: Mapping[str, SoilPrior] = field(default_factory=dict)
     parts: tuple[EffectPart, ...] = ()
     fixed_m: float | None = None
+    told: Mapping[str, EffectPart] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -157,6 +158,13 @@ class Problem:
         outliers = np.union1d(self.outliers, rows)
         return Problem(points_of(self.measurements, outliers), outliers, self.base)
 
+    def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
+        """The same with one effect more in the base; told: as `Base.told`."""
+        base = replace(
+            self.base, parts=(*self.base.parts, part), told={**self.base.told, part.id: told}
+        )
+        return replace(self, base=base)
+
     @property
     def measurements(self) -> Measurements:
         """The table."""
@@ -215,11 +223,14 @@ class Problem:
         points = self.points
         for name in forces:
             points = points.without_channel(name)
-        return replace(self, points=points)
+        parts = tuple(self.base.told.get(part.id, part) for part in self.base.parts)
+        return replace(self, points=points, base=replace(self.base, parts=parts))
 
     def _own(self, fit: Fit) -> tuple[ParameterVector, Array]:
         """The parameters of a fit of the judged channels, for all channels, and where they start."""
-        vector = replace(self.vector.with_parts(fit.vector.parts), geometry=fit.vector.geometry)
+        own = {part.id: part for part in self.base.parts}
+        parts = [own.get(part.id, part) for part in fit.vector.parts]
+        vector = replace(self.vector.with_parts(parts), geometry=fit.vector.geometry)
         return vector, vector.begun_at(fit.vector, fit.theta)
 
     def with_all_channels(self, fit: Fit) -> Fit:

@@ -42,6 +42,7 @@ from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.covariance import Covariance, blocks_of
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ class VarianceModel:
                 continue
             mine = mine * pairs.same(_wheels(points))
             near = np.exp(-pairs.apart(points.column("slip")) / constants.FORCE_SLIP)
-            own = pairs.product(wheel_discrepancy(points))
+            own = pairs.product(wheel_discrepancy(points.conditions)[points.row])
             found += sizes * mine * (constants.FORCE_LAW**2 * near + own)
         if self.swept:
             bodies = _codes([points.column("diameter"), points.column("width")])
@@ -303,11 +304,16 @@ class _Pairs:
         return np.abs(values[self.index][:, :, None] - values[self.index][:, None, :])
 
 
-def wheel_discrepancy(points: Points) -> Array:
-    """What the law of pull and torque is off by for a wheel at all slips, of the load, at each value."""
-    if "grouser_height" not in points.conditions:
-        return np.full(len(points), constants.FORCE_WHEEL)
-    high = points.column("grouser_height") >= 0.05 * points.column("diameter")
+def of_load(conditions: Conditions, channel: str) -> Array:
+    """What a pull (N) is measured by, the load, and a torque (N m), the load times the radius, (rows,)."""
+    return conditions.load * (0.5 * conditions.diameter if channel == "torque" else 1.0)
+
+
+def wheel_discrepancy(conditions: Conditions) -> Array:
+    """What the law of pull and torque is off by for a wheel at all slips, of the load, shape (rows,)."""
+    if "grouser_height" not in conditions:
+        return np.full(len(conditions), constants.FORCE_WHEEL)
+    high = conditions["grouser_height"] >= 0.05 * conditions.diameter
     return np.where(high, constants.FORCE_LUGS, constants.FORCE_WHEEL)
 
 

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What pull and torque say of the instrument that shows the sinkage.
+
+Their law needs the sinkage and not what made it: at the sinkage that the instrument shows, less its fault,
+it has to hold. So a fault is judged without any law of sinkage, by the evidence of pull and torque with it
+over that without. A table of one load, whose sinkage a soil can always imitate, has no other witness.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from smallwheel_ros.diagnosis.candidate import FAILURES
+from smallwheel_ros.effects.base import Array, Effect
+from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, INSTRUMENT, NAMED, SHOWN_SINKAGE
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.levels import make_fitter
+from smallwheel_ros.fitting.parameters import EffectPart, part_of, with_values
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.prior import Prior
+from smallwheel_ros.fitting.problem import Base
+from smallwheel_ros.physics.conditions import Conditions
+
+_SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
+_LEAST = 1e-4  # m: a wheel on the ground
+_STARTS = (0.0, -1.0, 1.0)  # prior deviations
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A fault of the shown sinkage that pull and torque ask for.
+
+    part: the effect under its prior. told: the same, with what they know of its number as its prior, for
+    channels that do not include them. evidence: nats with it over without. probability: of it, before
+    anything else is looked at.
+    """
+
+    part: EffectPart
+    told: EffectPart
+    evidence: float
+    probability: float
+
+    @property
+    def named(self) -> bool:
+        """Whether it is sure enough for a name."""
+        return self.probability >= NAMED
+
+
+@dataclass(frozen=True)
+class _AsShown(Effect):
+    """The sinkage that the instrument showed, less its fault: in the place of every law of sinkage."""
+
+    id = "as_shown"
+    needs: ClassVar[tuple[str, ...]] = (_SHOWN,)
+    fault: Effect | None = None
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        shown = conditions[_SHOWN]
+        if self.fault is not None:
+            zero, one = (
+                self.fault.measured_sinkage(np.full_like(shown, z), conditions) for z in (0.0, 1.0)
+            )
+            shown = (shown - zero) / (one - zero)
+        return np.maximum(shown, _LEAST)
+
+
+def witness(points: Points, registry: Registry, blocked: frozenset[str]) -> Witness | None:
+    """The fault of the shown sinkage that pull and torque ask for most, None where they cannot speak.
+
+    points: of all channels. blocked: ids that are taken out of the competition, or in the model.
+    """
+    if not points.forces or "sinkage" not in points.channels:
+        return None
+    mine = _as_measured(points)
+    if len(mine) < 2:
+        return None
+    fitter, none = make_fitter(mine, Base(effects=(_AsShown(),)).vector(mine))
+    families = len(registry.families)
+    found = [
+        Witness(*known, float(odds / (1.0 + odds)))
+        for effect in _faults(registry, blocked)
+        if (known := _with(fitter, none, effect)) is not None
+        for odds in [EXPECTED_EFFECTS / families * np.exp(min(known[-1], 50.0))]
+    ]
+    return max(found, key=lambda one: one.evidence, default=None)
+
+
+def _faults(registry: Registry, blocked: frozenset[str]) -> Iterator[Effect]:
+    """Effects of one number that change what the instrument shows, in proportion or by a constant."""
+    forms = itertools.chain.from_iterable(registry.families.values())
+    for form in forms:
+        alone = form.stage == "measured_sinkage" and not form.needs and form.id not in blocked
+        if form.kind == "instrument" and alone and len(form.parameters()) == 1:
+            yield form()
+
+
+def _as_measured(points: Points) -> Points:
+    """Pull and torque where the sinkage was measured too, with it as a column."""
+    shown = np.full(len(points.conditions), np.nan)
+    mine = points.of_channel("sinkage")
+    shown[points.row[mine]] = points.value[mine]
+    forces = np.any([points.of_channel(name) for name in points.forces], axis=0)
+    kept = points.take(forces & np.isfinite(shown)[points.row])
+    for name in (n for n in points.channels if n not in points.forces):
+        kept = kept.without_channel(name)
+    column = np.where(np.isfinite(shown), shown, _LEAST)
+    covariates = {**points.conditions.covariates, _SHOWN: column}
+    return replace(kept, conditions=replace(points.conditions, covariates=covariates))
+
+
+def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
+    """The fault under its prior and under its posterior, and the evidence that it adds."""
+    (known,) = effect.parameters()
+    middle = float(known.neutral or 0.0)
+    wide = SHOWN_SINKAGE if known.unit == "m" else INSTRUMENT
+    prior = Prior(middle, wide, *known.bounds)
+    plain = part_of(effect, {known.name: prior})
+    part = replace(plain, build=lambda numbers: _AsShown(with_values(effect, numbers)))
+    vector = replace(none.vector, fixed=()).with_parts([part])
+    fits = []
+    for start in _STARTS:
+        theta = vector.begun_at(none.vector, none.theta)
+        theta[-1] = np.clip(middle + start * wide, *known.bounds)
+        try:
+            fits.append(fitter.fit(vector, theta, none.scatter))
+        except FAILURES:
+            continue
+    if not fits:
+        return None
+    best = max(fits, key=lambda fit: fit.evidence)
+    told = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
+    return plain, part_of(effect, {known.name: told}), best.evidence - none.evidence
