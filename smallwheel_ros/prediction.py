@@ -16,8 +16,8 @@ from smallwheel_ros.display import listed, words
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.fitting.constants import FORCE_LAW
+from smallwheel_ros.fitting.forces import of_load, wheel_discrepancy
 from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
-from smallwheel_ros.fitting.variance import of_load, wheel_discrepancy
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.model_file import CalibratedModel

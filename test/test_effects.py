@@ -72,7 +72,7 @@ class TestEveryForm:
         assert form.source
         assert form.form
         assert form.stage in (*STAGES, "geometry")
-        assert set(form.channels) <= {"sinkage", "resistance", "drawbar_pull"}
+        assert set(form.channels) <= {"sinkage", "resistance", "drawbar_pull", "torque"}
         for known in form.parameters():
             low, high = known.bounds
             assert low <= known.start <= high

@@ -167,20 +167,21 @@ def test_a_model_file_holds_how_well_the_strength_was_measured(
 def test_a_strength_at_its_bound_is_not_known_exactly(tmp_path: Path) -> None:
     frame = simulate_rig(RigSettings(seed=2010, channels=("sinkage", "drawbar_pull"))).table
     pull = next(c for c in frame if c.startswith("drawbar_pull"))
-    frame[pull] = -frame["load [N]"]  # less than soil without cohesion gives
+    frame[pull] = 1.5 * frame["load [N]"]  # more than any soil gives
     measurements = table(tmp_path, frame)
     fit = fit_model(measurements)
-    assert any(p.name == "cohesion" and p.status == "at its bound" for p in fit.parameters)
+    assert any(p.name == "friction_angle" and p.status == "at its bound" for p in fit.parameters)
     known = fit.model
-    assert known.standard_deviation("rig_soil.cohesion") is None
+    assert known.standard_deviation("rig_soil.friction_angle") is None
+    assert any("look at its sign and zero" in note for note in fit.notes)
     settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
     found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})
-    assert "cohesion and shear displacement without a deviation" in " ".join(found.notes)
+    assert "nobody measured friction angle" in " ".join(found.notes)
 
 
 def test_drawbar_pull_without_slip_cannot_be_fitted(tmp_path: Path) -> None:
     rig = simulate_rig(RigSettings(seed=2012, channels=("drawbar_pull",)))
-    with pytest.raises(FittingError, match="needs slip"):
+    with pytest.raises(FittingError, match="need slip"):
         fit_model(table(tmp_path, rig.table.drop(columns="slip")))
 
 

@@ -213,7 +213,7 @@ def test_rows_sunk_to_the_axle_are_left_out_and_that_is_said() -> None:
 
 def test_what_has_nothing_usable_is_refused() -> None:
     pull = {"drawbar_pull": np.array([3.0, 4.0])}
-    with pytest.raises(FittingError, match="needs slip"):
+    with pytest.raises(FittingError, match="need slip"):
         points_of(table(pull, ["a", "b"]))
     with pytest.raises(FittingError, match="measure at least one"):
         points_of(table({"sinkage": np.array([np.nan, np.nan])}, ["a", "b"]))

@@ -82,9 +82,10 @@ def test_table_is_the_models_prediction() -> None:
     ]  # fmt: skip
     alone = predict(model, Conditions.of(60, 0.2, 0.1, slip=0.3))
     assert rows[4]["sinkage"] == alone.sinkage[0]
-    assert rows[4]["drawbar_pull"] == alone.drawbar_pull[0]  # type: ignore[index]
+    assert rows[4]["drawbar_pull"] == pytest.approx(alone.drawbar_pull[0], rel=1e-12)  # type: ignore[index]
     assert rows[4]["status"] == "ok"
     assert "sinkage_std" not in rows[4]
+    assert rows[4]["torque"] == pytest.approx(alone.torque[0], rel=1e-12)  # type: ignore[index]
 
 
 def test_a_sunk_wheel_has_no_numbers() -> None:
@@ -226,53 +227,57 @@ LAW = ("sand.log_reference_pressure", "sand.n")
 STRENGTH = ("sand.cohesion", "sand.friction_angle", "sand.log_shear_displacement")
 
 
-def test_a_strength_that_nobody_measured_is_said_and_makes_thrust_uncertain() -> None:
-    """As sure as the estimator is of a soil of this kind, against sampling, and no surer."""
+def test_a_strength_that_nobody_measured_is_said_and_makes_pull_uncertain() -> None:
+    """As sure as of a soil of this kind, of other rigs and of the law itself, against sampling."""
     sand = Soil("sand", 1.6e6, 0.8, cohesion=800.0, friction_angle=0.5)
     known = CalibratedModel(Model(sand), LAW, np.diag([1e-4, 1e-4]))
     table = predict_table(known, ROLLING)
     (note,) = table.notes
-    assert note.startswith("strength without a deviation in the model: thrust and drawbar pull")
+    assert note.startswith("nobody measured cohesion (800 +- 5")
+    assert "bare rim's friction over the soil's (0.8 +- 0.12)" in note
     (row,) = table.rows()
     usual = usual_strength(sand)
     rng = np.random.default_rng(0)
     scale = usual.shear_displacement.standard_deviation / usual.shear_displacement.value
-    thrusts = []
-    for c, phi, kappa in rng.normal(size=(3000, 3)):
+    pulls, torques = [], []
+    for c, phi, kappa, eta, mu in rng.normal(size=(3000, 5)):
         other = Soil(
             "sand", 1.6e6, 0.8,
             cohesion=max(800.0 + c * usual.cohesion.standard_deviation, 0.0),
             friction_angle=0.5 + phi * usual.friction_angle.standard_deviation,
             shear_displacement=0.015 * float(np.exp(scale * kappa)),
+            rolling_share=max(1.3 + 0.4 * eta, 0.0),
+            rim_friction=0.8 + 0.12 * mu,
         )  # fmt: skip
-        found = predict(Model(other), Conditions.of(60, 0.2, 0.1, slip=0.4)).thrust
-        assert found is not None
-        thrusts.append(found[0])
-    assert row["thrust_std"] == pytest.approx(np.std(thrusts), rel=0.1)
-    assert row["drawbar_pull_std"] > 0.95 * row["thrust_std"]
-    # The law is as well known as before.
-    law = predict_table(known, {k: v for k, v in ROLLING.items() if k != "slip"})
-    assert law.notes == ()
-    assert row["sinkage_std"] == pytest.approx(law.rows()[0]["sinkage_std"], rel=1e-9)
+        found = predict(Model(other), Conditions.of(60, 0.2, 0.1, slip=0.4))
+        assert found.drawbar_pull is not None
+        assert found.torque is not None
+        pulls.append(found.drawbar_pull[0])
+        torques.append(found.torque[0])
+    law = np.hypot(0.05, 0.05) * 60.0
+    assert row["drawbar_pull_std"] == pytest.approx(np.hypot(np.std(pulls), law), rel=0.1)
+    assert row["torque_std"] == pytest.approx(np.hypot(np.std(torques), law * 0.1), rel=0.1)
+    # The law of sinkage is as well known as before.
+    alone = predict_table(known, {k: v for k, v in ROLLING.items() if k != "slip"})
+    assert alone.notes == ()
+    assert row["sinkage_std"] == pytest.approx(alone.rows()[0]["sinkage_std"], rel=1e-9)
 
 
-def test_the_note_names_defaults_and_only_what_is_not_known() -> None:
-    plain, variances = Soil("sand", 1.6e6, 0.8), np.diag([1e-4, 1e-4])
-    note = "strength not measured: thrust and drawbar pull rest on the default cohesion (0"
-    found = predict_table(CalibratedModel(Model(plain), LAW, variances), ROLLING)
-    assert found.notes[0].startswith(note)
-    assert "friction angle (30 +- 5.7 deg)" in found.notes[0]
-    assert found.to_dict()["notes"] == list(found.notes)
-    # Without any covariance there is no deviation to be wrong, but the value is a default still.
+def test_pull_always_has_a_deviation_and_the_note_names_only_what_is_not_known() -> None:
+    plain = Soil("sand", 1.6e6, 0.8)
     bare = predict_table(CalibratedModel(Model(plain)), ROLLING)
-    assert bare.notes[0].startswith(note)
-    assert "+-" not in bare.notes[0]
-    assert "thrust_std" not in bare.rows()[0]
-    assert predict_table(CalibratedModel(Model(soil("dry_sand"))), ROLLING).notes == ()
-    # A covariance that has the strength is taken as it is.
-    full = CalibratedModel(Model(plain), (*LAW, *STRENGTH), np.diag([1e-4, 1e-4, 1.0, 1e-6, 1e-6]))
+    assert "friction angle (30 +- 5.7 deg)" in bare.notes[0]
+    assert bare.to_dict()["notes"] == list(bare.notes)
+    (row,) = bare.rows()
+    assert row["drawbar_pull_std"] > 0.07 * 60.0
+    assert "sinkage_std" not in row  # nobody says how well its law is known
+    part = CalibratedModel(Model(plain), (*LAW, *STRENGTH[:2]), np.diag([1e-4, 1e-4, 1.0, 1e-6]))
+    assert predict_table(part, ROLLING).notes[0].startswith("nobody measured shear displacement")
+    # A covariance that has everything is taken as it is: what is left is the law's own error.
+    names = (*LAW, *STRENGTH, "sand.rolling_share", "sand.rim_friction")
+    full = CalibratedModel(Model(plain), names, np.diag([1e-6] * 7))
     measured = predict_table(full, ROLLING)
     assert measured.notes == ()
-    assert measured.rows()[0]["thrust_std"] < 0.1
-    part = CalibratedModel(Model(plain), (*LAW, *STRENGTH[:2]), np.diag([1e-4, 1e-4, 1.0, 1e-6]))
-    assert predict_table(part, ROLLING).notes[0].startswith("shear displacement without")
+    assert measured.rows()[0]["drawbar_pull_std"] == pytest.approx(0.0707 * 60.0, rel=0.01)
+    lugs = predict_table(full, ROLLING | {"grouser_height": np.array([0.012])})
+    assert lugs.rows()[0]["drawbar_pull_std"] == pytest.approx(np.hypot(0.05, 0.1) * 60, rel=0.01)

@@ -18,14 +18,13 @@ from smallwheel_ros.fitting.constants import (
     ALARM,
     CHANNEL_SCATTER,
     CURVE_CORRELATED,
-    FORCE_LAW,
     LACK_OF_FIT,
     SOIL_SCATTER,
     SPREAD,
 )
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.forces import off_by
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
-from smallwheel_ros.fitting.variance import of_load, wheel_discrepancy
 from smallwheel_ros.measurements.columns import FORCES
 
 Array = NDArray[np.float64]
@@ -205,15 +204,7 @@ def of_channels(
     said = {}
     for name, last in errors[-1].rmse().items():
         if name not in judged:
-            scale = of_load(conditions, name)
-            share = float(np.sqrt(np.nanmean((errors[-1].error[name] / scale) ** 2)))
-            usual = float(np.sqrt(np.mean(FORCE_LAW**2 + wheel_discrepancy(conditions) ** 2)))
-            said[name] = f"off by {percent(share)} of the load" + (
-                f", where its law is usually off by {percent(usual)}: look at its sign and zero, at the zero "
-                "of sinkage, and at what else pulls"
-                if share > _FAR_OFF * usual
-                else f", within what its law is known to ({percent(usual)})"
-            )
+            said[name] = off_by(errors[-1].error[name], conditions, name)[0]
         elif falls.get(name, 0.0) > 0.0 and verdict.named:
             said[name] = (
                 f"{shown_value(name, before[name])} -> {shown_value(name, last)} with what is named"

@@ -115,7 +115,9 @@ class LugDigging(_SlipSinkage):
 @dataclass(frozen=True)
 class AddedDepth(_SlipSinkage):
     formula = "z = z0 + a D [(1 - q) i + q i^2], i > 0"
-    source = "empirical: a slipping rim carries soil away, whatever the load; 0.09 to 0.13 of D in three sands"
+    source = (
+        "empirical: a slipping rim carries soil away, whatever the load; three sands 0.09 to 0.13 D"
+    )
 
     a: float = parameter(
         0.05, (0.0, 0.5), "depth dug at slip 1, over the diameter", published=(0.05, 0.15)

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.forces import of_load
 from smallwheel_ros.fitting.noise import repeats_of
 from smallwheel_ros.fitting.parameters import Array, ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.predictor import Predictor
-from smallwheel_ros.fitting.variance import of_load
 from smallwheel_ros.measurements.columns import FORCES
 
 _SMALLEST = 0.05  # of a channel's median: least level of a value

@@ -15,6 +15,7 @@ from smallwheel_ros.display import shown_value, words
 from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.document import fit_document, fit_text
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
+from smallwheel_ros.fitting.forces import off_by
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise
 from smallwheel_ros.fitting.points import Points
@@ -320,6 +321,11 @@ def _notes(
         lines = ", ".join(str(line) for line in points.measurements.line[outliers][:20])
         few = "1 row lies" if outliers.size == 1 else f"{outliers.size} rows lie"
         notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
+    for name in points.forces:
+        said, far = off_by(
+            in_sample(points, fit.model).error[name], points.measurements.conditions, name
+        )
+        notes += [f"{words(name)} is {said}"] if far else []
     notes += fit.model.cautions(points.conditions)
     if not settings_repeated(points):
         notes.append(

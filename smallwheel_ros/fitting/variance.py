@@ -40,9 +40,9 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.covariance import Covariance, blocks_of
+from smallwheel_ros.fitting.forces import wheel_discrepancy
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
@@ -302,19 +302,6 @@ class _Pairs:
     def apart(self, values: Array) -> Array:
         """How far the two values are from each other."""
         return np.abs(values[self.index][:, :, None] - values[self.index][:, None, :])
-
-
-def of_load(conditions: Conditions, channel: str) -> Array:
-    """What a pull (N) is measured by, the load, and a torque (N m), the load times the radius, (rows,)."""
-    return conditions.load * (0.5 * conditions.diameter if channel == "torque" else 1.0)
-
-
-def wheel_discrepancy(conditions: Conditions) -> Array:
-    """What the law of pull and torque is off by for a wheel at all slips, of the load, shape (rows,)."""
-    if "grouser_height" not in conditions:
-        return np.full(len(conditions), constants.FORCE_WHEEL)
-    high = conditions["grouser_height"] >= 0.05 * conditions.diameter
-    return np.where(high, constants.FORCE_LUGS, constants.FORCE_WHEEL)
 
 
 def _wheels(points: Points) -> Index:

@@ -101,8 +101,8 @@ def wheel_forces(
     load: N. sinkage, diameter, width, lug_height: m. slip: -1 .. 1 of the speed along the wheel's plane.
     exponent: n. slip_angle: rad. factor: multiplies the pressure, by the depth (m), shape (nodes, rows).
     peak: place of the largest pressure, of the entry angle; behind it pressure falls as it rises ahead,
-    over the arc that is left (Wong and Reece 1967). pressure: the largest one (Pa), where soil decides
-    about it and not the load: the load that comes out is then what the soil carries.
+    over the arc that is left (Wong and Reece 1967). pressure: of the soil at the depth z (Pa), where that
+    decides and not the load: the load that comes out is then what the soil carries.
     """
     given = (load, sinkage, diameter, width, slip, exponent, lug_height, slip_angle, peak)
     columns = (*given, *shear, np.nan if pressure is None else pressure)
@@ -142,11 +142,8 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
     if np.any(peak):
         top = np.maximum(peak, 1e-6) * entry
         under = np.cos(np.where(t < top, entry - t / top * (entry - top), t))
-        deepest = np.cos(top) - (1.0 - deep)
-    else:
-        deepest = deep
     depth = np.maximum(under - (1.0 - deep), 1e-300)
-    f = np.exp(n * np.log(depth / deepest))
+    f = np.exp(n * np.log(depth / deep))
     if factor is not None:
         f = f * factor(r * depth)
     w = entry * _WEIGHT[:, None]
