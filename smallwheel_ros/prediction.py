@@ -293,6 +293,17 @@ def _without_number(
     return np.asarray(~finite.all(axis=0))
 
 
+def predict_conditions(
+    calibrated: CalibratedModel, conditions: Conditions
+) -> tuple[UncertainPrediction, tuple[str, ...]]:
+    """A prediction with deviations in which the law's own error is, and what nobody measured, in words."""
+    if "slip" not in conditions:
+        return predict_with_uncertainty(calibrated, conditions), ()
+    known, notes = with_usual_strength(calibrated)
+    result = predict_with_uncertainty(known, conditions)
+    return _with_law_error(result, conditions, bool(calibrated.names)), notes
+
+
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:
     """Predict every combination of the settings.
 
@@ -308,14 +319,8 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
     grid = np.meshgrid(*settings.values(), indexing="ij")
     columns = {name: g.reshape(-1) for name, g in zip(settings, grid, strict=True)}
     conditions = Conditions.of(**columns)
-    notes: tuple[str, ...] = ()
-    known = bool(calibrated.names)
-    if "slip" in settings:
-        calibrated, notes = with_usual_strength(calibrated)
     with np.errstate(all="ignore"):  # what is no number is refused below, by name
-        result = predict_with_uncertainty(calibrated, conditions)
+        result, notes = predict_conditions(calibrated, conditions)
         _refuse_no_number(calibrated.model, conditions, columns, result)
-    if "slip" in settings:
-        result = _with_law_error(result, conditions, known)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
     return PredictionTable(columns, varied, result, notes + calibrated.model.cautions(conditions))

@@ -67,10 +67,6 @@ FORCE_LUGS = _constant(
     "the same, of a wheel with lugs over a tenth of its radius", 0.1,
     "no law of lugs holds on all rigs: twice the error of a wheel with lower ones or none",
 )  # fmt: skip
-FORCE_WORKING = _constant(
-    "the same, by which a fit weighs pull and torque", 0.03,
-    "where the evidence of four rigs is largest; its deviations come from the three above",
-)  # fmt: skip
 FORCE_SLIP = _constant(
     "slip over which that discrepancy changes", 0.3, "thrust saturates over slips of 0.2 to 0.4"
 )

@@ -106,10 +106,10 @@ class Fitter:
     """Fits models to one set of points under one variance model.
 
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
-    compared. law: what predicts points, the model if not another. working: the law's errors of pull and
-    torque count as independent from row to row. Correlated as they are, a constant or a tilt over slip
-    costs next to nothing, and a fit would leave both to them (Peelle's puzzle); what they do to the
-    parameters is in the posterior (`result.posterior_covariance`).
+    compared. law: what predicts points, the model if not another. working: pull and torque are
+    weighed by their scatter alone, not by what their law is off by. With that in the weights a constant or a
+    tilt over slip costs next to nothing, and a fit would leave both to it (Peelle's puzzle); what it does to
+    the parameters is in the posterior (`result.posterior_covariance`).
     """
 
     def __init__(

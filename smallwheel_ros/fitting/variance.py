@@ -109,12 +109,8 @@ class VarianceModel:
         """Covariance of what a law of thrust and a curve's power of depth get wrong."""
         points, sizes = self.points, pairs.product(self.level)
         found = np.zeros_like(sizes)
-        for name in points.forces:
-            mine = pairs.product(points.of_channel(name))
-            if self._working:
-                found += np.eye(pairs.size) * constants.FORCE_WORKING**2 * sizes * mine
-                continue
-            mine = mine * pairs.same(_wheels(points))
+        for name in () if self._working else points.forces:
+            mine = pairs.product(points.of_channel(name)) * pairs.same(_wheels(points))
             near = np.exp(-pairs.apart(points.column("slip")) / constants.FORCE_SLIP)
             own = pairs.product(wheel_discrepancy(points.conditions)[points.row])
             found += sizes * mine * (constants.FORCE_LAW**2 * near + own)
