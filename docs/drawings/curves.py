@@ -13,7 +13,7 @@ from style import FORCE, INK, PALE, PRESSURE, SHEAR, SOIL
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage
 from smallwheel_ros.physics.soil import effective_modulus, soil
-from smallwheel_ros.physics.traction import contact_length, thrust
+from smallwheel_ros.physics.stresses import ShearLaw, rim_friction, wheel_forces
 
 
 def draw_stresses() -> Figure:
@@ -23,12 +23,17 @@ def draw_stresses() -> Figure:
     sunk = float(contact_sinkage(load, diameter, width, modulus, sand.n).sinkage[()])
     radius = diameter / 2.0
     entry = math.acos(1.0 - sunk / radius)
-    angle = np.linspace(0.0, entry, 200)
-    pressure = modulus * np.maximum(radius * (np.cos(angle) - math.cos(entry)), 0.0) ** sand.n
-    tangent, length = math.tan(sand.friction_angle), radius * entry
-    displaced = slip * radius * (entry - angle)
+    angle = np.linspace(0.0, entry, 400)
+    depth = radius * (np.cos(angle) - math.cos(entry))
+    static = modulus * depth**sand.n
+    shape = (depth / sunk) ** sand.n
+    shear = ShearLaw(0.0, sand.friction_angle, sand.shear_displacement, sand.rolling_share)
+    forces = wheel_forces(load, sunk, diameter, width, slip, sand.n, shear)
+    across = float(np.trapezoid(shape * np.sin(angle), angle))
+    pressure = shape * float(forces.resistance) / (width * radius * across)
+    rim_moved = math.sin(entry) - np.sin(angle)
+    displaced = radius * (sand.rolling_share * (entry - angle - rim_moved) + slip * rim_moved)
     mobilised = -np.expm1(-displaced / sand.shear_displacement)
-    mean = load / (width * length)
     figure = Figure(figsize=(7.6, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     left.set(xlim=(-0.35, 1.5), ylim=(-1.95, -0.1), aspect="equal")
@@ -49,13 +54,15 @@ def draw_stresses() -> Figure:
         arrow(left, (x, y), (x + 0.16 * math.cos(a), y + 0.16 * math.sin(a)), SHEAR)
     left.text(0.02, -0.72, "τ, along the rim", color=SHEAR)
     degrees = np.degrees(angle)
-    right.plot(degrees, 1e-3 * pressure, label="p = k z(θ)ⁿ Dᵐ", color=PRESSURE)
-    right.plot(degrees, 1e-3 * mean * tangent * mobilised, color=SHEAR, label="τ, law of thrust")
-    local = 1e-3 * pressure * tangent * mobilised
-    right.plot(degrees, local, color=SHEAR, ls=":", label="τ from p at each point")
-    right.set(xlabel="angle ahead of the lowest point [deg]", ylabel="stress [kPa]", ylim=(0, None))
+    right.plot(
+        degrees, 1e-3 * static, color=PRESSURE, ls=":", label="p = k z(θ)ⁿ Dᵐ, pressed alone"
+    )
+    right.plot(degrees, 1e-3 * pressure, color=PRESSURE, label="p, as the load and shear leave it")
+    shear_stress = 1e-3 * pressure * math.tan(sand.friction_angle) * mobilised
+    right.plot(degrees, shear_stress, color=SHEAR, label="τ = p tan φ (1 - exp(-j/K))")
+    right.set(xlabel="angle ahead of the lowest point [deg]", ylabel="stress [kPa]", ylim=(0, 28))
     right.invert_xaxis()
-    right.legend()
+    right.legend(loc="upper left")
     right.set_title(
         f"dry sand, W {load:g} N, D {diameter:g} m, b {width:g} m, slip {slip:g}", fontsize=10
     )
@@ -84,19 +91,23 @@ def draw_shear() -> Figure:
     """Shear stress over displacement, and what becomes of it under a slipping wheel."""
     figure = Figure(figsize=(7.6, 3.5), layout="constrained")
     left, right = figure.subplots(1, 2)
-    j, slip = np.linspace(0.0, 0.06, 200), np.linspace(0.0, 1.0, 200)
-    diameter, sunk = 0.2, 0.014
-    for kappa, dash in ((0.005, "-"), (0.015, "--"), (0.030, "-.")):
-        label = f"κ = {1e3 * kappa:g} mm"
-        left.plot(1e3 * j, -np.expm1(-j / kappa), dash, label=label, color=SHEAR)
-        share = thrust(1.0, slip, sunk, diameter, 0.1, 0.0, math.pi / 4, kappa)
-        right.plot(slip, share, dash, label=label, color=SHEAR)
+    j, slip = np.linspace(0.0, 0.06, 200), np.linspace(-0.6, 0.9, 301)
+    for kappa, dash in ((0.005, "-"), (0.012, "--"), (0.030, "-.")):
+        left.plot(
+            1e3 * j, -np.expm1(-j / kappa), dash, label=f"K = {1e3 * kappa:g} mm", color=SHEAR
+        )
+    law = ShearLaw(300.0, 0.576, 0.012, 1.3, rim_friction(0.8, slip, 0.0))
+    for ratio, dash in ((0.04, "-"), (0.08, "--"), (0.15, "-.")):
+        forces = wheel_forces(80.0, 0.25 * ratio, 0.25, 0.1, slip, 1.0, law)
+        pull = (forces.thrust - forces.resistance) / 80.0
+        right.plot(slip, pull, dash, color=FORCE, label=f"z/D = {ratio:g}")
+    right.axhline(0.0, color=PALE, lw=1)
     left.set(xlabel="shear displacement j [mm]", ylabel="τ / (c + p tan φ)", ylim=(0, 1.02))
-    right.set(xlabel="slip i", ylabel="thrust H / H₀", ylim=(0, 1.02))
+    right.set(xlabel="slip i", ylabel="drawbar pull over load, DP / W")
     left.legend()
-    length = 1e3 * float(contact_length(sunk, diameter))
-    right.set_title(f"averaged over a contact of l = {length:.0f} mm", fontsize=10)
-    left.set_title("at one point", fontsize=10)
+    right.legend()
+    right.set_title("pull of one wheel at three sinkages", fontsize=10)
+    left.set_title("shear at one point", fontsize=10)
     return figure
 
 

@@ -12,6 +12,7 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
+_FURTHEST = 0.95  # |slip| up to which the law is held to be so good: a locked wheel is another case
 _FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong where it was measured
 
 
@@ -33,14 +34,24 @@ def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, boo
 
     error: measured less predicted, shape (rows,), NaN where not measured.
     """
+    share = error / of_load(conditions, channel)
     known = np.isfinite(error)
-    share = float(np.sqrt(np.mean((error / of_load(conditions, channel))[known] ** 2)))
-    law = constants.FORCE_LAW**2 + wheel_discrepancy(conditions)[known] ** 2
-    usual = float(np.sqrt(np.mean(law)))
-    said = f"off by {percent(share)} of the load"
-    if share <= _FAR_OFF * usual:
-        return f"{said}, within what its law is known to ({percent(usual)})", False
+    beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)
+    if beyond.all() or not (known & ~beyond).any():
+        beyond = np.zeros_like(known)
+    judged = known & ~beyond
+    law = constants.FORCE_LAW**2 + wheel_discrepancy(conditions)[judged] ** 2
+    usual, off = float(np.sqrt(np.mean(law))), _rms(share[judged])
+    said = f"off by {percent(off)} of the load"
+    if beyond.any():
+        said += f" ({percent(_rms(share[beyond]))} at slips over {_FURTHEST:g})"
+    if off <= _FAR_OFF * usual:
+        return f"{said}, about what its law is known to ({percent(usual)})", False
     return (
         f"{said}, where its law is usually off by {percent(usual)}: look at its sign and zero, at the zero "
         "of sinkage, and at what else pulls"
     ), True
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
