@@ -47,6 +47,7 @@ _SHOWN = {
     "compaction_resistance": ("compaction resistance [N]", 1.0),
     "resistance": ("resistance [N]", 1.0),
     "thrust": ("thrust [N]", 1.0),
+    "rolling_resistance": ("rolling resistance [N]", 1.0),
     "drawbar_pull": ("drawbar pull [N]", 1.0),
     "torque": ("torque [N m]", 1.0),
 }

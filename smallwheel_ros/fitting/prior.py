@@ -71,7 +71,7 @@ SOIL_PARAMETERS = {
 # the pulls of nine rigs), K 5 to 25 mm.
 STRENGTH_PARAMETERS = {
     "friction_angle": ("rad", Prior(0.576, 0.08, 0.1, 1.0)),
-    "log_shear_displacement": ("ln m", Prior(-4.42, 0.6, -6.2, -2.8)),
+    "log_shear_displacement": ("ln m", Prior(float(np.log(0.012)), 0.6, -6.2, -2.8)),
     "cohesion": ("Pa", Prior(500.0, 500.0, 0.0, 20e3)),
 }
 # What a wheel does with that strength (`stresses`): eta is 1 in Wong and Reece 1967 and 1.2 to 1.9 on rigs;
