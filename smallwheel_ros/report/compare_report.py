@@ -57,6 +57,9 @@ def summary(comparison: Comparison) -> list[str]:
     sentences = []
     for channel in comparison.channels:
         model = comparison.best(channel)
+        if useless := comparison.useless(channel):
+            sentences.append(f"{words(channel).capitalize()}: {useless}.")
+            continue
         if model is None:
             continue
         held_out = model.held_out is not None
