@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from smallwheel_ros import fit
 from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.document import comparison_document
@@ -230,12 +231,27 @@ def test_bodies_that_do_not_roll_have_no_resistance_to_predict() -> None:
     assert "resistance of rows that do not roll is not used: no model predicts it" in found.notes
 
 
-def test_drawbar_pull_without_slip_is_said_to_need_it() -> None:
-    conditions = Conditions.of([30.0, 40.0, 50.0], 0.2, 0.1)
-    values = {"sinkage": np.full(3, 0.01), "drawbar_pull": np.full(3, 2.0)}
-    found = standing(Model(SAND), data=table(3, conditions=conditions, channels=values))
-    assert "drawbar_pull" not in found.channels
-    assert any("the table has no slip" in note for note in found.notes)
+@pytest.mark.parametrize("channel", ["drawbar_pull", "torque"])
+def test_what_needs_slip_is_said_to_where_there_is_none(channel: str) -> None:
+    """In the text of every command, with the line: nobody should think that it was used."""
+    load = np.linspace(30.0, 80.0, 8)
+    conditions = Conditions.of(load, 0.2, 0.1)
+    values = {
+        "sinkage": predict(Model(SAND), conditions).sinkage,
+        channel: np.r_[np.nan, np.full(7, 2.0)],
+    }
+    run = np.array([f"r{i}" for i in range(8)])
+    data = table(8, conditions=conditions, channels=values, run=run)
+    found = standing(Model(SAND), data=data)
+    assert channel not in found.channels
+    for text in (
+        comparison_text(found),
+        compare(data).text(),
+        diagnose(data).text(),
+        fit(data).text(),
+    ):
+        said = f"{channel} (from line 3) is not used: the table has no slip, which it needs"
+        assert said in text.lower()
 
 
 def test_a_soil_that_the_model_does_not_have_is_reported() -> None:

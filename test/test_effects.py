@@ -72,7 +72,7 @@ class TestEveryForm:
         assert form.source
         assert form.form
         assert form.stage in (*STAGES, "geometry")
-        assert set(form.channels) <= {"sinkage", "resistance", "drawbar_pull"}
+        assert set(form.channels) <= {"sinkage", "resistance", "drawbar_pull", "torque"}
         for known in form.parameters():
             low, high = known.bounds
             assert low <= known.start <= high
@@ -92,6 +92,7 @@ class TestEveryForm:
             "sinkage": (base.sinkage, changed.sinkage),
             "resistance": (base.resistance, changed.resistance),
             "drawbar_pull": (base.drawbar_pull, changed.drawbar_pull),
+            "torque": (base.torque, changed.torque),
         }
         for channel, (before, after) in pairs.items():
             assert before is not None

@@ -59,7 +59,7 @@ def test_a_users_file(tmp_path: Path) -> None:
     made = effect_class("warm", user=user)(a=0.02)
     assert made.form == "warm"
     assert made.stage == "modulus_factor"
-    assert made.channels == ("sinkage", "resistance", "drawbar_pull")
+    assert made.channels == ("sinkage", "resistance", "drawbar_pull", "torque")
     model = Model(soil("dry_sand")) + made
     at = Conditions.of(60, 0.2, 0.1, temperature=[293.0, 313.0])
     cold, warm = predict(model, at).sinkage
