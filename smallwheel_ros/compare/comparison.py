@@ -117,8 +117,8 @@ class Comparison(Result):
         ]
         said = [shown_value(channel, e.rmse) for e in errors if e is not None]
         return (
-            f"every law is worse than a constant, the mean of the other runs: {law.contender.name}, the "
-            f"best of them, has an error of {said[-1]}, the constant {said[0]}"
+            f"no law has less error than a constant, the mean of the other runs: {law.contender.name}, the "
+            f"best of them, has {said[-1]}, the constant {said[0]}"
         )
 
     def headline(self) -> str:
