@@ -207,7 +207,9 @@ def compare(
 ) -> Comparison:
     """Compare models with measurements: error held out and in sample, by channel, soil and wheel.
 
-    Bekker's law, that of Meirion-Griffith & Spenko and the contact integral are fitted to the data.
+    Bekker's law, that of Meirion-Griffith & Spenko and the contact integral are fitted to the data, and so
+    is that of Wong and Reece where pull or torque was measured. Beside them is a constant, the mean of the
+    other runs.
 
     Parameters
     ----------
@@ -225,7 +227,7 @@ def compare(
     >>> import smallwheel_ros as sw
     >>> found = sw.compare("rig.csv", {"sand": "dry_sand"})
     >>> [model.contender.name for model in found.models]
-    ['bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
+    ['constant', 'bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
     """
     from smallwheel_ros.compare.comparison import compare as compare_models
 

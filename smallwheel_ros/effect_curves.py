@@ -36,7 +36,12 @@ _UNITS = {
     "slope": "rad",
     "grouser_height": "m",
 }
-CHANNELS = {"sinkage": ("mm", 1e3), "resistance": ("N", 1.0), "drawbar_pull": ("N", 1.0)}
+CHANNELS = {
+    "sinkage": ("mm", 1e3),
+    "resistance": ("N", 1.0),
+    "drawbar_pull": ("N", 1.0),
+    "torque": ("N m", 1.0),
+}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 from lab_truth import plate_rows, write
 
-from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, SIZE_LAWS
+from smallwheel_ros.benchmark.laws import CONSTANT, FOUND, INTEGRAL, SIZE_LAWS, WONG_REECE
 from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.wheels import read_measurements
@@ -46,7 +46,7 @@ def test_each_size_is_left_out_under_each_law(
 ) -> None:
     folder, result, document = found
     assert result.exit_code == 0, result.output
-    names = [law.name for law in SIZE_LAWS] + [INTEGRAL, FOUND]
+    names = [law.name for law in SIZE_LAWS] + [CONSTANT, INTEGRAL, FOUND]
     for task in document["tasks"]:
         assert task["left_out"] == "size"
         assert task["licence"] == "CC BY 4.0, somebody"
@@ -63,13 +63,11 @@ def test_the_law_of_the_soil_wins_and_a_loss_is_said(
     found: tuple[Path, Result, dict[str, Any]],
 ) -> None:
     _, result, document = found
-    ours, theirs = (
-        {law["law"]: law["sinkage_rmse"] for law in task["laws"]} for task in document["tasks"]
-    )
+    ours, theirs = ({law["law"]: law["rmse"] for law in task["laws"]} for task in document["tasks"])
     assert min(ours, key=lambda law: ours[law]) in OURS
     assert ours["Bernstein-Goriatchkin"] > 2 * ours["Meirion-Griffith & Spenko"]
     assert min(theirs, key=lambda law: theirs[law]) == "Reece"
-    assert "Reece" in document["tasks"][1]["lost"].values()
+    assert "Reece" in document["tasks"][1]["lost"]["sinkage"].values()
     assert "Ours loses on" in result.output
 
 
@@ -91,6 +89,31 @@ def test_without_a_usable_set_it_is_one_message(tmp_path: Path, make: str) -> No
     assert result.exit_code == 2
     assert "expected" in result.output
     assert "Traceback" not in result.output
+
+
+def test_pull_and_torque_are_judged_beside_sinkage(shared_data: Path, tmp_path: Path) -> None:
+    """A published wheel, each slip left out: a constant and Wong and Reece stand beside our laws."""
+    (tmp_path / "sets").mkdir()
+    for name in ("kls1.csv", "LICENSE"):
+        (tmp_path / "sets" / name).write_bytes(
+            (shared_data / "published_wheels" / name).read_bytes()
+        )
+    result = run(tmp_path, "--json", tmp_path / "out.json")
+    assert result.exit_code == 0, result.output
+    (task,) = json.loads((tmp_path / "out.json").read_text())["tasks"]
+    table = read_measurements(tmp_path / "sets" / "kls1.csv")
+    for channel in ("sinkage", "drawbar_pull", "torque"):
+        error = {law["law"]: law for law in task["laws"] if law["channel"] == channel}
+        assert list(error)[-4:] == [CONSTANT, WONG_REECE, INTEGRAL, FOUND]
+        assert all(known > 0 for law in error.values() for known in law["by_part"].values())
+        value, slip = table.channels[channel], table.conditions["slip"]
+        others = np.array([value[slip != level].mean() for level in slip])
+        expected = np.sqrt(np.mean((value - others) ** 2))
+        assert error[CONSTANT]["rmse"] == pytest.approx(expected)
+        best = min(error, key=lambda law: error[law]["rmse"])
+        assert set(task["lost"]) == {"sinkage", "drawbar_pull", "torque"}
+        assert f"Least error: {best}" in result.output
+    assert "torque [N m, rms] of each slip left out" in result.output
 
 
 def test_of_a_rolling_wheel_levels_of_slip_are_left_out(shared_data: Path) -> None:

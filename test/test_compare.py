@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from smallwheel_ros import fit
 from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.document import comparison_document
@@ -155,13 +156,13 @@ def test_the_truth_without_hidden_effect_is_met_nearly_as_well_as_rows_repeat(
 
 
 def test_bekker_has_no_diameter_and_splits_the_modulus_over_widths(comparison: Comparison) -> None:
-    bekker = comparison.models[0]
+    bekker = comparison.models[1]
     assert bekker.contender.name == "bekker"
     assert bekker.model.soils[0].m == 0.0
     assert bekker.model.geometry == "closed_form"
     assert [effect.id for effect in bekker.model.effects] == ["width_dependent_modulus"]
     assert "kc and kphi of K" in bekker.contender.description
-    paper = comparison.models[1]
+    paper = comparison.models[2]
     assert paper.contender.name == "meirion_griffith_spenko"
     assert paper.model.geometry == "closed_form"
     assert abs(paper.model.soils[0].m) > 1e-3
@@ -173,9 +174,10 @@ def test_with_one_width_and_diameter_the_description_says_what_is_determined() -
     exact = predict(Model(SAND), conditions)
     data = table(8, conditions=conditions, channels={"sinkage": exact.sinkage})
     found = compare(data)
-    assert "not kc and kphi" in found.models[0].contender.description
-    assert "not m" in found.models[1].contender.description
-    assert not found.models[0].model.effects
+    assert "not kc and kphi" in found.models[1].contender.description
+    assert "not m" in found.models[2].contender.description
+    assert found.models[1].model is not None
+    assert not found.models[1].model.effects
 
 
 # What cannot be predicted is said and counted, and never a NaN
@@ -229,12 +231,27 @@ def test_bodies_that_do_not_roll_have_no_resistance_to_predict() -> None:
     assert "resistance of rows that do not roll is not used: no model predicts it" in found.notes
 
 
-def test_drawbar_pull_without_slip_is_said_to_need_it() -> None:
-    conditions = Conditions.of([30.0, 40.0, 50.0], 0.2, 0.1)
-    values = {"sinkage": np.full(3, 0.01), "drawbar_pull": np.full(3, 2.0)}
-    found = standing(Model(SAND), data=table(3, conditions=conditions, channels=values))
-    assert "drawbar_pull" not in found.channels
-    assert any("the table has no slip" in note for note in found.notes)
+@pytest.mark.parametrize("channel", ["drawbar_pull", "torque"])
+def test_what_needs_slip_is_said_to_where_there_is_none(channel: str) -> None:
+    """In the text of every command, with the line: nobody should think that it was used."""
+    load = np.linspace(30.0, 80.0, 8)
+    conditions = Conditions.of(load, 0.2, 0.1)
+    values = {
+        "sinkage": predict(Model(SAND), conditions).sinkage,
+        channel: np.r_[np.nan, np.full(7, 2.0)],
+    }
+    run = np.array([f"r{i}" for i in range(8)])
+    data = table(8, conditions=conditions, channels=values, run=run)
+    found = standing(Model(SAND), data=data)
+    assert channel not in found.channels
+    for text in (
+        comparison_text(found),
+        compare(data).text(),
+        diagnose(data).text(),
+        fit(data).text(),
+    ):
+        said = f"{channel} (from line 3) is not used: the table has no slip, which it needs"
+        assert said in text.lower()
 
 
 def test_a_soil_that_the_model_does_not_have_is_reported() -> None:
@@ -342,7 +359,91 @@ def test_a_model_that_saw_the_data_is_not_held_against_others(
     best = found.best("sinkage")
     assert best is not None
     judged = {best.contender.name, *found.differences("sinkage")}
-    assert judged == {"bekker", "meirion_griffith_spenko", "contact_integral", "other"}
+    assert judged == {"constant", "bekker", "meirion_griffith_spenko", "contact_integral", "other"}
+
+
+# A constant, and the law of Wong and Reece
+
+
+def pulls(pull: object, **more: object) -> Measurements:
+    """Wheels whose pull is given, as a function of their slip."""
+    slip = np.tile(np.linspace(0.0, 0.8, 6), 2)
+    conditions = Conditions.of(np.repeat([40.0, 80.0], 6), 0.2, 0.1, slip=slip)
+    measured = np.asarray(pull(conditions.load, slip), dtype=float)  # type: ignore[operator]
+    run = np.array([f"r{i}" for i in range(12)])
+    return table(12, conditions=conditions, channels={"drawbar_pull": measured}, run=run, **more)
+
+
+def test_the_constant_is_the_mean_of_the_runs_that_it_may_see() -> None:
+    found = compare(table(12))
+    constant = found.models[0]
+    assert (constant.contender.name, constant.model) == ("constant", None)
+    value = found.measurements.channels["sinkage"]
+    inside = found.residual(constant, "sinkage")
+    assert inside == pytest.approx(value - value.mean())
+    # each run has a fold of its own here
+    others = [value[found.measurements.run != run].mean() for run in found.measurements.run]
+    held_out = found.residual(constant, "sinkage", held_out=True)
+    assert held_out == pytest.approx(value - np.array(others))
+
+
+def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
+    """A pull that follows neither load nor slip: there is nothing for a law to say."""
+    found = compare(pulls(lambda load, slip: 5.0 + 0.1 * np.sin(40.0 * slip + load)))
+    best, law = found.best("drawbar_pull"), found.best("drawbar_pull", laws=True)
+    assert best is found.models[0]
+    assert law is not None
+    assert law is not best
+    for said in (comparison_text(found), found.headline()):
+        assert "o law has less error than a constant" in said
+        assert law.contender.name in said
+
+
+def test_a_law_that_holds_is_said_to_be_best() -> None:
+    model = Model(SAND)
+    found = compare(
+        pulls(
+            lambda load, slip: predict(model, Conditions.of(load, 0.2, 0.1, slip=slip)).drawbar_pull
+        )
+    )
+    best = found.best("drawbar_pull")
+    assert best is not None
+    assert best.contender.name == "contact_integral"
+    assert found.useless("drawbar_pull") == ""
+    assert "than a constant" not in found.headline()
+
+
+def test_wong_and_reece_stand_beside_ours_where_pull_or_torque_was_measured(
+    comparison: Comparison,
+) -> None:
+    assert "wong_reece" not in [m.contender.name for m in comparison.models]
+    found = compare(pulls(lambda load, slip: load * (0.4 * slip - 0.1)))
+    forms = {m.contender.name: m.model.thrust_form for m in found.models if m.model is not None}
+    assert forms == {
+        "bekker": "integrated",
+        "meirion_griffith_spenko": "integrated",
+        "wong_reece": "wong_reece",
+        "contact_integral": "stress_integral",
+    }
+    for model in found.models:
+        assert found.score(model, "drawbar_pull", held_out=True) is not None
+    assert "peak moves with slip" in comparison_text(found)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no measurements at {SHARED}")
+def test_on_wheels_of_two_labs_the_balance_of_stresses_beats_the_published_laws() -> None:
+    """Ding 2011 and KLS-1, each measured value left out in turn."""
+    for file in ("ding2011.csv", "kls1.csv"):
+        found = compare(read_measurements(SHARED / "data" / "published_wheels" / file))
+        assert found.channels == ("sinkage", "drawbar_pull", "torque")
+        error = {}
+        for model in found.models:
+            score = found.score(model, "drawbar_pull", held_out=True)
+            assert score is not None
+            error[model.contender.name] = score.rmse
+        assert error["contact_integral"] < min(
+            e for n, e in error.items() if n != "contact_integral"
+        )
 
 
 # The document
@@ -360,6 +461,7 @@ def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurem
     assert document["data"]["rows"] == 48
     assert document["data"]["runs"] == 16
     assert [m["name"] for m in document["models"]] == [
+        "constant",
         "bekker",
         "meirion_griffith_spenko",
         "contact_integral",
@@ -370,16 +472,19 @@ def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurem
             assert scores["in_sample"]["rmse"] > 0
             assert (scores["held_out"] is not None) == model["fitted"]
         assert {part["by"] for part in model["parts"]} >= {"load", "slip", "diameter", "wheel"}
-        assert model["soils"][0]["k"] > 0
+        if model["name"] == "constant":
+            assert (model["geometry"], model["soils"], model["effects"]) == (None, [], [])
+        else:
+            assert model["soils"][0]["k"] > 0
     assert set(document["noise_floor"]["sinkage"]) == {"value", "source", "reason", "repeatability"}
     judged = [d for d in document["differences"] if d["channel"] == "sinkage"]
     assert {judged[0]["best"], *(d["other"] for d in judged)} == {
-        "bekker", "meirion_griffith_spenko", "contact_integral"}  # fmt: skip
+        "constant", "bekker", "meirion_griffith_spenko", "contact_integral"}  # fmt: skip
 
 
 def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> None:
     text = comparison_text(comparison)
-    for name in ("bekker", "meirion_griffith_spenko", "contact_integral"):
+    for name in ("constant", "bekker", "meirion_griffith_spenko", "contact_integral"):
         assert text.count(name) >= 2
     lines = [line.split() for line in text.splitlines()]
     assert sum(cells[-1:] == ["best"] and cells[0] != "model" for cells in lines) == 2
@@ -407,7 +512,7 @@ def test_on_the_rig_every_base_model_leaves_an_error_that_follows_slip() -> None
     slip = np.abs(data.conditions["slip"])
     repeats = found.noise["sinkage"].repeatability
     assert repeats is not None
-    for result in found.models:
+    for result in found.models[1:]:  # the first is a constant
         far = found.score(result, "sinkage", rows=slip > 0.6)
         near = found.score(result, "sinkage", rows=slip <= 0.3)
         assert far is not None

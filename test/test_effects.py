@@ -92,6 +92,7 @@ class TestEveryForm:
             "sinkage": (base.sinkage, changed.sinkage),
             "resistance": (base.resistance, changed.resistance),
             "drawbar_pull": (base.drawbar_pull, changed.drawbar_pull),
+            "torque": (base.torque, changed.torque),
         }
         for channel, (before, after) in pairs.items():
             assert before is not None

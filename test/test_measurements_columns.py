@@ -6,8 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from smallwheel_ros.measurements.columns import (
@@ -20,9 +21,11 @@ from smallwheel_ros.measurements.columns import (
     is_response,
     unit_of,
 )
+from smallwheel_ros.measurements.settings import set_columns
 from smallwheel_ros.measurements.table import MeasurementsError
 from smallwheel_ros.measurements.units import to_base
 from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.physics.stresses import ShearLaw, wheel_forces
 
 GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "slip": "0.1"}
 
@@ -36,7 +39,12 @@ def write(path: Path, **cells: str) -> Path:
 
 
 def test_units() -> None:
-    assert CHANNEL_UNITS == {"sinkage": "m", "resistance": "N", "drawbar_pull": "N"}
+    assert CHANNEL_UNITS == {
+        "sinkage": "m",
+        "resistance": "N",
+        "drawbar_pull": "N",
+        "torque": "N m",
+    }
     assert tuple(CHANNEL_UNITS) == CHANNELS
     assert [unit_of(n) for n in ("load", "slip", "slope", "speed")] == ["N", "1", "rad", "m/s"]
     assert unit_of("moisture") == ""
@@ -97,10 +105,10 @@ def test_millimetres_without_a_unit_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "response"),
     [
-        ("torque [N m]", True),
-        ("torque [Nm]", True),
+        ("motor torque [N m]", True),
+        ("motor_torque [Nm]", True),
         ("t1 [N m]", True),
-        ("torque", True),
+        ("steering_moment", True),
         ("side_force", True),
         ("fy [N]", True),
         ("motor_current [A]", True),
@@ -129,8 +137,111 @@ def test_a_force_torque_or_power_is_an_answer_of_the_wheel(
     name = header.split(" [")[0]
     assert data.responses == ((name,) if response else ())
     assert any("what the wheel answers" in note for note in data.notes) == response
-    if header.startswith("torque ["):
-        assert data.units["torque"] == "N m"
+    if "torque" in header:
+        assert data.units[name] == "N m"
+
+
+@pytest.mark.parametrize(
+    ("header", "value"),
+    [
+        ("torque", 0.5),
+        ("torque [N m]", 0.5),
+        ("Drehmoment (Nm)", 0.5),
+        ("couple [N.mm]", 0.5e-3),
+        ("wheel torque / kNm", 500.0),
+    ],
+)
+def test_the_torque_of_the_axle_is_measured_and_no_setting(
+    tmp_path: Path, header: str, value: float
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"load,diameter,width,slip,{header},torque_std [Nm]\n60,0.2,0.1,0.1,0.5,0.02\n")
+    data = read_measurements(path)
+    assert tuple(data.channels) == ("torque",)
+    assert data.channels["torque"] == pytest.approx(value)
+    assert data.declared_std["torque"] == pytest.approx(0.02)
+    assert data.units["torque"] == "N m"
+    assert data.responses == ()
+    assert not any("torque" in name for name in set_columns(data))
+
+
+@pytest.mark.parametrize("unit", ["%", "A", "N", "V", "kW"])
+def test_a_torque_in_another_unit_is_refused_with_what_to_do(tmp_path: Path, unit: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"load,diameter,width,slip,torque [{unit}]\n60,0.2,0.1,0.1,0.5\n")
+    with pytest.raises(MeasurementsError) as caught:
+        read_measurements(path)
+    said = str(caught.value)
+    assert said.startswith(f"{path}, line 1, column 'torque': unit '{unit}' is ")
+    assert (
+        "expected a torque (N m); if the column is no torque on the wheel's axle, give it" in said
+    )
+
+
+# What no wheel can have
+
+
+def test_lugs_higher_than_the_radius_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = "60,0.2,0.1,0.01,99\n60,0.2,0.1,0.01,101\n60,0.3,0.1,0.01,160\n"
+    path.write_text(f"load,diameter,width,sinkage,grouser_height [mm]\n{rows}")
+    with pytest.raises(MeasurementsError) as caught:
+        read_measurements(path)
+    assert str(caught.value) == (
+        f"{path}, line 3, column 'grouser_height': grouser_height is 101 mm (0.101 in SI), "
+        "expected at most 0.1 m, the wheel's radius: is the unit right? (and 1 more like it: line 4)"
+    )
+
+
+def strongest(load: float, diameter: float, sinkage: float) -> float:
+    """Pull (N) on sand of 45 deg with the whole grip of the arc called on, by the integrals themselves."""
+    shear = ShearLaw(0.0, np.pi / 4, 1e-6)
+    forces = wheel_forces(load, sinkage, diameter, 0.1, 0.9, 1.0, shear)
+    return float(forces.thrust - forces.resistance)
+
+
+@given(st.floats(5.0, 500.0), st.floats(0.1, 0.6), st.floats(0.01, 0.25), st.floats(0.5, 1.5))
+def test_a_pull_that_no_sand_gives_is_a_warning_with_its_line(
+    load: float, diameter: float, depth: float, share: float
+) -> None:
+    """The limit is the largest pull of the balance of stresses, to some per cent of the load."""
+    limit = strongest(load, diameter, depth * diameter)
+    assume(abs(share * limit - limit) > 0.05 * load)
+    frame = pd.DataFrame({
+        "load": load, "diameter": diameter, "width": 0.1, "slip": [0.2, 0.3],
+        "sinkage": depth * diameter, "drawbar_pull": [0.1 * limit, share * limit],
+    })  # fmt: skip
+    said = [w for w in read_measurements(frame).warnings if "drawbar_pull" in w]
+    assert len(said) == (share > 1.0)
+    if said:
+        assert f"drawbar_pull is {share * limit:.4g} N in row 2, more than the " in said[0]
+        assert said[0].endswith("check load, pull and the zero of the sinkage")
+
+
+@pytest.mark.parametrize(
+    ("settings", "pull", "suspicious"),
+    [
+        ({"slip": 0.3}, 61.0, True),  # without a sinkage the load is the limit
+        ({"slip": 0.3}, 59.0, False),
+        ({}, 61.0, True),
+        ({"slip": -0.3}, 61.0, False),  # of a braked wheel the sign is another matter
+    ],
+)
+def test_a_pull_over_the_load_is_suspicious_of_driven_wheels(
+    settings: dict[str, float], pull: float, suspicious: bool
+) -> None:
+    frame = pd.DataFrame(
+        {"load": [60.0], "diameter": 0.2, "width": 0.1, "drawbar_pull": pull} | settings
+    )
+    found = any("can pull on the strongest sand" in w for w in read_measurements(frame).warnings)
+    assert found == suspicious
+
+
+def test_published_wheels_pull_what_sand_can_give(shared_data: Path) -> None:
+    for file in ("published_wheels/ding2011.csv", "published_wheels/kls1.csv",
+                 "cmu_wheel_rig/rolling_smooth_wheel.csv"):  # fmt: skip
+        warnings = read_measurements(shared_data / file).warnings
+        assert not any("drawbar_pull" in warning for warning in warnings), file
 
 
 @given(st.text("xyz_ 0", max_size=20), st.sampled_from(["", "1", "m", "s", "K"]))

@@ -238,7 +238,7 @@ def test_a_compared_model_can_be_chosen(browser: Browser, page: str) -> None:
     browser.look()
     browser.open(page)
     legend = "document.querySelector('[data-models] .legend').innerText"
-    browser.run("const m = document.querySelector('[name=model]'); m.value = '0';"
+    browser.run("const m = document.querySelector('[name=model]'); m.value = '1';"
                 "m.dispatchEvent(new Event('change', {bubbles: true}))")  # fmt: skip
     assert "bekker" in browser.run(legend)
     assert browser.complaints == []

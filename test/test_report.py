@@ -412,7 +412,7 @@ def test_measured_against_predicted_shows_every_row_that_was_predicted(
 ) -> None:
     figure = measured_against_predicted(comparison, "sinkage")
     panels = [axes for axes in figure.axes if axes.get_visible()]
-    assert len(panels) == 4
+    assert len(panels) == 5
     for axes, result in zip(panels, comparison.models, strict=True):
         points = np.asarray(axes.collections[-1].get_offsets())
         held_out = result.held_out is not None

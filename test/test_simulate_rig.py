@@ -68,7 +68,7 @@ def test_the_reader_of_measurements_takes_it(tmp_path, suffix):
         RigSettings(
             seed=1,
             hidden=("slip_angle_sinkage", "grouser", "column:density"),
-            channels=("sinkage", "resistance", "drawbar_pull"),
+            channels=("sinkage", "resistance", "drawbar_pull", "torque"),
         )
     )
     file = tmp_path / f"rig{suffix}"
@@ -77,7 +77,7 @@ def test_the_reader_of_measurements_takes_it(tmp_path, suffix):
     values = si(made.table)
     assert len(data) == 96
     assert data.runs_given
-    assert set(data.channels) == {"sinkage", "resistance", "drawbar_pull"}
+    assert set(data.channels) == {"sinkage", "resistance", "drawbar_pull", "torque"}
     for name, array in data.channels.items():
         assert array == pytest.approx(values[name].to_numpy(), rel=1e-9)
     for name in ("slip", "slip_angle", "speed", "pass_number", "grouser_height", "density"):
@@ -206,6 +206,20 @@ def test_columns_and_ranges_follow_the_effects():
     pull = simulate_rig(RigSettings(channels=("drawbar_pull",))).table
     assert "drawbar_pull [N]" in pull
     assert "sinkage [mm]" not in pull
+
+
+def test_torque_changes_no_other_column():
+    def made(*channels, **settings):
+        return simulate_rig(RigSettings(seed=5, channels=channels, **settings)).table
+
+    plain = made("sinkage", "drawbar_pull")
+    more = made("sinkage", "drawbar_pull", "torque")
+    assert list(more) == [*plain, "torque [N m]"]
+    assert more[list(plain)].equals(plain)
+    torque = more["torque [N m]"].to_numpy()
+    quiet = made("torque", noise=0.0)["torque [N m]"].to_numpy()
+    normed = (torque - quiet) / np.hypot(0.03 * quiet, 0.03)
+    assert np.std(normed) == pytest.approx(1.0, abs=0.25)
 
 
 def test_same_seed_same_bytes(tmp_path):

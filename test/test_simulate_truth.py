@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.simulate.contact import bracketed_root
+from smallwheel_ros.simulate.contact import Contact, bracketed_root
 from smallwheel_ros.simulate.hidden import (
     EFFECTS,
     check_hidden,
@@ -23,6 +23,7 @@ from smallwheel_ros.simulate.truth import (
     SimulationError,
     TruthSoil,
     motion_resistance,
+    shear_stress,
     static_sinkage,
     supported_load,
 )
@@ -106,6 +107,22 @@ def test_thrust_grows_with_slip_towards_coulomb():
     stiff = TruthSoil("stiff", SOIL.k, SOIL.n, SOIL.m, shear_deformation=1e-7)
     assert wheel_response(stiff, (), at).thrust[-1] == pytest.approx(limit, rel=1e-3)
     assert np.all(response.drawbar_pull == response.thrust - response.resistance)
+
+
+def test_torque_is_the_shear_along_the_arc_times_the_radius():
+    """The power at the axle is that of the rim: T = b r^2 times the integral of shear."""
+    slip = np.array([-0.4, 0.0, 0.1, 0.3, 0.8])
+    at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, slip=slip)
+    found = wheel_response(SOIL, (), at)
+    contact = Contact.at(at.diameter, found.depth)
+    pressure = SOIL.k * 0.25**SOIL.m * contact.depth**SOIL.n
+    shear = shear_stress(pressure, contact, SOIL, at)
+    by_hand = 0.1 * 0.125**2 * np.sum(shear * contact.weight, axis=1)
+    assert found.torque == pytest.approx(by_hand, rel=1e-12)
+    assert found.torque[1] == 0.0
+    # the lever of shear on an arc is longer than the radius, by no more than 1 / cos(entry)
+    lever = found.torque[slip != 0] / found.thrust[slip != 0]
+    assert np.all((lever > 0.125) & (lever < 0.125 / np.cos(contact.entry[0])))
 
 
 def test_root_outside_the_bracket_is_its_end():

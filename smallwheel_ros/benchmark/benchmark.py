@@ -12,10 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, errors_of
 from smallwheel_ros.benchmark.parts import Task, tasks_of
-from smallwheel_ros.display import number, sentence
+from smallwheel_ros.display import display, number, sentence, words
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.results import Result
 from smallwheel_ros.tables import text_table
@@ -40,15 +43,23 @@ class TaskErrors:
     laws: tuple[LawError, ...]
 
     @property
-    def best(self) -> LawError:
-        """The law of the least error over all parts."""
-        return min(self.laws, key=lambda law: law.rmse)
+    def channels(self) -> tuple[str, ...]:
+        """What was measured, sinkage first."""
+        return tuple(dict.fromkeys(law.channel for law in self.laws))
 
-    def lost(self) -> dict[str, str]:
+    def of(self, channel: str) -> list[LawError]:
+        """The laws' errors on that channel."""
+        return [law for law in self.laws if law.channel == channel]
+
+    def best(self, channel: str) -> LawError:
+        """The law of the least error over all parts."""
+        return min(self.of(channel), key=lambda law: np.nan_to_num(law.rmse, nan=np.inf))
+
+    def lost(self, channel: str) -> dict[str, str]:
         """By part, the law that beats every form of ours there."""
         found = {}
         for part in self.task.names:
-            known = {law.law: e for law in self.laws if (e := law.by_part[part]) is not None}
+            known = {law.law: e for law in self.of(channel) if (e := law.by_part[part]) is not None}
             if known and (first := min(known, key=lambda law: known[law])) not in _OURS:
                 found[part] = first
         return found
@@ -64,10 +75,10 @@ class Benchmark(Result):
 
     def headline(self) -> str:
         """How many tables, and how often a form of the law of Meirion-Griffith & Spenko is best."""
-        first = sum(errors.best.law in _OURS[1:] for errors in self.tasks)
+        first = sum(errors.best("sinkage").law in _OURS[1:] for errors in self.tasks)
         return (
             f"{self.folder}: {len(self.tasks)} sets of rows; a form of Meirion-Griffith & Spenko's law "
-            f"has the least error on {first} of them"
+            f"has the least error of sinkage on {first} of them"
         )
 
     def text(self) -> str:
@@ -77,27 +88,34 @@ class Benchmark(Result):
         return "\n\n".join([*blocks, *(["\n".join(left)] if left else []), f"{self.headline()}."])
 
     def _text(self, errors: TaskErrors) -> str:
-        task = errors.task
-        title = (
-            f"{errors.file} ({errors.licence})\n{task.contact}, {task.soil}, "
-            f"{len(task.measurements)} rows; sinkage [mm, rms] of each {task.what} left out"
-        )
-        rows = [
-            [law.law, _mm(law.rmse), *(_mm(law.by_part[name]) for name in task.names)]
-            for law in errors.laws
-        ]
-        names = task.names if task.what != "run" or len(task.names) <= 6 else ()
-        rows = [row[: 2 + len(names)] for row in rows]
-        table = text_table(["law", "all", *names], rows)
-        lost = [f"{law} ({part})" for part, law in errors.lost().items()]
-        said = f"Least error: {errors.best.law}"
-        if lost:
-            said += f". Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}"
+        lines = [f"{errors.file} ({errors.licence})"]
+        for channel in errors.channels:
+            lines += self._channel(errors, channel)
         effects = dict.fromkeys(e for law in errors.laws for f in law.effects.values() for e in f)
         found = f"Effects found: {', '.join(effects)}" if effects else "No effect was found"
-        return "\n".join(
-            [title, *(f"  {line}" for line in table.splitlines()), f"{said}. {found}."]
+        return "\n".join([*lines, f"{found}."])
+
+    def _channel(self, errors: TaskErrors, channel: str) -> list[str]:
+        task, shown = errors.task, display(channel, CHANNEL_UNITS[channel])
+        title = (
+            f"{task.contact}, {task.soil}, {len(task.measurements)} rows; {words(channel)} "
+            f"[{shown.unit}, rms] of each {task.what} left out"
         )
+
+        def cell(error: float | None) -> str:
+            return "-" if error is None else number(shown.scale * error)
+
+        names = task.names if task.what != "run" or len(task.names) <= 6 else ()
+        rows = [
+            [law.law, cell(law.rmse), *(cell(law.by_part[name]) for name in names)]
+            for law in errors.of(channel)
+        ]
+        table = text_table(["law", "all", *names], rows)
+        lost = [f"{law} ({part})" for part, law in errors.lost(channel).items()]
+        said = f"Least error: {errors.best(channel).law}."
+        if lost:
+            said += f" Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}."
+        return [title, *(f"  {line}" for line in table.splitlines()), said]
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel benchmark --json` writes it."""
@@ -114,13 +132,14 @@ class Benchmark(Result):
                     "laws": [
                         {
                             "law": law.law,
-                            "sinkage_rmse": law.rmse,
+                            "channel": law.channel,
+                            "rmse": law.rmse,
                             "by_part": law.by_part,
                             "effects": {name: list(ids) for name, ids in law.effects.items()},
                         }
                         for law in errors.laws
                     ],
-                    "lost": errors.lost(),
+                    "lost": {name: errors.lost(name) for name in errors.channels},
                 }
                 for errors in self.tasks
             ],
@@ -128,11 +147,12 @@ class Benchmark(Result):
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each table, law and part. sinkage_rmse: m."""
+        """One row for each table, law, channel and part. rmse: SI."""
         return [
             {
                 "file": str(errors.file), "contact": errors.task.contact, "soil": errors.task.soil,
-                "law": law.law, "left_out": errors.task.what, "part": part, "sinkage_rmse": error,
+                "law": law.law, "channel": law.channel, "left_out": errors.task.what, "part": part,
+                "rmse": error,
             }
             for errors in self.tasks
             for law in errors.laws
@@ -140,12 +160,8 @@ class Benchmark(Result):
         ]  # fmt: skip
 
 
-def _mm(error: float | None) -> str:
-    return "-" if error is None else number(1e3 * error)
-
-
 def benchmark(folder: Path, progress: Callable[[str], object] = lambda step: None) -> Benchmark:
-    """Hold the laws of sinkage against every data set of a folder.
+    """Hold the laws against every data set of a folder.
 
     progress: told what is worked on. Raises BenchmarkError where no data set has a licence and a table.
     """

@@ -92,8 +92,9 @@ def compare(
 ) -> None:
     """Compare models with the measurements in DATA.
 
-    The closed forms of Bekker and of Meirion-Griffith & Spenko and the contact integral are fitted to
-    the data, and judged on runs that were held out of the fit. A model file stands as it is. Errors
+    The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
+    torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
+    held out of the fit, beside a constant, the mean of the other runs. A model file stands as it is. Errors
     are given for each channel, soil, wheel and range of conditions, beside what rows of one run
     differ by. How much less error a true model would leave is what `smallwheel diagnose` works out.
     """

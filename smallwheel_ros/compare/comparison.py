@@ -10,13 +10,13 @@ Points, folds and errors are those of `fitting`, as in every other command.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smallwheel_ros.compare.contenders import Contender, standard_contenders
+from smallwheel_ros.compare.contenders import Constant, Contender, standard_contenders
 from smallwheel_ros.compare.results import (
     Floor,
     Index,
@@ -40,6 +40,7 @@ from smallwheel_ros.tables import plain
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_ROUNDING = 1e-9  # of the error: less of a mean of errors is no bias but its rounding
 _SUNK = "the wheel was measured deeper than its axle"
 
 
@@ -80,14 +81,19 @@ class Comparison(Result):
     ) -> Score | None:
         """Score one model on one channel, on some rows if given; None where it predicts none."""
         errors = result.held_out if held_out else result.in_sample
-        return None if errors is None else errors.score(channel, rows)
+        found = None if errors is None else errors.score(channel, rows)
+        if found is not None and abs(found.bias) < _ROUNDING * found.rmse:
+            found = replace(found, bias=0.0)
+        return found
 
-    def best(self, channel: str) -> ModelResult | None:
+    def best(self, channel: str, laws: bool = False) -> ModelResult | None:
         """The model of the least error on runs that it was not fitted to.
 
         Where no model has such runs, of the least error in sample. None where none predicts it.
+        laws: among the laws only, of which a constant is none.
         """
-        scores = [(m, e.score(channel)) for m, e in self._compared()]
+        scores = [(m, e.score(channel)) for m, e in self._compared()
+                  if not (laws and isinstance(m.contender.model, Constant))]  # fmt: skip
         known = [(s.rmse, i) for i, (_, s) in enumerate(scores) if s is not None]
         return scores[min(known)[1]][0] if known else None
 
@@ -101,13 +107,29 @@ class Comparison(Result):
         found = {name: compare_cv(of_best, e) for name, e in errors.items()}
         return {name: change for name, change in found.items() if channel in change.reduction}
 
+    def useless(self, channel: str) -> str:
+        """Say so where a constant has less error than every law; "" elsewhere."""
+        best, law = self.best(channel), self.best(channel, laws=True)
+        if best is None or law is None or best is law:
+            return ""
+        errors = [
+            self.score(m, channel, held_out=True) or self.score(m, channel) for m in (best, law)
+        ]
+        said = [shown_value(channel, e.rmse) for e in errors if e is not None]
+        return (
+            f"no law has less error than a constant, the mean of the other runs: {law.contender.name}, the "
+            f"best of them, has {said[-1]}, the constant {said[0]}"
+        )
+
     def headline(self) -> str:
         """The best model of each channel, and how far off it is."""
         shown = []
         for channel in self.channels:
             best = self.best(channel)
             score = best and (self.score(best, channel, held_out=True) or self.score(best, channel))
-            if best is not None and score:
+            if useless := self.useless(channel):
+                shown.append(f"{words(channel)}: {useless}")
+            elif best is not None and score:
                 shown.append(
                     f"{words(channel)} best by {best.contender.name}, error "
                     f"{shown_value(channel, score.rmse)}"

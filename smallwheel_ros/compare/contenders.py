@@ -16,12 +16,16 @@ from smallwheel_ros.model import Model
 from smallwheel_ros.physics.conditions import PLATE
 
 # Names of the standard contenders; the fit of the last tells what a true model would leave.
-STANDARD = ("bekker", "meirion_griffith_spenko", "contact_integral")
+STANDARD = ("constant", "bekker", "meirion_griffith_spenko", "wong_reece", "contact_integral")
+
+
+class Constant:
+    """No law: every row is the mean of its channel over the rows that a fit may see."""
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare: a `Base` is fitted to the data, a `Model` stands as it is.
+    """A model to compare: a `Base` or `Constant` is fitted to the data, a `Model` stands as it is.
 
     file, fitted_to: where a standing model came from, and the SHA-256 of the data that it was fitted
     to, "" if unknown.
@@ -29,18 +33,22 @@ class Contender:
 
     name: str
     description: str
-    model: Base | Model
+    model: Base | Model | Constant
     file: str = ""
     fitted_to: str = ""
 
     @property
     def fitted(self) -> bool:
         """Whether it is fitted to the data."""
-        return isinstance(self.model, Base)
+        return not isinstance(self.model, Model)
 
 
 def standard_contenders(points: Points) -> list[Contender]:
-    """Bekker's law, that of Meirion-Griffith & Spenko and the contact integral."""
+    """A constant, Bekker's law, that of Meirion-Griffith & Spenko and the contact integral.
+
+    Where pull or torque was measured at known slip that of Wong and Reece, too. The closed forms have the
+    thrust that is published with them, the contact integral the balance of stresses.
+    """
     widths = _widths(points)
     # Over several widths K = kc/b + kphi: its share of kc is a parameter of the effect.
     of_width = (part_of(Bekker()),) if widths > 1 else ()
@@ -52,19 +60,31 @@ def standard_contenders(points: Points) -> list[Contender]:
     if all(one_diameter(points, soil) for soil in soil_names(points)):
         exponent = "; with one diameter only k D^m is determined, not m"
         same = ", and the law is that of bekker" if widths == 1 else ""
+    stresses = Contender(
+        STANDARD[3],
+        "Wong and Reece 1967, stresses along the arc whose peak moves with slip: P = k z^n D^m decides "
+        "about pressure, and pressure and shear carry the load together" + exponent,
+        Base(thrust_form="wong_reece"),
+    )
     return [
         Contender(
             STANDARD[0],
-            f"Bekker 1956, closed form (eq. 7), P = K z^n without diameter; {modulus}",
-            Base(geometry="closed_form", parts=of_width, fixed_m=0.0),
+            "the mean of the other runs, whatever load and slip: a law that is worse says nothing",
+            Constant(),
         ),
         Contender(
             STANDARD[1],
-            "Meirion-Griffith & Spenko 2011, closed form (eq. 10), P = k z^n D^m" + exponent + same,
-            Base(geometry="closed_form"),
+            f"Bekker 1956, closed form (eq. 7), P = K z^n without diameter; {modulus}",
+            Base(geometry="closed_form", thrust_form="integrated", parts=of_width, fixed_m=0.0),
         ),
         Contender(
             STANDARD[2],
+            "Meirion-Griffith & Spenko 2011, closed form (eq. 10), P = k z^n D^m" + exponent + same,
+            Base(geometry="closed_form", thrust_form="integrated"),
+        ),
+        *([stresses] if points.forces else []),
+        Contender(
+            STANDARD[4],
             "P = k z^n D^m with the exact contact integral in place of eq. 10" + exponent,
             Base(),
         ),

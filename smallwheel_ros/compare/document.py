@@ -8,6 +8,7 @@
      "noise_floor": {channel: {"value", "source": "repeats" | "declared" | null, "reason",
                                "repeatability"}},
      "models": [{"name", "description", "fitted": whether to this data, "file", "notes": [],
+                 "geometry": null of a constant,
                  "soils": [{"name", "k", "n", "m", "cohesion", "friction_angle", "shear_displacement"}],
                  "effects": [{"id", "form", "parameters": {name: value}}],
                  "channels": {channel: {"in_sample": SCORE | null, "held_out": SCORE | null}},
@@ -105,7 +106,9 @@ def _model(comparison: Comparison, result: ModelResult) -> dict[str, Any]:
     }
 
 
-def _parameters(model: Model) -> dict[str, Any]:
+def _parameters(model: Model | None) -> dict[str, Any]:
+    if model is None:
+        return {"geometry": None, "soils": [], "effects": []}
     names = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
     return {
         "geometry": model.geometry,

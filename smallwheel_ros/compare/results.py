@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.compare.contenders import Constant, Contender
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import (
     CvErrors,
+    folds_of,
     in_sample,
     row_errors,
     rows_of,
 )
 from smallwheel_ros.fitting.points import Points, filled
+from smallwheel_ros.fitting.runs import runs_of
 from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.measurements.repeatability import repeatability
 from smallwheel_ros.measurements.settings import runs_of_rows
@@ -54,14 +56,14 @@ class Floor:
 class ModelResult:
     """One model of a comparison.
 
-    model: with the parameters of a fit to all rows. in_sample: errors of that model. held_out: of
-    each run by a fit without it, None for a model that stands as it is and where there is one run.
-    unseen: errors on runs that the model was not fitted to, None where that is not known.
+    model: with the parameters of a fit to all rows, None for a constant. in_sample: errors of that model.
+    held_out: of each run by a fit without it, None for a model that stands as it is and where there is one
+    run. unseen: errors on runs that the model was not fitted to, None where that is not known.
     not_predicted: rows that it has no prediction for, with the reason.
     """
 
     contender: Contender
-    model: Model
+    model: Model | None
     in_sample: CvErrors
     held_out: CvErrors | None = None
     unseen: CvErrors | None = None
@@ -80,12 +82,37 @@ def results_of(
         progress(next(counted), needed)
 
     count()
-    return [
-        _fitted(c, replace(problem, base=c.model), count)
-        if isinstance(c.model, Base)
-        else _standing(c, c.model, problem.points)
-        for c in contenders
-    ]
+    found = []
+    for contender in contenders:
+        model = contender.model
+        if isinstance(model, Base):
+            found.append(_fitted(contender, replace(problem, base=model), count))
+        elif isinstance(model, Constant):
+            found.append(_constant(contender, problem.points, folds, count))
+        else:
+            found.append(_standing(contender, model, problem.points))
+    return found
+
+
+def _constant(
+    contender: Contender, points: Points, folds: int, count: Callable[[], None]
+) -> ModelResult:
+    """Rows less the mean of all in sample, less the mean of the other folds' rows held out."""
+    data, run = points.measurements, runs_of(points.measurements)[1]
+    fold = folds_of(points)[run] if folds else np.zeros(len(data), dtype=np.intp)
+    inside, outside = {}, {}
+    for name, rows in rows_of(points).items():
+        value = data.channels[name]
+        inside[name], outside[name] = np.full((2, len(data)), np.nan)
+        inside[name][rows] = value[rows] - value[rows].mean()
+        for number in np.unique(fold[rows]):
+            mine, others = rows[fold[rows] == number], rows[fold[rows] != number]
+            if others.size:
+                outside[name][mine] = value[mine] - value[others].mean()
+    for _ in range(1 + folds):
+        count()
+    held_out = CvErrors(outside, run) if folds else None
+    return ModelResult(contender, None, CvErrors(inside, run), held_out, held_out)
 
 
 def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -> ModelResult:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.contenders import STANDARD
 from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.display import display, number, percent, sentence, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
@@ -16,6 +17,10 @@ _LEGEND = (
 )
 
 
+# Said with the table, as no other page of the bench names them.
+_NO_LAW_OF_DEPTH = (STANDARD[0], STANDARD[3])
+
+
 def comparison_text(comparison: Comparison) -> str:
     """The comparison in tables of a line for each model; details are in the JSON and the report."""
     data = comparison.measurements
@@ -26,6 +31,11 @@ def comparison_text(comparison: Comparison) -> str:
     if not comparison.channels:
         lines += ["", "No model could predict any of the measurements."]
     notes: list[str] = [*_LEGEND] if comparison.channels else []
+    notes += [
+        f"{m.contender.name}: {m.contender.description}"
+        for m in comparison.models
+        if m.contender.name in _NO_LAW_OF_DEPTH
+    ]
     notes += dict.fromkeys(f.reason for f in comparison.noise.values())
     notes += [
         f"{m.contender.name}, {rows.size} rows not predicted: {why}"
@@ -60,7 +70,12 @@ def _channel(comparison: Comparison, channel: str) -> list[str]:
     rows = [_row(comparison, model, channel, shown.scale) for model in comparison.models]
     header = ["model", "rows", "held-out RMSE", "+-", "bias", "in-sample RMSE", "bias",
               "against the best"]  # fmt: skip
-    return [title, *(f"  {line}" for line in text_table(header, rows).splitlines())]
+    useless = comparison.useless(channel)
+    return [
+        title,
+        *(f"  {line}" for line in text_table(header, rows).splitlines()),
+        *([sentence(useless)] if useless else []),
+    ]
 
 
 def _row(comparison: Comparison, model: ModelResult, channel: str, scale: float) -> list[str]:

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS
-from smallwheel_ros.physics.conditions import PLATE, Array
+from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array
+from smallwheel_ros.physics.stresses import mean_place
 
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements
 
 _SLIP_LIMIT = 0.95
 _SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
+_STRONGEST = np.radians(45.0)  # friction angle: no sand under wheels is stronger
 _STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
 
 
@@ -25,6 +27,7 @@ def suspicions(data: Measurements, place: str) -> Iterator[str]:
     yield from _sizes(data, place)
     yield from _depths(data, place)
     yield from _settings(data, place)
+    yield from _pulls(data, place)
     if data.runs_given:
         yield from _runs(data)
 
@@ -101,6 +104,29 @@ def _settings(data: Measurements, place: str) -> Iterator[str]:
                 f"resistance is negative {_where(data, negative, place)}: it is positive against "
                 "the direction of travel"
             )
+
+
+def _pulls(data: Measurements, place: str) -> Iterator[str]:
+    """Pulls of driven wheels that no sand gives, by the balance of stresses in its closed form.
+
+    DP = W tan(delta - kappa t1) with cos t1 = 1 - 2 z/D (`physics.stresses.closed_form_forces`), kappa for
+    n = 1. Where sinkage was not measured the wheel is taken not to sink.
+    """
+    if "drawbar_pull" not in data.channels:
+        return
+    c, pull = data.conditions, data.channels["drawbar_pull"]
+    z = np.nan_to_num(data.channels.get("sinkage", np.zeros(len(data))))
+    entry = np.arccos(np.clip(1.0 - 2.0 * z / c.diameter, -1.0, 1.0))
+    limit = c.load * np.tan(_STRONGEST - mean_place(1.0).mean * entry)
+    driven = c["slip"] >= 0.0 if "slip" in c else np.ones(len(data), dtype=bool)
+    over = (pull > limit) & driven & (c.contact == ROLLING) & ~data.sunk_to_axle
+    if over.any():
+        row = int(np.flatnonzero(over)[0])
+        yield (
+            f"drawbar_pull is {pull[row]:.4g} N {_where(data, over, place)}, more than the "
+            f"{limit[row]:.4g} N that a wheel of this load and sinkage can pull on the strongest sand "
+            "(friction angle 45 deg): check load, pull and the zero of the sinkage"
+        )
 
 
 def _spread(values: Array, index: NDArray[np.intp], runs: int) -> tuple[Array, Array]:

@@ -119,7 +119,7 @@ class Measurements(Result):
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """Covariates that the wheel answers with (torque, side force, motor current), not settings.
+        """Covariates that the wheel answers with (side force, motor current), not settings.
 
         A column of forces, torques, pressures, powers or energies by its unit, or so by its name.
         """

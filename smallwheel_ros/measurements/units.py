@@ -218,6 +218,9 @@ def _check_dimension(text: str, parsed: pint.Unit, expected: str) -> None:
     hint = _HINTS.get(root, "")
     if expected == RADIAN and found == "a pure number":
         hint = "a ratio is no angle: take its arc tangent, or write rad or deg"
+    if expected == TORQUE:
+        wanted = "a torque"
+        hint = "if the column is no torque on the wheel's axle, give it another name"
     raise UnitsError(
         f"unit '{text}' is {found}, expected {wanted} ({expected}){'; ' + hint if hint else ''}"
     )
@@ -231,6 +234,8 @@ _NAMES = {
     "[mass]": "a mass",
     "[time]": "a time",
     "[mass] / [length] / [time] ** 2": "a pressure",
+    "[mass] * [length] ** 2 / [time] ** 2": "an energy or a torque",
+    "[current]": "an electric current",
 }
 
 

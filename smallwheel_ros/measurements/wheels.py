@@ -91,6 +91,7 @@ def measurements_of(
     _check_there(columns, contact)
     _check_blanks(columns, contact)
     _check_depth(columns, contact)
+    _check_lugs(columns)
     columns.problems.raise_any()
     name_curves(columns, contact)
     if (contact != ROLLING).any():
@@ -302,4 +303,18 @@ def _check_depth(columns: Columns, contact: NDArray[np.str_]) -> None:
         f"the diameter{hint if heading.unit is None else ''}",
         "sinkage",
         deep,
+    )
+
+
+def _check_lugs(columns: Columns) -> None:
+    """Add a problem for lugs that are higher than the wheel's radius."""
+    lugs, d = columns.numbers.get("grouser_height"), columns.numbers.get("diameter")
+    if lugs is None or d is None or not (high := lugs > 0.5 * d).any():
+        return
+    row = int(np.flatnonzero(high)[0])
+    columns.problem(
+        f"grouser_height is {columns.found('grouser_height', lugs, row)}, expected at most "
+        f"{0.5 * d[row]:.6g} m, the wheel's radius: is the unit right?",
+        "grouser_height",
+        high,
     )

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,7 +38,11 @@ def _grid(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
 
 
 def _colours(comparison: Comparison) -> list[str]:
-    return [COLOURS[i % len(COLOURS)] for i in range(len(comparison.models))]
+    """One for each model; a constant is grey."""
+    count = itertools.count()
+    return [
+        GREY if m.model is None else COLOURS[next(count) % len(COLOURS)] for m in comparison.models
+    ]
 
 
 def _thinned(rows: NDArray[np.intp]) -> NDArray[np.intp]:

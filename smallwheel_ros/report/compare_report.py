@@ -57,6 +57,9 @@ def summary(comparison: Comparison) -> list[str]:
     sentences = []
     for channel in comparison.channels:
         model = comparison.best(channel)
+        if useless := comparison.useless(channel):
+            sentences.append(f"{words(channel).capitalize()}: {useless}.")
+            continue
         if model is None:
             continue
         held_out = model.held_out is not None
@@ -142,7 +145,7 @@ def model_plots(comparison: Comparison) -> list[Block]:
     channel = next(iter(table.rows))
     best = comparison.best(channel)
     at = next((i for i, m in enumerate(comparison.models) if m is best), 0)
-    shown = len(errors) - 1 if at != len(errors) - 1 else 0
+    shown = len(errors) - (2 if at == len(errors) - 1 and at else 1)
     names = [m.contender.name for m in comparison.models]
     models = "".join(
         f'<option value="{i}"{" selected" if i == shown else ""}>{escape(name)}</option>'

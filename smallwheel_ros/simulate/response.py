@@ -10,7 +10,7 @@ import numpy as np
 
 from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, shear_stress, shear_thrust
+from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, shear_stress
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class Response:
     resistance: Array  # N
     shown_resistance: Array  # N
     thrust: Array  # N
+    torque: Array  # N m, that drives the wheel
 
     @property
     def drawbar_pull(self) -> Array:
@@ -98,7 +99,14 @@ def traction_at(
 ) -> tuple[Array, Array]:
     """Thrust (N) and driving torque (N m) of wheels whose depth (m) is known."""
     contact = Contact.at(at.diameter, depth)
-    shear = shear_stress(Ground(soil, effects, at, scatter).stress(contact), contact, soil, at)
+    return _traction(Ground(soil, effects, at, scatter).stress(contact), contact, soil, at)
+
+
+def _traction(
+    stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances
+) -> tuple[Array, Array]:
+    """Thrust (N) and driving torque (N m) of the shear stress that a normal stress (Pa) goes with."""
+    shear = shear_stress(stress, contact, soil, at)
     return contact.upward(shear, at.width), at.diameter / 2 * contact.along(shear, at.width)
 
 
@@ -129,6 +137,7 @@ def wheel_response(
     _, resistance = ground.forces(depth, rut)
     contact = Contact.at(at.diameter, depth, rut)
     stress = ground.stress(contact)
+    thrust, torque = _traction(stress, contact, soil, at)
     shown = depth
     for effect in effects:
         resistance = resistance + effect.added_resistance(depth, soil, at)
@@ -140,7 +149,8 @@ def wheel_response(
         shown_sinkage=shown_by_instrument(effects, "sinkage", shown, at),
         resistance=resistance,
         shown_resistance=shown_by_instrument(effects, "resistance", resistance, at),
-        thrust=shear_thrust(stress, contact, soil, at),
+        thrust=thrust,
+        torque=torque,
     )
 
 

@@ -37,13 +37,14 @@ from smallwheel_ros.simulate.truth import (
     check_range,
 )
 
-CHANNELS = ("sinkage", "resistance", "drawbar_pull")
+CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
+_UNITS = {"sinkage": (1e3, "mm"), "torque": (1.0, "N m")}  # the others in N
 _TYPICAL_NOISE = 0.03
 # How far a rig is from what was asked of it, which its own sensors see (1 sigma).
 _LOAD_CONTROL, _SLIP_CONTROL, _SPEED_CONTROL = 0.01, 0.004, 0.01
 # At typical noise: errors of the sensors of the settings, and absolute noise of the channels.
 _LOAD_ERROR, _SLIP_ERROR, _SPEED_ERROR = 0.005, 0.004, 0.005
-_ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3}
+_ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3, "torque": 0.03}
 
 
 @dataclass(frozen=True)
@@ -248,11 +249,15 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
         "sinkage": response.shown_sinkage,
         "resistance": response.shown_resistance,
         "drawbar_pull": response.drawbar_pull,
+        "torque": response.torque,
     }
+    # Its own stream: tables without torque stay what they were.
+    of_torque = np.random.default_rng([settings.seed, 24, number])
     measured = {}
     for name in CHANNELS:  # all of them: what is measured does not change the noise of the rest
         spread = np.hypot(settings.noise * true[name], size * _ABSOLUTE_NOISE[name])
-        measured[name] = true[name] + spread * rng.normal(0.0, 1.0, rows)
+        source = of_torque if name == "torque" else rng
+        measured[name] = true[name] + spread * source.normal(0.0, 1.0, rows)
     _spoil(measured, settings, rng, run["diameter"])
     load = shown_by_instrument(truth.effects, "load", real["load"], at)
     real["load"] = load * (1.0 + size * _LOAD_ERROR * error[0])
@@ -267,7 +272,7 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
         unit = column_unit(name)
         table[f"{name} [{unit}]" if unit else name] = _significant(at.covariates[name])
     for name in settings.channels:
-        factor, unit = (1e3, "mm") if name == "sinkage" else (1.0, "N")
+        factor, unit = _UNITS.get(name, (1.0, "N"))
         table[f"{name} [{unit}]"] = _significant(measured[name] * factor)
     frame: pd.DataFrame = pd.DataFrame(table)
     return frame

@@ -148,8 +148,3 @@ def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
     pressure = stress * (at.load / contact.upward(stress, at.width))[:, None]
     shear: Array = (soil.cohesion + pressure * np.tan(soil.friction_angle)) * mobilised
     return shear
-
-
-def shear_thrust(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
-    """Thrust (N) of the shear stress that a normal stress (Pa) goes with."""
-    return contact.upward(shear_stress(stress, contact, soil, at), at.width)
