@@ -400,6 +400,7 @@ def _forces(
                 soil["rolling_share"], rim_friction(soil["rim_friction"], slip, lugs),
             ),
             lug_height=lugs,
+            peak=soil["pressure_peak"] * np.maximum(slip, 0.0),
             slip_angle=_optional(conditions, "slip_angle"),
             factor=stages.pressure_factor if stages.layered else None,
         )  # fmt: skip

@@ -46,8 +46,9 @@ SOIL_PARAMETERS = (
     "log_shear_displacement",
     "rolling_share",
     "rim_friction",
+    "pressure_peak",
 )
-_SOIL_UNITS = ("Pa/m^(n+m)", "1", "1", "Pa", "rad", "m", "1", "1")
+_SOIL_UNITS = ("Pa/m^(n+m)", "1", "1", "Pa", "rad", "m", "1", "1", "1")
 _HEAD = """\
 # A model of wheel and soil for smallwheel. Units are SI; angles in rad.
 # k in Pa/m^(n+m): pressure p = k z^n D^m. cohesion in Pa, shear_displacement in m.

@@ -190,7 +190,7 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
     """What pull and torque rest on that the model's covariance does not have."""
     usual = usual_strength(soil)
     c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
-    eta, mu = (WHEEL_PARAMETERS[n][1].deviation for n in ("rolling_share", "rim_friction"))
+    eta, mu, peak = (prior.deviation for _, prior in WHEEL_PARAMETERS.values())
     degree, relative = 180.0 / math.pi, kappa.standard_deviation / kappa.value
     known = [
         ("cohesion", c.standard_deviation, "cohesion", c.value, 1.0, "Pa"),
@@ -205,6 +205,14 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
         ),
         ("rolling_share", eta, "share of rolling in the shear", soil.rolling_share, 1.0, "1"),
         ("rim_friction", mu, "bare rim's friction over the soil's", soil.rim_friction, 1.0, "1"),
+        (
+            "pressure_peak",
+            peak,
+            "peak of the pressure at slip 1, of the arc",
+            soil.pressure_peak,
+            1.0,
+            "1",
+        ),
     ]
     found = []
     for name, deviation, called, value, factor, unit in known:

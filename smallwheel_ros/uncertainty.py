@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import EffectError
+from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
 from smallwheel_ros.model import Model, ModelError, Prediction, predict
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
@@ -61,7 +62,7 @@ def _changed_soil(soil: Soil, parameter: str, change: float) -> Soil:
     if parameter == "log_shear_displacement":
         longer = soil.shear_displacement * float(np.exp(change))
         return replace(soil, shear_displacement=longer)
-    if parameter in ("cohesion", "friction_angle", "rolling_share", "rim_friction"):
+    if parameter in ("cohesion", "friction_angle", *WHEEL_PARAMETERS):
         return replace(soil, **{parameter: getattr(soil, parameter) + change})
     law = {
         "log_reference_pressure": soil.log_reference_pressure,

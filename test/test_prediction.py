@@ -240,7 +240,7 @@ def test_a_strength_that_nobody_measured_is_said_and_makes_pull_uncertain() -> N
     rng = np.random.default_rng(0)
     scale = usual.shear_displacement.standard_deviation / usual.shear_displacement.value
     pulls, torques = [], []
-    for c, phi, kappa, eta, mu in rng.normal(size=(3000, 5)):
+    for c, phi, kappa, eta, mu, peak in rng.normal(size=(3000, 6)):
         other = Soil(
             "sand", 1.6e6, 0.8,
             cohesion=max(800.0 + c * usual.cohesion.standard_deviation, 0.0),
@@ -248,6 +248,7 @@ def test_a_strength_that_nobody_measured_is_said_and_makes_pull_uncertain() -> N
             shear_displacement=0.015 * float(np.exp(scale * kappa)),
             rolling_share=max(1.3 + 0.4 * eta, 0.0),
             rim_friction=0.8 + 0.12 * mu,
+            pressure_peak=min(max(0.1 + 0.2 * peak, 0.0), 0.9),
         )  # fmt: skip
         found = predict(Model(other), Conditions.of(60, 0.2, 0.1, slip=0.4))
         assert found.drawbar_pull is not None
@@ -274,8 +275,8 @@ def test_pull_always_has_a_deviation_and_the_note_names_only_what_is_not_known()
     part = CalibratedModel(Model(plain), (*LAW, *STRENGTH[:2]), np.diag([1e-4, 1e-4, 1.0, 1e-6]))
     assert predict_table(part, ROLLING).notes[0].startswith("nobody measured shear displacement")
     # A covariance that has everything is taken as it is: what is left is the law's own error.
-    names = (*LAW, *STRENGTH, "sand.rolling_share", "sand.rim_friction")
-    full = CalibratedModel(Model(plain), names, np.diag([1e-6] * 7))
+    names = (*LAW, *STRENGTH, "sand.rolling_share", "sand.rim_friction", "sand.pressure_peak")
+    full = CalibratedModel(Model(plain), names, np.diag([1e-6] * 8))
     measured = predict_table(full, ROLLING)
     assert measured.notes == ()
     assert measured.rows()[0]["drawbar_pull_std"] == pytest.approx(0.0707 * 60.0, rel=0.01)

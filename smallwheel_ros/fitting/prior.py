@@ -75,10 +75,12 @@ STRENGTH_PARAMETERS = {
     "cohesion": ("Pa", Prior(500.0, 500.0, 0.0, 20e3)),
 }
 # What a wheel does with that strength (`stresses`): eta is 1 in Wong and Reece 1967 and 1.2 to 1.9 on rigs;
-# mu of sand on metal is 0.5 to 0.9 (Potyondy 1961), 0.70 to 0.84 on rigs.
+# mu of sand on metal is 0.5 to 0.9 (Potyondy 1961), 0.70 to 0.84 on rigs; the peak moves by 0.2 to 0.4 of the
+# arc in Wong and Reece's wheels and hardly in the pulls of rigs.
 WHEEL_PARAMETERS = {
     "rolling_share": ("1", Prior(1.3, 0.4, 0.0, 4.0)),
     "rim_friction": ("1", Prior(0.8, 0.12, 0.2, 1.5)),
+    "pressure_peak": ("1", Prior(0.1, 0.2, 0.0, 0.8)),
 }
 # Where nobody measured it.
 USUAL_STRENGTH = {
@@ -97,6 +99,7 @@ def soil_numbers(soil: Soil) -> dict[str, float]:
         "cohesion": soil.cohesion,
         "rolling_share": soil.rolling_share,
         "rim_friction": soil.rim_friction,
+        "pressure_peak": soil.pressure_peak,
     }
 
 
@@ -114,6 +117,7 @@ def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
         soil.source,
         v["rolling_share"],
         v["rim_friction"],
+        v["pressure_peak"],
     )
 
 

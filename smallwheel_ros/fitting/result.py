@@ -47,6 +47,7 @@ _REMEDIES = {
     "log_shear_displacement": "measure drawbar pull at slips from 0.05 to 0.3",
     "cohesion": "measure drawbar pull at high slip under a light and a heavy load",
     "rolling_share": "measure drawbar pull or torque at slips from -0.1 to 0.1",
+    "pressure_peak": "measure drawbar pull and torque at slips over 0.4",
     "rim_friction": "measure the same wheel with lugs, or braked, beside the bare rim driven",
 }
 

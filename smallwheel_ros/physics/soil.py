@@ -20,7 +20,8 @@ REFERENCE_SINKAGE = 0.010  # m
 REFERENCE_DIAMETER = 0.200  # m
 # Numbers of a soil, in the order of a model file.
 SOIL_NUMBERS = (
-    "k", "n", "m", "cohesion", "friction_angle", "shear_displacement", "rolling_share", "rim_friction"
+    "k", "n", "m", "cohesion", "friction_angle", "shear_displacement", "rolling_share", "rim_friction",
+    "pressure_peak",
 )  # fmt: skip
 
 
@@ -35,9 +36,9 @@ class Soil:
     k: Pa/m^(n+m), > 0. n: 1, in (0, 3). m: 1. cohesion: Pa. friction_angle: rad.
     shear_displacement: the deformation modulus kappa of eq. 2, m. m = 0 gives the law of
     Bernstein and Goriatchkin (eq. 8). `source` says where the numbers come from. rolling_share,
-    rim_friction: eta and mu of `stresses`, 1: how a wheel shears this soil by rolling alone, and the
-    friction of a bare rim that is driven over the soil's own. Their defaults are medians of rigs, as
-    those of the strength are what dry sands have under small wheels.
+    rim_friction, pressure_peak: eta, mu and c2 of `stresses`, 1: how a wheel shears this soil by rolling
+    alone, the friction of a bare rim that is driven over the soil's own, and how far ahead of the lowest
+    point the largest pressure is at slip 1. Their defaults are medians of rigs.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Soil:
     source: str = ""
     rolling_share: float = 1.3
     rim_friction: float = 0.8
+    pressure_peak: float = 0.1
 
     def __post_init__(self) -> None:
         rules = (
@@ -71,6 +73,7 @@ class Soil:
             ),
             ("rolling_share", self.rolling_share, 0 <= self.rolling_share <= 5, "0 to 5"),
             ("rim_friction", self.rim_friction, 0 < self.rim_friction <= 2, "over 0 to 2"),
+            ("pressure_peak", self.pressure_peak, 0 <= self.pressure_peak <= 0.9, "0 to 0.9"),
         )
         for parameter, value, good, expected in rules:
             if not (np.isfinite(value) and good):

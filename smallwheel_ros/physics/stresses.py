@@ -6,7 +6,9 @@ forces. Angles from the lowest point, r the radius, R = r + lambda h where soil 
 of lugs of height h:
 
     depth          d(t) = r (cos t - cos t1),  cos t1 = 1 - z/r,  0 <= t <= t1   (Bekker 1956)
-    pressure       p(t) = A [d(t)/z]^n                            n of p = k z^n D^m
+    pressure       p(t) = A [d(t)/z]^n                            n of p = k z^n D^m; largest at the bottom,
+                   or, with a peak at t_m = c2 i t1, falling behind it over the arc that is left as it
+                   rises ahead (Wong and Reece 1967; c2 is small in the pulls of rigs)
     displacement   j(t) = R {eta [(t1 - t) - (sin t1 - sin t)] + (1 - u)(sin t1 - sin t)}
                    u = V/(R omega): 1 - i driven, 1/(1 + i) skidding      (Wong and Reece 1967: eta = 1)
                    at a slip angle beta also j_y = R u tan(beta) (t1 - t); shear points along (j, j_y)
