@@ -18,7 +18,7 @@ from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, e
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.display import display, number, sentence, words
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS, CHANNELS
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.results import Result
 from smallwheel_ros.tables import text_table
@@ -133,13 +133,14 @@ class Benchmark(Result):
                         {
                             "law": law.law,
                             "channel": law.channel,
-                            "rmse": law.rmse,
+                            f"{law.channel}_rmse": law.rmse,
                             "by_part": law.by_part,
                             "effects": {name: list(ids) for name, ids in law.effects.items()},
                         }
                         for law in errors.laws
                     ],
-                    "lost": {name: errors.lost(name) for name in errors.channels},
+                    "lost": errors.lost("sinkage"),
+                    "lost_forces": {n: errors.lost(n) for n in errors.channels if n != "sinkage"},
                 }
                 for errors in self.tasks
             ],
@@ -147,12 +148,12 @@ class Benchmark(Result):
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each table, law, channel and part. rmse: SI."""
+        """One row for each table, law, channel and part; errors in SI."""
         return [
             {
                 "file": str(errors.file), "contact": errors.task.contact, "soil": errors.task.soil,
                 "law": law.law, "channel": law.channel, "left_out": errors.task.what, "part": part,
-                "rmse": error,
+                **{f"{name}_rmse": error if name == law.channel else None for name in CHANNELS},
             }
             for errors in self.tasks
             for law in errors.laws
