@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
-from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.base import Effect, WheelState
+from smallwheel_ros.effects.load_gain import Share
 from smallwheel_ros.effects.slip_sinkage import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.traction import TractionEstimator
@@ -33,6 +34,19 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel, wheel_slip
 WHEEL = Wheel("front_left", 0.25, 0.10)
 LOAD, SLIP = Quantity(60.0, 1.5), Quantity(0.2, 0.01)
 STRENGTH = Strength(Quantity(500.0, 100.0), Quantity(0.52, 0.03), Quantity(0.015, 0.001))
+
+
+@dataclass(frozen=True)
+class Lugged(Effect):
+    """Lugs that add thrust, and throw soil."""
+
+    id = "lugged"
+
+    def thrust_factor(self, state: WheelState, conditions: Conditions) -> float:
+        return 1.2
+
+    def added_resistance(self, state: WheelState, conditions: Conditions) -> float:
+        return 3.0
 
 
 def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: float = 0.0):
@@ -208,6 +222,14 @@ class TestForces:
         plain = forces(soil_estimate=soft)
         deep = forces(soil_estimate=soft, effects=[Exponential(a=1.0)])
         assert -1.0 < deep.margin.value < plain.margin.value - 0.01
+
+    def test_effects_act_on_thrust_resistance_and_load(self) -> None:
+        plain, made = forces(), forces(effects=[Lugged()])
+        assert made.thrust.value == pytest.approx(1.2 * plain.thrust.value)
+        more = 0.2 * plain.thrust.value - 3.0
+        assert made.drawbar_pull.value == pytest.approx(plain.drawbar_pull.value + more)
+        shown = forces(Quantity(75.0, 1.5), effects=[Share(g=0.25)])
+        assert shown.drawbar_pull.value == pytest.approx(plain.drawbar_pull.value)
 
     def test_energy_needs_travel(self) -> None:
         assert forces(slip=Quantity(0.97, 0.01)).energy_per_metre is None

@@ -93,7 +93,7 @@ def test_slopes_of_forces_are_those_of_differences(
     by_depth = slopes(
         1e-6, lambda h: WheelStep(1, contact._replace(sinkage=contact.sinkage + h), slip)
     )
-    # A one-sided difference of a thousandth.
+    # A one-sided difference.
     assert [force.by_sinkage for force in here] == pytest.approx(by_depth, rel=1e-2, abs=1.0)
 
 

@@ -71,7 +71,7 @@ Array = NDArray[np.float64]
 _LAW_ERROR, _TORQUE_ERROR = 0.02, 0.05
 _GRIP_LENGTH = 0.7  # m
 _OPEN_AFTER = 200.0  # m
-_DEEPER = 1e-3  # of the sinkage, for the difference that slopes by it are
+_DEEPER = 1e-5  # of the diameter, for the difference that slopes by sinkage are
 _LEAST_TORQUE = 0.25  # N at the rim: resolution of any torque
 _SURPRISE = 4.0
 _WIDEST = 1.0  # a factor of e either way: over that a thrust is not known at all
@@ -245,7 +245,7 @@ class TractionFilter:
         cell, own = self._grip + self.cell_of[wheel.order], WHEELS + wheel.order
         slip = wheel.slip + (0.0 if exact_slip else x[SLIP] + x[own])
         soil = x[COHESION], x[FRICTION], x[SHEAR], x[ROLLING], math.exp(x[cell])
-        more = _DEEPER * contact.sinkage
+        more = _DEEPER * contact.diameter
         here = _on_contact(contact, slip, soil)
         deeper = _on_contact(contact._replace(sinkage=contact.sinkage + more), slip, soil)
         found = []

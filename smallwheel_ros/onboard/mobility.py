@@ -96,7 +96,7 @@ def wheel_forces(
     beyond = unsure = 0.0  # N, resistance that the law does not give
     if on.wheel.contact == ROLLING:  # a pressed wheel does not shear the soil along a path
         state = traction.now.kalman
-        beyond, unsure = load * state.x[OTHER], load * math.sqrt(state.P[OTHER, OTHER])
+        beyond, unsure = load * float(state.x[OTHER]), load * math.sqrt(state.P[OTHER, OTHER])
         if slip is not None:
             thrust, pull, energy = _pulls(on, traction, slip, time, torque)
         margin = Quantity(-1.0, 0.0)  # nothing can be held
