@@ -32,7 +32,7 @@ def main() -> None:
         strength = Strength(Quantity(0.0, 0.0), Quantity(angle, 0.0), Quantity(0.012, 0.0))
         traction = TractionEstimator(strength, [WHEEL])
         rows = []
-        for factor in np.geomspace(0.3, 1000.0, 60):
+        for factor in np.geomspace(0.03, 100.0, 60):
             kind = replace(sand, k=float(factor) * sand.k)
             on = wheel_on_soil(WHEEL, SoilEstimator(SoilPrior.from_soil(kind)).estimate(), LOAD)
             if on is not None:
@@ -45,7 +45,7 @@ def main() -> None:
     axes.set_ylabel("mobility margin at slip 0.4")
     axes.axhline(0.0, color="black", linewidth=0.8)
     axes.grid(alpha=0.3)
-    axes.legend()
+    axes.legend(loc="lower right")
     figure.savefig(given.output, dpi=110)
 
 

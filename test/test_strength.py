@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,11 +22,11 @@ from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelMean, 
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_filter import TractionFilter
 from smallwheel_ros.estimator.traction_samples import RollingContact, WheelStep
-from smallwheel_ros.estimator.traction_state import FRICTION, SHEAR
+from smallwheel_ros.estimator.traction_state import COHESION, FRICTION, OTHER, SHEAR
+from smallwheel_ros.estimator.traction_state import WHEELS as WHEELS_AT
 from smallwheel_ros.estimator.traction_update import iterated_update
 from smallwheel_ros.onboard.assessment import Assessor
-from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
-from smallwheel_ros.physics.traction import contact_length, thrust
+from smallwheel_ros.physics.stresses import PointForces, point_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 WHEELS = tuple(
@@ -37,40 +38,63 @@ PRIOR = Strength(Quantity(0.0, 400.0), Quantity(0.5, 0.1), Quantity(0.012, 0.005
 MASS = 24.0
 
 
-def test_point_thrust_is_the_thrust_with_its_slopes() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(300):
-        slip = float(rng.choice([rng.uniform(-1, 1), 1e-6, -1e-6]))
-        z, d = rng.uniform(1e-4, 0.12), 0.25
-        length, by_z = point_contact_length(z, d)
-        assert length == pytest.approx(float(contact_length(z, d)), rel=1e-12)
-        step = 1e-7
-        rise = contact_length(z + step, d) - contact_length(z - step, d)
-        assert by_z == pytest.approx(float(rise) / (2 * step), rel=1e-4)
-        x = np.array([rng.uniform(5, 90), slip, length, rng.uniform(0, 2e3), 0.5, 0.012])
+def shown(angle: float, slip: float, grip: float = 1.0) -> PointForces:
+    """Forces of a wheel on soil without cohesion, with the prior's shear displacement."""
+    load, sinkage, diameter, width, n = CONTACT[:5]
+    return point_forces(
+        load, sinkage, diameter, width, slip, n, 0.0, angle, math.log(0.012), 1.0, grip
+    )
 
-        def at(x: np.ndarray) -> float:
-            w, i, at_length, c, phi, kappa = x.tolist()
-            return point_thrust(w, i, at_length, 0.1, c, phi, kappa).value
 
-        got = point_thrust(x[0], x[1], x[2], 0.1, *x[3:])
-        whole = thrust(x[0], slip, z, d, 0.1, *x[3:])
-        assert got.value == pytest.approx(float(whole), rel=1e-10)
-        slopes = (
-            got.by_load,
-            got.by_slip,
-            got.by_length,
-            got.by_cohesion,
-            got.by_friction,
-            got.by_log_shear / x[5],
-        )
-        if abs(slip) < 1e-5:
-            continue  # the step would cross slip 0
-        for place, slope in enumerate(slopes):
-            h = np.zeros(6)
-            h[place] = 1e-6 * max(x[place], 1e-2)
-            numeric = (at(x + h) - at(x - h)) / (2.0 * h[place])
-            assert slope == pytest.approx(numeric, rel=2e-4, abs=1e-6 * abs(got.limit))
+def balance(angle: float, slip: float, grip: float = 1.0) -> float:
+    """What four such wheels pull per mass of the vehicle, m/s^2."""
+    made = shown(angle, slip, grip)
+    return 4.0 * (made.thrust - made.resistance) / MASS
+
+
+@given(
+    slip=st.floats(-0.6, 0.9).filter(lambda slip: abs(slip) > 1e-3),
+    grip=st.floats(-1.0, 0.5),
+    cohesion=st.floats(0.0, 1500.0),
+)
+@settings(max_examples=examples(30), deadline=None)
+def test_slopes_of_forces_are_those_of_differences(
+    slip: float, grip: float, cohesion: float
+) -> None:
+    """By the whole state, and by slip, load and sinkage."""
+    made = TractionFilter(PRIOR, WHEELS, MASS)
+    made.kalman.x[[COHESION, OTHER]] = cohesion, 0.02
+    made.kalman.x[WHEELS_AT + len(WHEELS) :] = grip  # and the scales of torques
+    contact = CONTACT._replace(thrust_factor=1.2, other=1.0)
+    here, centre = made.forces(WheelStep(1, contact, slip)), made.kalman.x.copy()
+
+    def slopes(step: float, at: Callable[[float], WheelStep | np.ndarray]) -> np.ndarray:
+        found = []
+        for x in (at(-step), at(step)):
+            given = x if isinstance(x, WheelStep) else WheelStep(1, contact, slip)
+            made.kalman.x = centre if isinstance(x, WheelStep) else x
+            found.append([force.value for force in made.forces(given)])
+        return np.subtract(found[1], found[0]) / (2.0 * step)
+
+    unit = np.eye(len(centre))
+    for place in range(len(centre)):
+        by_state = slopes(1e-6, lambda h, place=place: centre + h * unit[place])
+        assert [f.row[place] for f in here] == pytest.approx(by_state, rel=1e-3, abs=1e-4)
+    by_slip = slopes(1e-6, lambda h: WheelStep(1, contact, slip + h))
+    assert [force.by_slip for force in here] == pytest.approx(by_slip, rel=1e-3, abs=1e-4)
+
+    def loaded(h: float) -> WheelStep:
+        more = math.exp(h)
+        return WheelStep(1, contact._replace(load=59.0 * more, other=more), slip)
+
+    by_load = slopes(1e-6, loaded)
+    by_load[1] += 1.0  # of the other resistance, which is not the soil's
+    assert [force.by_log_load for force in here] == pytest.approx(by_load, rel=1e-3, abs=1e-4)
+    by_depth = slopes(
+        1e-6, lambda h: WheelStep(1, contact._replace(sinkage=contact.sinkage + h), slip)
+    )
+    # A one-sided difference.
+    assert [force.by_sinkage for force in here] == pytest.approx(by_depth, rel=1e-2, abs=1.0)
 
 
 # ---- Worlds: one seed of each here, more in benchmarks/traction_rates.py
@@ -151,20 +175,19 @@ def test_rates_over_worlds() -> None:
 def test_a_motor_whose_scale_is_off_does_not_mislead() -> None:
     """The balance tells a motor that shows a quarter too much from the others."""
     estimator = TractionEstimator(PRIOR, WHEELS, MASS)
-    length, _ = point_contact_length(0.012, 0.25)
     for i in range(120):
         distance, slip = 0.1 * i, 0.2 + 0.18 * math.sin(0.1 * i)
-        push = point_thrust(59.0, slip, length, 0.1, 0.0, 0.5, 0.012).value
-        made = step(distance, slip, 4.0 * (push - 6.0) / MASS)
+        made = step(distance, slip, balance(0.5, slip))
+        torque = shown(0.5, slip).torque
         means = {
-            name: mean._replace(torque=(1.25 if name == "front_left" else 1.0) * push * CONTACT.arm)
+            name: mean._replace(torque=(1.25 if name == "front_left" else 1.0) * torque)
             for name, mean in made.wheels.items()
         }
         estimator.take(made._replace(wheels=means))
+    push = shown(0.5, slip).thrust
     wheel, noise = WheelStep(0, CONTACT, slip), (0.1 * push) ** 2
-    told = estimator.now.thrust(wheel)
-    shown = estimator.now.torque(wheel, 1.25 * push * CONTACT.arm, noise)
-    value, variance = shown.corrected(
+    told = estimator.now.forces(wheel).thrust
+    value, variance = estimator.now.torque(wheel, 1.25 * torque, noise).corrected(
         told.value, estimator.now.variance(told.row) + noise, told.row
     )
     assert abs(value - push) < min(0.08 * push, 2.0 * math.sqrt(variance))
@@ -182,13 +205,13 @@ def test_an_update_finds_the_most_likely_state(pull: float) -> None:
 
     def unlikely(x: np.ndarray) -> float:
         made.kalman.x = x
-        off = pull - made.net(made.thrust(wheel), wheel.contact)[0]
+        off = pull - made.forces(wheel).pull.value
         return float((x - before) @ inverse @ (x - before) + off**2 / 0.5**2)
 
     deviations = np.sqrt(np.diag(made.kalman.P))
     best = minimize(lambda u: unlikely(before + u * deviations), np.zeros(len(before)))
     made.kalman.x = before.copy()
-    iterated_update(made.kalman, pull, lambda: made.net(made.thrust(wheel), CONTACT), 0.5**2)
+    iterated_update(made.kalman, pull, lambda: made.forces(wheel).pull[:2], 0.5**2)
     assert (made.kalman.x - before) / deviations == pytest.approx(best.x, abs=0.02)
 
 
@@ -201,19 +224,19 @@ def test_spread_is_that_of_a_product_of_factors(slip: float, shear: float, angle
     factors[[FRICTION, SHEAR, -1]] = angle, shear, 0.25
     made.kalman.P = np.diag(factors**2)
     wheel = WheelStep(2, CONTACT, slip)  # on the last cell
-    push = made.thrust(wheel, exact_slip=True)
+    push = made.forces(wheel, exact_slip=True).thrust
     drawn = []
     for row in np.random.default_rng(2).standard_normal((1000, 3)):
         made.kalman.x = mean.copy()
         made.kalman.x[[FRICTION, SHEAR, -1]] += row * factors[[FRICTION, SHEAR, -1]]
-        drawn.append(made.thrust(wheel, exact_slip=True).value)
+        drawn.append(made.forces(wheel, exact_slip=True).thrust.value)
     made.kalman.x = mean
     found = math.sqrt(made.spread(push, push.row))
     away = math.sqrt(float(np.mean(np.square(np.array(drawn) - push.value))))
     assert found == pytest.approx(away, rel=0.15)
 
 
-CONTACT = RollingContact(59.0, 0.012, 0.25, 0.1, Quantity(6.0, 0.5))
+CONTACT = RollingContact(59.0, 0.012, 0.25, 0.1, 1.0)
 
 
 def step(
@@ -231,12 +254,10 @@ def step(
 
 
 def drive(estimator: TractionEstimator, angle: float, begin: float = 0.0, soil: int = 0) -> None:
-    """Over 6 m of slopes, with the model's own thrust."""
-    length, _ = point_contact_length(0.012, 0.25)
+    """Over 6 m of slopes, with the model's own forces."""
     for i in range(60):
         distance, slip = begin + 0.1 * i, 0.2 + 0.18 * math.sin(0.4 * i)
-        push = point_thrust(59.0, slip, length, 0.1, 0.0, angle, 0.012).value
-        estimator.take(step(distance, slip, 4.0 * (push - 6.0) / MASS), soil)
+        estimator.take(step(distance, slip, balance(angle, slip)), soil)
 
 
 def test_balance_finds_the_friction_angle() -> None:
@@ -289,13 +310,13 @@ def test_a_slippery_place_is_grip_and_not_strength() -> None:
     estimator.level(Quantity(0.0, 0.05))
     drive(estimator, 0.5)
     before = estimator.estimate().strength.friction_angle.value
-    length, _ = point_contact_length(0.012, 0.25)
-    push = 0.4 * point_thrust(59.0, 0.3, length, 0.1, 0.0, 0.5, 0.012).value
+    push = shown(0.5, 0.3, grip=0.4).thrust
     for i in range(6):
-        estimator.take(step(6.0 + 0.1 * i, 0.3, 4.0 * (push - 6.0) / MASS))
+        estimator.take(step(6.0 + 0.1 * i, 0.3, balance(0.5, 0.3, grip=0.4)))
     wheel, _ = estimator.wheel("front_left", CONTACT, 0.3, 6.6 / 0.3)
-    assert push < estimator.now.thrust(wheel).value < 1.5 * push
-    assert estimator.estimate().strength.friction_angle.value > before - 0.08
+    assert push < estimator.now.forces(wheel).thrust.value < 1.5 * push
+    # A factor of 0.4 is 3.7 deviations of the grip: strength, of which a metre has told, takes a sixth of it.
+    assert estimator.estimate().strength.friction_angle.value > before - 0.1
 
 
 def test_no_mass_means_no_balance() -> None:

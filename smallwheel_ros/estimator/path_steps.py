@@ -166,10 +166,7 @@ def _mean_of(values: Sequence[float | None]) -> float | None:
 
 
 def _wheel_mean(rows: Sequence[WheelSample], duration: float) -> WheelMean | None:
-    """Means of a wheel over a step (s); None where noise may be all of its motion.
-
-    What resistances are off by they have in common.
-    """
+    """Means of a wheel over a step (s); None where noise may be all of its motion."""
     count = min(float(len(rows)), max(1.0, duration / _ALIKE))
     speed, noise = _mean_quantity([row.speed for row in rows])
     rim = Quantity(*_mean_quantity([row.rim for row in rows]))
@@ -179,13 +176,11 @@ def _wheel_mean(rows: Sequence[WheelSample], duration: float) -> WheelMean | Non
     contact = rows[0].contact
     if contact is not None:
         held = [row.contact for row in rows if row.contact is not None]
-        load, sinkage, factor = np.mean(
-            [(on.load, on.sinkage, on.thrust_factor) for on in held], axis=0
+        load, sinkage, other, factor, zz, zw, ww = np.mean(
+            [(on.load, on.sinkage, on.other, on.thrust_factor, *on.own) for on in held], axis=0
         ).tolist()
-        resistance = Quantity(*_mean_quantity([on.resistance for on in held]))
-        own = tuple(np.mean([on.own for on in held], axis=0).tolist())
         contact = contact._replace(
-            load=load, sinkage=sinkage, resistance=resistance, thrust_factor=factor, own=own
+            load=load, sinkage=sinkage, other=other, thrust_factor=factor, own=(zz, zw, ww)
         )
     torques = [row.torque for row in rows if row.torque is not None]
     pulls = [row.pull for row in rows if row.pull is not None]

@@ -3,7 +3,7 @@
 
     traction = TractionEstimator(strength, wheels, mass=24.0)
     traction.take(step)                   # each step of the path, see `path_steps`
-    push = traction.now.thrust(...)       # what it pulls here; `margin` is for what it could
+    forces = traction.now.forces(...)     # what it pulls here; `margin` is for what it could
 
 Two filters run where both the balance of the vehicle and torques or pulls are measured. The one of all
 measurements is the better one for the present pull. The one of the balance alone is the better one for

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,26 +14,20 @@ Array = NDArray[np.float64]
 
 
 class RollingContact(NamedTuple):
-    """A wheel that rolls: load (N), sinkage, diameter, width (m), and its motion resistance (N).
+    """A wheel that rolls: load on the soil (N), sinkage, diameter, width (m), and the soil's exponent n.
 
-    resistance: with the deviation that all wheels share, by the law. thrust_factor: of the model's effects on
-    thrust, 1 without. own: what is the wheel's own, by place and load: variances and covariances of sinkage,
-    resistance and ln load (zz, zr, zw, rr, rw, ww).
+    other: resistance (N) of the model's effects. thrust_factor: of the effects on thrust, 1 without. own:
+    what is the wheel's own, by place and load: variances and covariance of sinkage and ln load (zz, zw, ww).
     """
 
     load: float
     sinkage: float
     diameter: float
     width: float
-    resistance: Quantity
+    exponent: float
+    other: float = 0.0
     thrust_factor: float = 1.0
-    own: tuple[float, ...] = (0.0,) * 6
-
-    @property
-    def arm(self) -> float:
-        """Lever (m) of the thrust where shear stress is the same along the arc."""
-        entry = math.acos(max(1.0 - 2.0 * self.sinkage / self.diameter, 0.0))
-        return 0.5 * self.diameter * (entry / math.sin(entry) if entry > 1e-6 else 1.0)
+    own: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class WheelStep(NamedTuple):
@@ -51,8 +44,8 @@ class WheelStep(NamedTuple):
     doubt: float = 0.0
 
 
-class Thrust(NamedTuple):
-    """Thrust (N), its slopes by the state, shape (size,), and by slip, ln load and sinkage."""
+class Force(NamedTuple):
+    """A force (N), its slopes by the state, shape (size,), and by slip, ln load and sinkage."""
 
     value: float
     row: Array
@@ -60,12 +53,19 @@ class Thrust(NamedTuple):
     by_log_load: float
     by_sinkage: float
 
-    def own(self, contact: RollingContact, resisted: bool = True) -> float:
-        """Variance (N^2) by what is the wheel's own. resisted: of thrust less resistance."""
-        zz, zr, zw, rr, rw, ww = contact.own
-        a, b, c = self.by_sinkage, -1.0 if resisted else 0.0, self.by_log_load
-        found = a * a * zz + b * b * rr + c * c * ww + 2.0 * (a * b * zr + a * c * zw + b * c * rw)
-        return max(found, 0.0)
+    def own(self, contact: RollingContact) -> float:
+        """Variance (N^2) by what is the wheel's own."""
+        zz, zw, ww = contact.own
+        a, b = self.by_sinkage, self.by_log_load
+        return max(a * a * zz + 2.0 * a * b * zw + b * b * ww, 0.0)
+
+
+class Forces(NamedTuple):
+    """Of a wheel: its thrust, its pull, and the torque that is shown, as a force at the rim."""
+
+    thrust: Force
+    pull: Force
+    rim: Force
 
 
 class Torque(NamedTuple):

@@ -6,7 +6,6 @@ State x, with the standard deviations of its prior:
     c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; of
                       ln K as well what forms of the shear curve differ by     0.3
     rho               motion resistance that the law does not give, over load  0.02
-    e                 error of the law's resistance, common to all wheels, over its deviation  1
     d                 error of the measured slips, common to all wheels        0.025 in each step
     d_1 .. d_W        error of each wheel's slip: its radius                   0.01
     eta               share of its rolling displacement by which a wheel shears soil  1, about 0.5
@@ -29,7 +28,7 @@ from smallwheel_ros.physics.wheel import Strength
 
 Array = NDArray[np.float64]
 
-COHESION, FRICTION, SHEAR, OTHER, LAW, SLIP, ROLLING, LOSS, LEVEL, WHEELS = range(10)
+COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, LOSS, LEVEL, WHEELS = range(9)
 STRENGTH = 4  # numbers of the state that belong to the soil
 GRIP_STD, SLIP_STD = 0.25, 0.025
 _OTHER_STD = 0.02
@@ -55,8 +54,8 @@ def prior(strength: Strength, wheels: int, cells: int) -> tuple[Array, Array]:
         strength.friction_angle.standard_deviation,
         math.hypot(strength.shear_displacement.standard_deviation / shear, FORM_SHEAR),
     )
-    # Of rho, e, d, eta, f and b, in the order of the state.
-    rest = (_OTHER_STD, 1.0, SLIP_STD, _ROLLING_STD, _DRIVE_FRICTION_STD, LEVEL_STD)
+    # Of rho, d, eta, f and b, in the order of the state.
+    rest = (_OTHER_STD, SLIP_STD, _ROLLING_STD, _DRIVE_FRICTION_STD, LEVEL_STD)
     of_wheels = [_RADIUS_STD] * wheels + [_TORQUE_SCALE_STD] * wheels + [GRIP_STD] * cells
     spread = np.array([*np.maximum(deviations, _LEAST_STD), *rest, *of_wheels])
     mean = np.zeros(len(spread))

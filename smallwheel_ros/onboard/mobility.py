@@ -19,32 +19,34 @@ from smallwheel_ros.estimator.traction_samples import WheelStep
 from smallwheel_ros.estimator.traction_state import OTHER
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
-    Array,
     MobilityError,
     WheelOnSoil,
 )
+from smallwheel_ros.physics import stresses
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.point_thrust import point_contact_length
+from smallwheel_ros.physics.stresses import ShearLaw
 from smallwheel_ros.physics.wheel import Quantity
 
 _HARDLY_TRAVELS = 0.95  # slip over which energy per metre means nothing
-_LENGTHS = np.geomspace(1e-3, 0.5 * math.pi, 128).astype(np.float64)  # of the diameter; to the axle
+# Sinkages among which the best one is looked for, over the diameter, in steps of 9 % to near the axle.
+_SINKAGES = np.geomspace(2e-3, 0.45, 64)
 _LEAST_STD = 0.15  # N: resolution of any pull
 # Of a thrust about what law and grip say, over the thrust. Means of repeated trials on a rig differ by
 # 0.3 N of a limit of 12 N (Pavlov 2022, 27 trials at 9 slips); stretches of 0.1 m by somewhat more.
 SCATTER = 0.05
-# Of the thrust at the reference slip, where strength was told near slip 0.1: other forms of the shear
-# curve; and where no balance has told it, also what single wheels have of their own.
-_FORM, _FORM_OF_WHEELS = 0.08, 0.15
+# What the law of stresses is off by in a margin, over the load: where a balance has told of these wheels, and
+# where none has. Held-out pulls of tables of single wheels: 0.03; 0.03 to 0.07 of wheels that were left out.
+_FITTED, _UNFITTED = 0.03, 0.05
 
 
 @dataclass(frozen=True)
 class WheelForces:
     """Sinkage (m) and forces (N) of a wheel.
 
-    rolling_resistance_coefficient: resistance over load, 1. probability_drawbar_pull_positive:
-    0 .. 1. Thrust, drawbar pull and its probability are None where slip is unknown, and for a
-    pressed wheel, which shears no soil.
+    rolling_resistance_coefficient: compaction and other resistance over load, 1. drawbar_pull: thrust less
+    the resistance of the same stresses (`physics.stresses`) and the other resistance.
+    probability_drawbar_pull_positive: 0 .. 1. Thrust, drawbar pull and its probability are None where slip
+    is unknown, and for a pressed wheel, which shears no soil.
 
     margin: drawbar pull over load at the reference slip, 1: the tangent of the steepest slope on
     which this wheel carries its share; None for a pressed wheel. energy_per_metre: what the wheel
@@ -93,13 +95,14 @@ def wheel_forces(
     thrust = pull = energy = margin = None
     beyond = unsure = 0.0  # N, resistance that the law does not give
     if on.wheel.contact == ROLLING:  # a pressed wheel does not shear the soil along a path
-        beyond, unsure = traction.now.other_resistance(on.contact)
+        state = traction.now.kalman
+        beyond, unsure = load * float(state.x[OTHER]), load * math.sqrt(state.P[OTHER, OTHER])
         if slip is not None:
-            thrust, pull, energy = _pulls(on, traction, slip, beyond, time, torque)
+            thrust, pull, energy = _pulls(on, traction, slip, time, torque)
         margin = Quantity(-1.0, 0.0)  # nothing can be held
         if reference is not None:
             margin = _margin(reference, traction.reserve, reference_slip)
-    more, whole = unsure**2, on.contact.resistance.value + beyond
+    more, whole = unsure**2, on.compaction + on.other + beyond
     of_other = on.variance(by_other=1.0, by_log_load=beyond) + more
     # Over the load, whose own deviation counts in both.
     of_ratio = on.variance(0.0, 1.0, 1.0, beyond - whole) + more
@@ -134,93 +137,69 @@ def _pulls(
     on: WheelOnSoil,
     traction: TractionEstimator,
     slip: Quantity,
-    beyond: float,
     time: float,
     torque: float | None,
 ) -> tuple[Quantity, Quantity, Quantity | None]:
-    """Thrust, drawbar pull, energy per metre at the present slip; a torque is fused with the thrust.
-
-    beyond: resistance (N) that the law does not give.
-    """
+    """Thrust, drawbar pull, energy per metre at the present slip; a torque is fused with both forces."""
     strength = traction.now
     step, averaged = traction.wheel(on.wheel.name, on.contact, slip.value, time)
-    push = strength.thrust(step)
+    push, pull, _ = strength.forces(step)
     # The error of a mean over a step is in the filter's state.
     own_slip = 0.0 if averaged else (push.by_slip * slip.standard_deviation) ** 2
     noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
-    net, net_row = strength.net(push, on.contact)
-    thrust, spread = push.value, strength.spread(push, push.row) + noise
-    net_spread = strength.spread(push, net_row) + noise
-    if torque is not None:
-        told = strength.torque(step, torque, noise)
-        thrust, spread = told.corrected(thrust, spread, push.row)
-        net, net_spread = told.corrected(net, net_spread, net_row)
-    # The law's error of the resistance is in the filter's state.
-    by_law = on.beyond_resistance(push.by_sinkage, push.by_log_load - beyond)
-    pull = Quantity(net, math.sqrt(max(net_spread + by_law, _LEAST_STD**2)))
-    by_law = on.variance(push.by_sinkage, by_log_load=push.by_log_load)
-    deviation = math.sqrt(spread + by_law)
-    energy = None
-    ratio = _rim_over_travel(slip.value)
+    told = None if torque is None else strength.torque(step, torque, noise)
+    found = []
+    for force, by_other in ((push, 0.0), (pull, -1.0)):
+        value, spread = force.value, strength.spread(push, force.row) + noise
+        if told is not None:
+            value, spread = told.corrected(value, spread, force.row)
+        by_law = on.variance(force.by_sinkage, 0.0, by_other, force.by_log_load)
+        found.append(Quantity(value, math.sqrt(max(spread + by_law, _LEAST_STD**2))))
+    thrust, energy, ratio = found[0], None, _rim_over_travel(slip.value)
     if ratio is not None:
-        over = ratio[1] * slip.standard_deviation * thrust
-        energy = Quantity(ratio[0] * thrust, math.hypot(ratio[0] * deviation, over))
-    return Quantity(thrust, deviation), pull, energy
+        over = ratio[1] * slip.standard_deviation * thrust.value
+        deviation = math.hypot(ratio[0] * thrust.standard_deviation, over)
+        energy = Quantity(ratio[0] * thrust.value, deviation)
+    return thrust, found[1], energy
 
 
 def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
-    """Net traction over load at the reference slip, which falls neither on harder ground.
+    """Pull over load at the reference slip, which never falls on stiffer ground.
 
-    In the model as it stands a harder soil has a shorter contact, which mobilises less thrust, so that
-    hard ground would hold nothing. Below the length at which the net traction is largest, thrust stays
-    what it is there, while resistance goes on falling.
+    A wheel that hardly sinks has a short contact, on which soil is hardly sheared: by the law hard ground
+    would hold next to nothing. Nobody has measured that, so ground is taken to hold as much as any softer
+    one would: at the sinkage of the largest pull, where that is more than the wheel's own.
     """
-    load = on.load.value
-    step = WheelStep(strength.order[on.wheel.name], on.contact, slip)
-    length, by_depth = point_contact_length(on.sinkage, on.wheel.diameter)
-    best = _best_length(on, length, strength, slip)
-    contact = (length, by_depth) if length > best else (best, 0.0)
-    push = strength.thrust(step, contact, exact_slip=True)
-    net, row = strength.net(push, on.contact)
-    by_law = on.beyond_resistance(push.by_sinkage, push.by_log_load - net)
-    form = _FORM if strength.mass > 0.0 else _FORM_OF_WHEELS
-    spread = strength.spread(push, row) + by_law + (form * push.value) ** 2
-    return Quantity(net / load, math.sqrt(max(spread, _LEAST_STD**2)) / load)
-
-
-def _best_length(on: WheelOnSoil, length: float, strength: TractionFilter, slip: float) -> float:
-    """Contact length (m) of the stiffness at which H - R is largest under this load.
-
-    length: of the contact as it is, m.
-
-    Under one load compaction resistance is nearly in proportion to the length of the contact,
-    R/W = l / (D (n + 1) I) with the contact integral I, and rises a little faster where the wheel is
-    deep. H rises with l ever more slowly. So the margin never falls on stiffer ground.
-    """
-    wheel, shear = on.wheel, strength.kalman.x[:OTHER].tolist()
-    lengths, cohesion, friction = _held(wheel.diameter, wheel.width, slip, *shear)
-    pull = cohesion + on.load.value * friction - on.compaction / length * lengths
-    return float(lengths[np.argmax(pull)])
+    order, load, contact = strength.order[on.wheel.name], on.load.value, on.contact
+    # Near its largest value a pull hardly changes: load to 5 % and n to 0.05 will do.
+    about = math.exp(round(math.log(contact.load), 1)), round(contact.exponent, 1)
+    size = contact.diameter, contact.width
+    best = _best_sinkage(*size, slip, *about, contact.thrust_factor, strength.soil(order))
+    step = WheelStep(order, contact._replace(sinkage=max(on.sinkage, best)), slip)
+    push, pull, _ = strength.forces(step, exact_slip=True)
+    by_law = on.variance(pull.by_sinkage, 0.0, -1.0, pull.by_log_load - pull.value)
+    law = (_FITTED if strength.mass > 0.0 else _UNFITTED) * load
+    spread = strength.spread(push, pull.row) + by_law + law**2
+    return Quantity(pull.value / load, math.sqrt(max(spread, _LEAST_STD**2)) / load)
 
 
 @lru_cache(maxsize=256)
-def _held(
+def _best_sinkage(
     diameter: float,
     width: float,
     slip: float,
-    cohesion: float,
-    friction_angle: float,
-    log_shear: float,
-) -> tuple[Array, Array, Array]:
-    """Contact lengths (m), what cohesion holds on them at a slip (N), and friction over load.
+    load: float,
+    exponent: float,
+    factor: float,
+    soil: ShearLaw,
+) -> float:
+    """Sinkage (m) at which a wheel pulls most under a load (N). factor: of effects on thrust.
 
-    They stay the same until something tells of the strength.
+    It stays the same until something tells of the strength.
     """
-    lengths = _LENGTHS * diameter
-    x = slip * lengths / math.exp(log_shear)
-    mobilised = 1.0 + np.expm1(-x) / x
-    held = width * lengths * max(cohesion, 0.0) * mobilised
-    return lengths, held, math.tan(friction_angle) * mobilised
+    depths = _SINKAGES * diameter
+    made = stresses.wheel_forces(load, depths, diameter, width, slip, exponent, soil)
+    return float(depths[np.argmax(factor * made.thrust - made.resistance)])
 
 
 def _rim_over_travel(slip: float) -> tuple[float, float] | None:

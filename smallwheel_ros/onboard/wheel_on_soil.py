@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.point_sinkage import Law, static_sinkage
@@ -26,16 +26,17 @@ from smallwheel_ros.estimator.wheel_sinkage import (
     slopes,
 )
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.point_thrust import point_contact_length, point_thrust
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
+from smallwheel_ros.stages import Stages
 
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
 # the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
 REFERENCE_SLIP = 0.4
 Array = NDArray[np.float64]
-# Sinkage and resistances, their slopes and that of ln load by the law and ln load, and the factor on thrust.
-_Found = tuple[tuple[float, float, float], Array, float]
+# Sinkage and resistances, their slopes and that of ln load by the law and ln load; share of the load that
+# reaches the soil, and factor on thrust.
+_Found = tuple[tuple[float, float, float], Array, tuple[float, float]]
 _BY_LOAD = (0.0, 0.0, 0.0, 1.0)  # slopes of ln load itself
 
 
@@ -48,8 +49,8 @@ class WheelOnSoil:
     """Sinkage (m), compaction and other resistance (N) of a wheel under a load (N).
 
     covariance: of these three and of ln load, by law, the place's deviation of ln k, and load; own: of that
-    what is the wheel's own, by place and the noise of its load. thrust_factor: of the effects on thrust, 1
-    without.
+    what is the wheel's own, by place and the noise of its load. acting: by the effects, the share of the
+    load that reaches the soil, and the factor on thrust.
     """
 
     wheel: Wheel
@@ -60,7 +61,7 @@ class WheelOnSoil:
     other: float
     covariance: list[list[float]]
     own: list[list[float]]
-    thrust_factor: float = 1.0
+    acting: tuple[float, float] = (1.0, 1.0)
 
     def variance(
         self,
@@ -70,46 +71,27 @@ class WheelOnSoil:
         by_log_load: float = 0.0,
     ) -> float:
         """Of a quantity that changes so with sinkage, resistances and ln load."""
-        return _variance(self.covariance, by_sinkage, by_compaction, by_other, by_log_load)
-
-    def beyond_resistance(self, by_sinkage: float, by_log_load: float) -> float:
-        """Variance of a force (N^2) in which the resistance is, but for what the law is off by in that.
-
-        by_sinkage, by_log_load: slopes of the rest of the force.
-        """
-        given = by_sinkage, -1.0, -1.0, by_log_load
-        own = _variance(self.own, *given)
-        shared = self.variance(*given) - own - self._of_law
-        return max(shared, 0.0) + own
-
-    @cached_property
-    def _of_law(self) -> float:
-        """Variance of the resistance (N^2) that all wheels have in common."""
-        given = 0.0, 1.0, 1.0, 0.0
-        return max(self.variance(*given) - _variance(self.own, *given), 0.0)
+        a, b, c, d = by_sinkage, by_compaction, by_other, by_log_load
+        (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = self.covariance
+        squares = a * a * ss + b * b * cc + c * c * oo + d * d * ww
+        pairs = a * (b * sc + c * so + d * sw) + b * (c * co + d * cw) + c * d * ow
+        return max(squares + 2.0 * pairs, 0.0)
 
     @cached_property
     def contact(self) -> RollingContact:
         """What the traction filter needs of it."""
-        (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = self.own
-        held = sc + so, cc + oo + 2.0 * co, cw + ow
+        wheel, (reaching, factor) = self.wheel, self.acting
+        own = self.own[0][0], self.own[0][3], self.own[3][3]
         return RollingContact(
-            self.load.value,
+            self.load.value * reaching,
             self.sinkage,
-            self.wheel.diameter,
-            self.wheel.width,
-            Quantity(self.compaction + self.other, math.sqrt(self._of_law)),
-            self.thrust_factor,
-            (ss, held[0], sw, held[1], held[2], ww),
+            wheel.diameter,
+            wheel.width,
+            self.soil.n,
+            self.other,
+            factor,
+            own,
         )
-
-
-def _variance(covariance: list[list[float]], a: float, b: float, c: float, d: float) -> float:
-    """Variance of what changes by a, b, c, d with the four quantities of a covariance."""
-    (ss, sc, so, sw), (_, cc, co, cw), (_, _, oo, ow), (_, _, _, ww) = covariance
-    squares = a * a * ss + b * b * cc + c * c * oo + d * d * ww
-    pairs = a * (b * sc + c * so + d * sw) + b * (c * co + d * cw) + c * d * ow
-    return max(squares + 2.0 * pairs, 0.0)
 
 
 def wheel_on_soil(
@@ -154,7 +136,7 @@ def wheel_on_soil(
     found = _by_differences(law, at, effects, strength) if effects else _by_hand(law, at)
     if found is None:
         return None
-    (sinkage, compaction, other), by_law, thrust_factor = found
+    forces, by_law, acting = found
     by_law[:, 1:3] += by_law[:, :1] * (by_n, by_m)  # from here on by ln pressure, n, m and ln load
     spread = np.zeros((4, 4))
     spread[:3, :3] = soil.log_covariance
@@ -163,8 +145,7 @@ def wheel_on_soil(
         spread[3] = spread[:, 3] = with_load
     alone = own @ by_law.T
     both = (by_law @ spread @ by_law.T + alone).tolist()
-    found_forces = sinkage, compaction, other
-    return WheelOnSoil(wheel, soil, load, *found_forces, both, alone.tolist(), thrust_factor)
+    return WheelOnSoil(wheel, soil, load, *forces, both, alone.tolist(), acting)
 
 
 def _by_hand(law: Law, at: LoadedWheel) -> _Found | None:
@@ -182,7 +163,7 @@ def _by_hand(law: Law, at: LoadedWheel) -> _Found | None:
         along = direct + power / sinkage * np.array(by_law)
         by_compaction = (compaction * along).tolist()
     by_all = np.array((by_law, by_compaction, (0.0, 0.0, 0.0, 0.0), _BY_LOAD))
-    return (sinkage, compaction, 0.0), by_all, 1.0
+    return (sinkage, compaction, 0.0), by_all, (1.0, 1.0)
 
 
 def _by_differences(
@@ -202,14 +183,25 @@ def _by_differences(
         return None
     compaction = found.compaction_resistance
     table = np.stack([found.sinkage, compaction, found.true_resistance - compaction])
-    factor = 1.0
+    acting = 1.0, 1.0
     if at.contact != ROLLING:
         table[1:] = 0.0
-    elif found.thrust is not None and at.slip and shear:
-        length, _ = point_contact_length(float(found.true_sinkage[0]), at.diameter)
-        plain = point_thrust(at.load, at.slip, length, at.width, *shear).value
-        if plain:
-            factor = float(found.thrust[0]) / plain
+    elif strength is not None:
+        acting = _on_thrust(law, at, effects, strength, found.true_sinkage[:1])
     by_law = np.array([*map(slopes, table), _BY_LOAD])
     sinkage, resistance, other = table[:, 0].tolist()
-    return (sinkage, resistance, other), by_law, factor
+    return (sinkage, resistance, other), by_law, acting
+
+
+def _on_thrust(
+    law: Law, at: LoadedWheel, effects: Sequence[Effect], strength: Strength, sinkage: Array
+) -> tuple[float, float]:
+    """Share of the load that reaches the soil, and the factor of the effects on thrust."""
+    stages = Stages(effects, at.conditions(np.array([at.load])))
+    load, diameter, modulus, n = stages.loaded(law.k, law.n, law.m)
+    shear = np.array([[strength.cohesion.value], [strength.friction_angle.value]])
+    state = WheelState(load, diameter, stages.conditions.width, sinkage, modulus, n, *shear)
+    factor = np.ones(1)
+    for effect in stages.acting_at("thrust_factor"):
+        factor = factor * stages.call(effect, "thrust_factor", 1.0, state)
+    return float(load[0]) / at.load, float(factor[0])
