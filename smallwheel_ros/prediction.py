@@ -325,6 +325,11 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
         raise PredictionError(f"{count} combinations, at most {_MOST}: widen the steps")
     for name, values in settings.items():
         _refuse_absurd(name, values)
+    lugs, radius = settings.get("grouser_height", np.zeros(1)), 0.5 * settings["diameter"].min()
+    if lugs.max() > radius:
+        raise PredictionError(
+            f"grouser_height is {lugs.max():g} m, expected at most the wheel's radius, {radius:g} m"
+        )
     grid = np.meshgrid(*settings.values(), indexing="ij")
     columns = {name: g.reshape(-1) for name, g in zip(settings, grid, strict=True)}
     conditions = Conditions.of(**columns)

@@ -282,3 +282,12 @@ def test_pull_always_has_a_deviation_and_the_note_names_only_what_is_not_known()
     assert measured.rows()[0]["drawbar_pull_std"] == pytest.approx(0.0707 * 60.0, rel=0.01)
     lugs = predict_table(full, ROLLING | {"grouser_height": np.array([0.012])})
     assert lugs.rows()[0]["drawbar_pull_std"] == pytest.approx(np.hypot(0.05, 0.1) * 60, rel=0.01)
+
+
+def test_lugs_higher_than_the_wheel_are_refused() -> None:
+    with pytest.raises(
+        PredictionError, match=r"grouser_height is 0.12 m, expected at most the wheel's"
+    ):
+        predict_table(
+            CalibratedModel(Model(soil("dry_sand"))), ROLLING | {"grouser_height": np.array([0.12])}
+        )

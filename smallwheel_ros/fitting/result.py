@@ -199,6 +199,9 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
         if fitter.working:
             true = fitter.true_variance.covariance(at, stiff)
             one = one @ (weighted.T @ true.times(weighted) + precision) @ one
+            # Nothing is less known after the data than before, whatever the weights were.
+            least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(one)))
+            one = one * np.outer(least, least)
         total += one / (2 * size)
     full = np.zeros((fit.theta.size, fit.theta.size))
     full[np.ix_(free, free)] = total
