@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
@@ -37,7 +38,7 @@ from smallwheel_ros.physics.traction import (
     contact_length,
     thrust,
 )
-from smallwheel_ros.results import Result, Writer
+from smallwheel_ros.results import Result
 from smallwheel_ros.stages import Stages, guarded
 
 if TYPE_CHECKING:
@@ -111,9 +112,8 @@ class Model(Result):
         effects: those of your own that the file names (`smallwheel_ros.effects.load`). Raises
         ModelFileError naming file, key, what was found and what was expected.
         """
-        from smallwheel_ros.model_file import read_model
-
-        return read_model(Path(path), effects)
+        read = import_module("smallwheel_ros.model_file").read_model
+        return cast("CalibratedModel", read(Path(path), effects))
 
     from_file = load
 
@@ -123,32 +123,6 @@ class Model(Result):
         effects = " and ".join(effect.id.replace("_", " ") for effect in self.effects)
         rule = self.geometry.replace("_", " ")
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
-
-    def text(self) -> str:
-        """The model file's text."""
-        from smallwheel_ros.model_file import model_text
-
-        return model_text(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """What a model file holds."""
-        from smallwheel_ros.model_file import model_document
-
-        return model_document(self)
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Soils' and effects' numbers, with standard deviations where they are known."""
-        from smallwheel_ros.model_file import model_rows
-
-        return model_rows(self)
-
-    def _writers(self) -> dict[str, Writer]:
-        def write(path: Path) -> None:
-            from smallwheel_ros.model_file import write_model
-
-            write_model(path, self)
-
-        return {".yaml": write, ".yml": write}
 
     @property
     def contact_rule(self) -> str:

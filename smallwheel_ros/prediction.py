@@ -23,7 +23,7 @@ from smallwheel_ros.model import Model, Prediction, predict
 from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, nearest
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.results import Result
 from smallwheel_ros.tables import text_table
 from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_with_uncertainty
 
@@ -42,7 +42,7 @@ class PredictionError(SmallwheelError):
     """Settings that cannot be predicted."""
 
 
-_SHOWN = {
+SHOWN = {
     "sinkage": ("sinkage [mm]", 1e3),
     "compaction_resistance": ("compaction resistance [N]", 1.0),
     "resistance": ("resistance [N]", 1.0),
@@ -75,16 +75,16 @@ class PredictionTable(Result):
             return SUNK
         shown = [q for q in ("sinkage", "resistance", "drawbar_pull") if q in row]
         return ", ".join(
-            f"{words(q)} {_cell(row, q)} {_SHOWN[q][0].partition('[')[2].strip(']')}" for q in shown
+            f"{words(q)} {_cell(row, q)} {SHOWN[q][0].partition('[')[2].strip(']')}" for q in shown
         )
 
     def text(self) -> str:
         """As `smallwheel predict` prints it."""
         rows = self.rows()
-        shown = [q for q in _SHOWN if q in rows[0]]
+        shown = [q for q in SHOWN if q in rows[0]]
         units = {name: unit_of(name) for name in self.settings}
         named = [f"{name} [{u}]" if u not in ("", "1") else name for name, u in units.items()]
-        header = [*named, *(_SHOWN[q][0] for q in shown), "status"]
+        header = [*named, *(SHOWN[q][0] for q in shown), "status"]
         body = [
             [
                 *(f"{row[name]:g}" for name in self.settings),
@@ -104,17 +104,7 @@ class PredictionTable(Result):
 
         quantity: sinkage, resistance, drawbar_pull, torque, thrust or compaction_resistance.
         """
-        from smallwheel_ros.pictures.physics import draw_prediction
-
-        if getattr(self.result.prediction, quantity, None) is None:
-            known = [q for q in _SHOWN if getattr(self.result.prediction, q) is not None]
-            raise PredictionError(f"no '{quantity}' was predicted: {nearest(quantity, known)}")
-        axes = axes_or_new(ax)
-        draw_prediction(axes, self, quantity, *_SHOWN[quantity])
-        return axes
-
-    def _writers(self) -> dict[str, Writer]:
-        return picture_writers(self.plot)
+        return self._drawn(ax, quantity)
 
     def rows(self) -> list[dict[str, Any]]:
         """One mapping a row; None where the wheel is sunk."""
@@ -138,7 +128,7 @@ class PredictionTable(Result):
 
 def _cell(row: Mapping[str, Any], quantity: str) -> str:
     """A quantity as it is shown, with four digits whatever the size of the wheel."""
-    value, std, factor = row[quantity], row.get(f"{quantity}_std"), _SHOWN[quantity][1]
+    value, std, factor = row[quantity], row.get(f"{quantity}_std"), SHOWN[quantity][1]
     if value is None:
         return "-"
     shown = value * factor
@@ -235,8 +225,8 @@ def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, t
         if not assumed:
             continue
         notes.append(
-            f"nobody measured {listed([one.text() for one in assumed])}: thrust, pull and torque rest "
-            "on these, with the deviations among soils of one kind and among rigs"
+            f"no measurement determines {listed([one.text() for one in assumed])}: thrust, pull and torque "
+            "rest on these, with the deviations among soils of one kind and among rigs"
         )
         names += tuple(f"{soil.name}.{one.name}" for one in assumed)
         covariance = block_diag(covariance, np.diag([one.deviation**2 for one in assumed]))

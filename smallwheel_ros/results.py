@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.output import check_target, json_text, write_bytes, write_whole
 from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.tables import plain
+from smallwheel_ros.views import has_view, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +36,7 @@ class ResultError(SmallwheelError):
 
 
 class Result:
-    """Base of every result. `headline`, `text`, `to_dict` and `rows` are what each one states."""
+    """Base of every result. `headline`, `text`, `to_dict` and `rows` are what it states, or its views."""
 
     def headline(self) -> str:
         """The result in half a line."""
@@ -42,15 +44,22 @@ class Result:
 
     def text(self) -> str:
         """The result as the command prints it."""
-        raise NotImplementedError
+        return str(view_of("text", self)(self))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as the command's JSON: plain values, SI units."""
-        raise NotImplementedError
+        return dict(plain(view_of("document", self)(self)))
 
     def rows(self) -> Sequence[Row]:
         """The result as a table: one mapping for each row, all of the same keys, SI units."""
-        raise NotImplementedError
+        found: Sequence[Row] = view_of("rows", self)(self)
+        return found
+
+    def _drawn(self, axes: Axes | None, *how: Any) -> Axes:
+        """Draw the result on these axes, or on those of a new figure. how: what the view takes."""
+        made = axes_or_new(axes)
+        view_of("plot", self)(made, self, *how)
+        return made
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.headline()}>"
@@ -86,7 +95,16 @@ class Result:
 
     def _writers(self) -> dict[str, Writer]:
         """Further kinds of files, by suffix."""
-        return {}
+        found: dict[str, Writer] = {}
+        if has_view("plot", self):
+            found |= picture_writers(self.plot)  # type: ignore[attr-defined]  # a kind that is drawn
+        if has_view("page", self):
+            found[".html"] = lambda path: view_of("page", self)(self, path)
+        if has_view("model", self):
+            found |= dict.fromkeys(
+                (".yaml", ".yml"), lambda path: view_of("model", self)(path, self)
+            )
+        return found
 
     def _write_json(self, path: Path) -> None:
         write_bytes(path, json_text(self.to_dict()).encode())

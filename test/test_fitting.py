@@ -155,7 +155,8 @@ def test_a_model_file_holds_how_well_the_strength_was_measured(
     known = read_model(tmp_path / "m.yaml")
     settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
     found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})
-    assert bool(found.notes) is not pulled
+    # The simulator's wheel shears nothing by rolling: that share is at its bound, and so not known.
+    assert any("cohesion" in note for note in found.notes) is not pulled
     for name in ("cohesion", "friction_angle", "log_shear_displacement"):
         full = f"rig_soil.{name}"
         assert (known.standard_deviation(full) is not None) is pulled
@@ -176,7 +177,7 @@ def test_a_strength_at_its_bound_is_not_known_exactly(tmp_path: Path) -> None:
     assert any("look at its sign and zero" in note for note in fit.notes)
     settings = {"load": 60.0, "diameter": 0.2, "width": 0.1, "slip": 0.2}
     found = predict_table(known, {name: np.array([v]) for name, v in settings.items()})
-    assert "nobody measured friction angle" in " ".join(found.notes)
+    assert "no measurement determines friction angle" in " ".join(found.notes)
 
 
 def test_drawbar_pull_without_slip_cannot_be_fitted(tmp_path: Path) -> None:

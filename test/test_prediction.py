@@ -233,7 +233,7 @@ def test_a_strength_that_nobody_measured_is_said_and_makes_pull_uncertain() -> N
     known = CalibratedModel(Model(sand), LAW, np.diag([1e-4, 1e-4]))
     table = predict_table(known, ROLLING)
     (note,) = table.notes
-    assert note.startswith("nobody measured cohesion (800 +- 5")
+    assert note.startswith("no measurement determines cohesion (800 +- 5")
     assert "bare rim's friction over the soil's (0.8 +- 0.12)" in note
     (row,) = table.rows()
     usual = usual_strength(sand)
@@ -273,7 +273,11 @@ def test_pull_always_has_a_deviation_and_the_note_names_only_what_is_not_known()
     assert row["drawbar_pull_std"] > 0.07 * 60.0
     assert "sinkage_std" not in row  # nobody says how well its law is known
     part = CalibratedModel(Model(plain), (*LAW, *STRENGTH[:2]), np.diag([1e-4, 1e-4, 1.0, 1e-6]))
-    assert predict_table(part, ROLLING).notes[0].startswith("nobody measured shear displacement")
+    assert (
+        predict_table(part, ROLLING)
+        .notes[0]
+        .startswith("no measurement determines shear displacement")
+    )
     # A covariance that has everything is taken as it is: what is left is the law's own error.
     names = (*LAW, *STRENGTH, "sand.rolling_share", "sand.rim_friction", "sand.pressure_peak")
     full = CalibratedModel(Model(plain), names, np.diag([1e-6] * 8))

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,8 +33,7 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.parts import Part, parts
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
-from smallwheel_ros.tables import plain
+from smallwheel_ros.results import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,18 +135,6 @@ class Comparison(Result):
         said = "; ".join(shown) or "no model could predict any of the measurements"
         return f"{len(self.models)} models on {len(self.measurements)} rows: {said}"
 
-    def text(self) -> str:
-        """As `smallwheel compare` prints it."""
-        from smallwheel_ros.compare.text import comparison_text
-
-        return comparison_text(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel compare --json` writes it."""
-        from smallwheel_ros.compare.document import comparison_document
-
-        return dict(plain(comparison_document(self)))
-
     def rows(self) -> list[dict[str, Any]]:
         """Errors of each model on each channel."""
         found = []
@@ -171,21 +157,7 @@ class Comparison(Result):
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw each model's error, held out and in sample. channel: the first if not given."""
-        from smallwheel_ros.pictures.comparison import draw_errors
-        from smallwheel_ros.pictures.fit import chosen_channel
-
-        axes = axes_or_new(ax)
-        draw_errors(axes, self, chosen_channel(channel, self.channels))
-        return axes
-
-    def _writers(self) -> dict[str, Writer]:
-        def page(path: Path) -> None:
-            from smallwheel_ros.report.compare_report import compare_report
-            from smallwheel_ros.report.page import write_page
-
-            write_page(path, compare_report(self))
-
-        return picture_writers(self.plot) | {".html": page}
+        return self._drawn(ax, channel)
 
     def _compared(self) -> list[tuple[ModelResult, CvErrors]]:
         unseen = [(m, m.unseen) for m in self.models if m.unseen is not None]

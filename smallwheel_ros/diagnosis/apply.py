@@ -33,7 +33,7 @@ from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.results import Result, Writer
 from smallwheel_ros.tables import plain
 
 if TYPE_CHECKING:
@@ -131,16 +131,10 @@ class Added(Result):
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw the held-out error before and after. channel: the first that was measured if not given."""
-        from smallwheel_ros.pictures.fit import error_steps
-
-        errors: dict[str, dict[str, float | None]] = {
-            "without": {**self.before.rmse()},
-            f"+ {words(self.effect)}": {**self.after.rmse()},
-        }
-        return error_steps(axes_or_new(ax), errors, channel)
+        return self._drawn(ax, channel)
 
     def _writers(self) -> dict[str, Writer]:
-        return picture_writers(self.plot) | self.model._writers()
+        return super()._writers() | self.model._writers()
 
 
 def add_effect(

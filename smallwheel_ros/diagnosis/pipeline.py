@@ -8,7 +8,6 @@ import shlex
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,7 +42,7 @@ from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.results import Result, Writer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,23 +131,10 @@ class Diagnosis(Result):
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw the held-out error after each step. channel: the first that was measured if not given."""
-        from smallwheel_ros.pictures.diagnosis import errors_of_steps, floors_of
-        from smallwheel_ros.pictures.fit import error_steps
-
-        steps, floors = errors_of_steps(self.document), floors_of(self.document)
-        return error_steps(axes_or_new(ax), steps, channel, floors)
+        return self._drawn(ax, channel)
 
     def _writers(self) -> dict[str, Writer]:
-        def page(path: Path) -> None:
-            from smallwheel_ros.explore.report import diagnosis_page
-            from smallwheel_ros.report.page import write_page
-
-            write_page(path, diagnosis_page(self))
-
-        return picture_writers(self.plot) | {
-            ".yaml": lambda path: self.model.save(path),
-            ".html": page,
-        }
+        return super()._writers() | {".yaml": lambda path: self.model.save(path)}
 
 
 @one_thread

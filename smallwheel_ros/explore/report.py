@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.diagnosis import Diagnosis
 from smallwheel_ros.explore.data import SessionData
 from smallwheel_ros.explore.session import Count, ExploreError, Session
 from smallwheel_ros.report.effects_section import EffectsPage
+from smallwheel_ros.report.page import write_page
 from smallwheel_ros.report.whole_report import whole_report
 
 
@@ -29,6 +32,11 @@ def diagnosis_page(
         comparison=comparison,
         measurements=diagnosis.measurements,
     )
+
+
+def write_diagnosis(diagnosis: Diagnosis, path: Path) -> None:
+    """Write the page. Raises OutputError where it cannot be written."""
+    write_page(path, diagnosis_page(diagnosis))
 
 
 def _effects(

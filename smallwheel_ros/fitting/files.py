@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import datetime
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +10,8 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, Prior, SoilPrior
+from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, Prior, SoilPrior
 from smallwheel_ros.fitting.problem import Base
-from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
@@ -23,29 +21,6 @@ Array = NDArray[np.float64]
 
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
-
-
-def calibrated(fit: FitResult, date: str | None = None) -> CalibratedModel:
-    """The fit as it is written to a model file. date: ISO; today where None."""
-    measurements, held_out = fit.measurements, fit.held_out
-    provenance: dict[str, object] = {
-        "data": measurements.source,
-        "sha256": measurements.sha256,
-        "date": date or datetime.date.today().isoformat(),
-        "rows": len(measurements),
-        "runs": int(measurements.runs.size),
-    }
-    if held_out:
-        provenance["held_out_rmse"] = {name: float(v) for name, v in held_out.items()}
-    provenance["run_scatter"] = {name: float(v) for name, v in fit.run_scatter.items()}
-    # A strength that the fit pushed against its bound has no deviation: that is not known, not zero.
-    keep = [
-        i
-        for i, name in enumerate(fit.names)
-        if name.rsplit(".", 1)[1] not in STRENGTH_PARAMETERS or fit.covariance[i, i] > 0.0
-    ]
-    names = tuple(fit.names[i] for i in keep)
-    return CalibratedModel(fit.bare, names, fit.covariance[np.ix_(keep, keep)], provenance)
 
 
 def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.display import shown_value, words
 from smallwheel_ros.fitting.constants import DETERMINED
-from smallwheel_ros.fitting.document import fit_document, fit_text
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
 from smallwheel_ros.fitting.forces import off_by
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
@@ -23,15 +23,14 @@ from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, W
 from smallwheel_ros.fitting.variance import settings_repeated
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, Prediction, predict
+from smallwheel_ros.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
-from smallwheel_ros.tables import plain
+from smallwheel_ros.results import Result, Writer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from smallwheel_ros.effects.base import Effect
-    from smallwheel_ros.model_file import CalibratedModel
 
 Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]
@@ -102,10 +101,26 @@ class FitResult(Result):
 
     @cached_property
     def model(self) -> CalibratedModel:
-        """The model with the covariance of its parameters and where it came from."""
-        from smallwheel_ros.fitting.files import calibrated
-
-        return calibrated(self)
+        """The model with the covariance of its parameters and where it came from, as of today."""
+        measurements = self.measurements
+        provenance: dict[str, object] = {
+            "data": measurements.source,
+            "sha256": measurements.sha256,
+            "date": datetime.date.today().isoformat(),
+            "rows": len(measurements),
+            "runs": int(measurements.runs.size),
+        }
+        if self.held_out:
+            provenance["held_out_rmse"] = {name: float(v) for name, v in self.held_out.items()}
+        provenance["run_scatter"] = {name: float(v) for name, v in self.run_scatter.items()}
+        # A strength that the fit pushed against its bound has no deviation: that is not known, not zero.
+        keep = [
+            i
+            for i, name in enumerate(self.names)
+            if name.rsplit(".", 1)[1] not in _STRENGTH or self.covariance[i, i] > 0.0
+        ]
+        names = tuple(self.names[i] for i in keep)
+        return CalibratedModel(self.bare, names, self.covariance[np.ix_(keep, keep)], provenance)
 
     def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
         """The model with one more effect, to be fitted or predicted with."""
@@ -121,14 +136,6 @@ class FitResult(Result):
         return (
             f"{self.bare.headline()}, {known} of {len(self.parameters)} parameters determined{said}"
         )
-
-    def text(self) -> str:
-        """As `smallwheel fit` prints it."""
-        return fit_text(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel fit --json` writes it."""
-        return dict(plain(fit_document(self)))
 
     def rows(self) -> list[dict[str, Any]]:
         """The parameters."""
@@ -146,12 +153,10 @@ class FitResult(Result):
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw measured over predicted in sample. channel: the first that was measured if not given."""
-        from smallwheel_ros.pictures.fit import measured_over_predicted
-
-        return measured_over_predicted(axes_or_new(ax), self, channel)
+        return self._drawn(ax, channel)
 
     def _writers(self) -> dict[str, Writer]:
-        return picture_writers(self.plot) | self.model._writers()
+        return super()._writers() | self.model._writers()
 
     @property
     def residuals(self) -> Mapping[str, Array]:

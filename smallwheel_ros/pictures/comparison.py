@@ -20,6 +20,7 @@ from smallwheel_ros.measurements.parts import levels
 from smallwheel_ros.measurements.settings import varied_settings
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Array
+from smallwheel_ros.pictures.fit import chosen_channel
 from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 
@@ -89,6 +90,11 @@ def error_bars(comparison: Comparison) -> Figure:
         ha="left",
     )
     return figure
+
+
+def draw_comparison(axes: Axes, comparison: Comparison, channel: str | None = None) -> None:
+    """Each model's error of one channel, the first if not given. Raises ResultError."""
+    draw_errors(axes, comparison, chosen_channel(channel, comparison.channels))
 
 
 def draw_errors(axes: Axes, comparison: Comparison, channel: str) -> None:

@@ -8,8 +8,10 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.display import display, listed, words
@@ -39,6 +41,21 @@ def staircase(document: Mapping[str, Any]) -> Figure | None:
     for axes, channel in zip(panels, channels, strict=True):
         error_steps(axes, errors, channel, floors_of(document))
     return figure
+
+
+def draw_steps(axes: Axes, diagnosis: Diagnosis, channel: str | None = None) -> None:
+    """Held-out error of one channel after each step."""
+    document = diagnosis.document
+    error_steps(axes, errors_of_steps(document), channel, floors_of(document))
+
+
+def draw_added(axes: Axes, added: Added, channel: str | None = None) -> None:
+    """Held-out error of one channel before and after an effect was added."""
+    errors: dict[str, dict[str, float | None]] = {
+        "without": {**added.before.rmse()},
+        f"+ {words(added.effect)}": {**added.after.rmse()},
+    }
+    error_steps(axes, errors, channel)
 
 
 def errors_of_steps(document: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:

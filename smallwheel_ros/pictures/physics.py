@@ -25,10 +25,10 @@ from smallwheel_ros.paper import (
 )
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage
-from smallwheel_ros.physics.soil import SOILS, effective_modulus
+from smallwheel_ros.physics.soil import SOILS, effective_modulus, nearest
 from smallwheel_ros.physics.traction import compaction_resistance
 from smallwheel_ros.pictures.house import COLOURS, new_figure, style
-from smallwheel_ros.prediction import UNITS, PredictionTable
+from smallwheel_ros.prediction import SHOWN, UNITS, PredictionError, PredictionTable
 
 Array = NDArray[np.float64]
 
@@ -64,6 +64,14 @@ def plot_prediction(table: PredictionTable, path: Path) -> None:
     if drawn > _MOST_CURVES:
         figure.suptitle(f"the first {_MOST_CURVES} of {drawn} curves", fontsize=8)
     save(figure, path)
+
+
+def draw_table(axes: Axes, table: PredictionTable, quantity: str = "sinkage") -> None:
+    """One quantity that was predicted, by its name. Raises PredictionError where it was not."""
+    if getattr(table.result.prediction, quantity, None) is None:
+        known = [q for q in SHOWN if getattr(table.result.prediction, q) is not None]
+        raise PredictionError(f"no '{quantity}' was predicted: {nearest(quantity, known)}")
+    draw_prediction(axes, table, quantity, *SHOWN[quantity])
 
 
 def draw_prediction(

@@ -3,18 +3,19 @@
 
 from __future__ import annotations
 
-import pandas as pd
 from matplotlib.axes import Axes
 
 from smallwheel_ros.physics.soil import nearest
 from smallwheel_ros.pictures.house import key, style, wheel_colours
+from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.results import ResultError
 
 _POINTS = 700  # of a wheel
 
 
-def draw_estimates(axes: Axes, table: pd.DataFrame, quantity: str) -> None:
+def draw_replay(axes: Axes, replayed: Replayed, quantity: str) -> None:
     """One column of the estimates over time, a curve for each wheel. Raises ResultError."""
+    table = replayed.to_frame()
     numbers = [str(name) for name in table.select_dtypes("number").columns]
     if quantity not in numbers:
         raise ResultError(f"no column '{quantity}' in the estimates: {nearest(quantity, numbers)}")

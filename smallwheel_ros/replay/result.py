@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from smallwheel_ros.replay.inputs import Input
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
-from smallwheel_ros.results import Result, Writer, axes_or_new, pandas, picture_writers
+from smallwheel_ros.results import Result, pandas
 from smallwheel_ros.tables import plain, text_table
 
 if TYPE_CHECKING:
@@ -95,19 +94,7 @@ class Replayed(Result):
 
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage_predicted") -> Axes:
         """Draw a column of the estimates over time, one curve for each wheel."""
-        from smallwheel_ros.pictures.replay import draw_estimates
-
-        axes = axes_or_new(ax)
-        draw_estimates(axes, self.to_frame(), quantity)
-        return axes
-
-    def _writers(self) -> dict[str, Writer]:
-        def page(path: Path) -> None:
-            from smallwheel_ros.report.replay_report import write_replay_report
-
-            write_replay_report(self, path)
-
-        return picture_writers(self.plot) | {".html": page}
+        return self._drawn(ax, quantity)
 
     def document(self, files: dict[str, str]) -> dict[str, Any]:
         """Return the summary of the replay; SI units, times in s since the bag's beginning.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +18,17 @@ from smallwheel_ros.measurements.parts import Part
 from smallwheel_ros.measurements.settings import varied_settings
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.report.data_section import data_blocks
-from smallwheel_ros.report.page import Block, Callout, Details, Drawing, Section, Table, Text, page
+from smallwheel_ros.report.page import (
+    Block,
+    Callout,
+    Details,
+    Drawing,
+    Section,
+    Table,
+    Text,
+    page,
+    write_page,
+)
 from smallwheel_ros.report.resistance_ratio import ratio_blocks
 from smallwheel_ros.report.table_data import TableData
 
@@ -43,6 +54,11 @@ def compare_report(comparison: Comparison) -> str:
         data.source,
         f"Data: SHA-256 {data.sha256}." if data.sha256 else "",
     )
+
+
+def write_comparison(comparison: Comparison, path: Path) -> None:
+    """Write the page. Raises OutputError where it cannot be written."""
+    write_page(path, compare_report(comparison))
 
 
 def _summary(comparison: Comparison) -> Callout:

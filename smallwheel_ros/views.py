@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who shows which result, and how: a result knows nothing of pictures, pages or files.
+
+The functions are found when they are first asked for, so that a result does not bring what draws it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+# By what is asked for, by the class of the result: module and function, which takes the result (a
+# plot the axes before it).
+VIEWS: dict[str, dict[str, str]] = {
+    "text": {
+        "Model": "model_file:model_text",
+        "FitResult": "fitting.document:fit_text",
+        "Comparison": "compare.text:comparison_text",
+    },
+    "document": {
+        "Model": "model_file:model_document",
+        "FitResult": "fitting.document:fit_document",
+        "Comparison": "compare.document:comparison_document",
+    },
+    "rows": {"Model": "model_file:model_rows"},
+    "plot": {
+        "FitResult": "pictures.fit:measured_over_predicted",
+        "Comparison": "pictures.comparison:draw_comparison",
+        "Diagnosis": "pictures.diagnosis:draw_steps",
+        "Added": "pictures.diagnosis:draw_added",
+        "PredictionTable": "pictures.physics:draw_table",
+        "Replayed": "pictures.replay:draw_replay",
+    },
+    "page": {
+        "Comparison": "report.compare_report:write_comparison",
+        "Diagnosis": "explore.report:write_diagnosis",
+        "Replayed": "report.replay_report:write_replay_report",
+    },
+    "model": {"Model": "model_file:write_model"},
+}
+
+
+def view_of(kind: str, result: object) -> Callable[..., Any]:
+    """The function that shows a result in that way. Raises NotImplementedError where there is none."""
+    known = VIEWS[kind]
+    name = next((cls.__name__ for cls in type(result).__mro__ if cls.__name__ in known), None)
+    if name is None:
+        raise NotImplementedError(f"a {type(result).__name__} has no {kind}")
+    module, _, function = known[name].partition(":")
+    found: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), function)
+    return found
+
+
+def has_view(kind: str, result: object) -> bool:
+    """Whether a result is shown in that way."""
+    return any(cls.__name__ in VIEWS[kind] for cls in type(result).__mro__)
