@@ -10,7 +10,6 @@ import json
 import math
 import os
 import shutil
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -280,19 +279,3 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
         place = list(table.columns).index(name) + 1
         table.insert(place, f"{name}_standard_deviation", deviation)
     return table.drop(columns=["frame_id"])
-
-
-def main() -> int:
-    """Run the demo with everything at its default; return the exit code."""
-    from smallwheel_ros.demo_summary import summary
-
-    try:
-        print(summary(run_demo(say=lambda line: print(line, file=sys.stderr))))
-    except SmallwheelError as error:
-        print(f"demo: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,12 +7,12 @@ prediction = predict(model, Conditions.of(load=60, diameter=0.2, width=0.1, slip
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +40,6 @@ from smallwheel_ros.physics.traction import (
 )
 from smallwheel_ros.results import Result
 from smallwheel_ros.stages import Stages, guarded
-
-if TYPE_CHECKING:
-    from smallwheel_ros.model_file import CalibratedModel
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
@@ -113,7 +110,7 @@ class Model(Result):
         ModelFileError naming file, key, what was found and what was expected.
         """
         read = import_module("smallwheel_ros.model_file").read_model
-        return cast("CalibratedModel", read(Path(path), effects))
+        return cast(CalibratedModel, read(Path(path), effects))
 
     from_file = load
 
@@ -151,6 +148,50 @@ class Model(Result):
             for effect in self.effects
         }
         return {effect: names for effect, names in lacks.items() if names}
+
+
+class CalibratedModel(Model):
+    """A model with how well its parameters are known, and where they came from.
+
+    names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
+    where drawbar pull was measured the soil's strength too (`model_file.SOIL_PARAMETERS`), and
+    `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
+    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    provenance: Mapping[str, Any]
+
+    def __init__(
+        self,
+        model: Model,
+        names: tuple[str, ...] = (),
+        covariance: Array | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(model.soils, model.geometry, model.effects, model.thrust_form)
+        object.__setattr__(self, "names", names)
+        object.__setattr__(
+            self, "covariance", np.zeros((0, 0)) if covariance is None else covariance
+        )
+        object.__setattr__(self, "provenance", provenance or {})
+
+    @property
+    def model(self) -> Model:
+        """The numbers alone."""
+        return Model(self.soils, self.geometry, self.effects, self.thrust_form)
+
+    def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
+        """The model with one more effect, of whose numbers nothing is known yet."""
+        return CalibratedModel(self.model + effect, self.names, self.covariance, self.provenance)
+
+    def standard_deviation(self, name: str) -> float | None:
+        """Standard deviation of a parameter, None where it is not known."""
+        if name not in self.names:
+            return None
+        at = self.names.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
 
 
 def _check_choice(what: str, value: str, known: Sequence[str]) -> None:

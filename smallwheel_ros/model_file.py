@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.model import CalibratedModel as CalibratedModel
 from smallwheel_ros.model import Geometry, Model
 from smallwheel_ros.output import write_bytes
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError, nearest
@@ -59,50 +60,6 @@ _HEAD = """\
 
 class ModelFileError(SmallwheelError):
     """A model file that cannot be read."""
-
-
-class CalibratedModel(Model):
-    """A model with how well its parameters are known, and where they came from.
-
-    names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
-    where drawbar pull was measured the soil's strength too (`SOIL_PARAMETERS`), and
-    `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
-    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
-    """
-
-    names: tuple[str, ...]
-    covariance: Array
-    provenance: Mapping[str, Any]
-
-    def __init__(
-        self,
-        model: Model,
-        names: tuple[str, ...] = (),
-        covariance: Array | None = None,
-        provenance: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(model.soils, model.geometry, model.effects, model.thrust_form)
-        object.__setattr__(self, "names", names)
-        object.__setattr__(
-            self, "covariance", np.zeros((0, 0)) if covariance is None else covariance
-        )
-        object.__setattr__(self, "provenance", provenance or {})
-
-    @property
-    def model(self) -> Model:
-        """The numbers alone."""
-        return Model(self.soils, self.geometry, self.effects, self.thrust_form)
-
-    def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
-        """The model with one more effect, of whose numbers nothing is known yet."""
-        return CalibratedModel(self.model + effect, self.names, self.covariance, self.provenance)
-
-    def standard_deviation(self, name: str) -> float | None:
-        """Standard deviation of a parameter, None where it is not known."""
-        if name not in self.names:
-            return None
-        at = self.names.index(name)
-        return float(np.sqrt(self.covariance[at, at]))
 
 
 def as_calibrated(model: Model) -> CalibratedModel:
