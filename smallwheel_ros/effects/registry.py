@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effects there are: those of this folder, of installed packages, and of files given by hand.
 
-Nothing here is a list: a file added to the folder is found. Loading a file runs it, so that only
+Nothing here is a list: a class added to a file of the folder is found. Loading a file runs it, so that only
 happens where a user names the file; a model file never does.
 """
 
@@ -21,7 +21,7 @@ from typing import Any
 
 from smallwheel_ros import effects as package
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.effects.column_law import (
+from smallwheel_ros.effects.column import (
     ColumnLaw,
     ExponentialLaw,
     PowerLaw,
@@ -308,7 +308,7 @@ def _built_in() -> Families:
         if info.name != "registry":
             module = importlib.import_module(f"{package.__name__}.{info.name}")
             _add(known, _forms_in(module), module.__name__)
-    return known
+    return dict(sorted(known.items()))
 
 
 @lru_cache(maxsize=1)
