@@ -159,6 +159,8 @@ class Effect:
     drivers: ClassVar[tuple[str, ...]] = ()
     # +1 where it acts only for values of its first driver over 0, -1 only for those under 0.
     side: ClassVar[Literal[-1, 0, 1]] = 0
+    # What to say of a table in which the first of `needs` is 0 in every row; "" where it acts at 0 too.
+    idle: ClassVar[str] = ""
     # One sentence for people: what to measure or to check in order to separate it from others.
     next_step: ClassVar[str] = ""
     # Id of the effect that this form equals exactly, whatever the data: it may be fitted by name,
@@ -242,7 +244,7 @@ class Effect:
     def never_acts(cls, conditions: Conditions) -> str:
         """Say why this form does nothing on any of these rows, "" where it acts on some.
 
-        The base judges by `needs`, by `side` and by the stages; a form that knows more (which slip
+        The base judges by `needs`, `side`, `idle` and the stages; a form that knows more (which slip
         is one, say) overrides this and asks the base first.
         """
         if not cls._reached(conditions).any():
@@ -256,6 +258,8 @@ class Effect:
             driver = cls.drivers[0]
             if not (cls.side * cls.values_met(driver, conditions) > 0.0).any():
                 return f"no row has {driver} {'over' if cls.side > 0 else 'under'} 0"
+        if cls.idle and cls.needs and not cls.values_met(cls.needs[0], conditions).any():
+            return cls.idle
         return ""
 
     @classmethod

@@ -163,17 +163,11 @@ class _SlipResistance(Effect):
     summary = "The measured resistance follows slip, though sinkage does not."
     source = "instrument, not soil; empirical, the first order in slip"
     needs = ("slip",)
+    idle = "no row has slip"
     next_step = (
         "Sweep slip at one load on a hard, flat plate, where no soil is dug: the force sensor should "
         "show the same resistance at every slip."
     )
-
-    @classmethod
-    def never_acts(cls, conditions: Conditions) -> str:
-        missing = super().never_acts(conditions)
-        if missing or cls.values_met("slip", conditions).any():
-            return missing
-        return "no row has slip"
 
 
 @dataclass(frozen=True)

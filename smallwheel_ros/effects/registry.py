@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
@@ -286,12 +287,8 @@ def _line_in(error: Exception, path: Path) -> str:
     """`, line 7`: where in that file an exception was raised, "" where nowhere."""
     if isinstance(error, SyntaxError):
         return f", line {error.lineno}"
-    numbers = []
-    trace = error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            numbers.append(trace.tb_lineno)
-        trace = trace.tb_next
+    frames = traceback.extract_tb(error.__traceback__)
+    numbers = [frame.lineno for frame in frames if frame.filename == str(path)]
     return f", line {numbers[-1]}" if numbers else ""
 
 

@@ -222,14 +222,8 @@ class _SlipAngleSinkage(Effect):
     summary = "A wheel that travels at an angle to its plane sinks deeper."
     source = "empirical, no standard law; seen at every slip in rig data"
     needs = ("slip_angle",)
+    idle = "no row has a slip angle"
     next_step = "Sweep the slip angle from 0 to 20 degrees at one load and one slip."
-
-    @classmethod
-    def never_acts(cls, conditions: Conditions) -> str:
-        missing = super().never_acts(conditions)
-        if missing or cls.values_met("slip_angle", conditions).any():
-            return missing
-        return "no row has a slip angle"
 
     def growth(self, angle: Array) -> Array:
         raise NotImplementedError

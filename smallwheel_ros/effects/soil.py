@@ -218,15 +218,9 @@ class Gravity(Effect):
     formula = "normal load = W cos(slope); R = R0 + W sin(slope), slope > 0 uphill"
     source = "statics"
     needs = ("slope",)
+    idle = "no row is on a slope"
     known_physics = True
     next_step = "Measure the slope of the bed with an inclinometer and give it as a column 'slope'."
-
-    @classmethod
-    def never_acts(cls, conditions: Conditions) -> str:
-        missing = super().never_acts(conditions)
-        if missing or cls.values_met("slope", conditions).any():
-            return missing
-        return "no row is on a slope"
 
     def objection(self, conditions: Conditions) -> str:
         slope = np.abs(conditions["slope"])
