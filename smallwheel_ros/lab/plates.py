@@ -31,7 +31,6 @@ from smallwheel_ros.physics.plates import LAWS, PlateLaw
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SLOPE = SOIL_PARAMETERS["m"][1].deviation
 _BOUNDS = 5.0  # of s: a slope of eight prior deviations

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 _BINS = 40  # of a curve, evenly and again in logarithms of displacement: time only
 _FEWEST = 5  # rows of a curve: three numbers, and two to check them
 # Misfit of a smooth curve is correlated along it: as in `variance`, over a quarter of its length.
-STRETCHES = 4.0
+_STRETCHES = 4.0
 _RESOLUTION = 1e-3  # of the strength: no instrument shows more than three digits
 # Medians of the priors of what runs of one soil differ by: strength, ln K, residual ratio.
 _STRENGTH_SCATTER = constants.SOIL_SCATTER
@@ -174,7 +174,7 @@ def fit_curve(law: ShearLaw, curve: Curve) -> RunFit:
     )
     mean_square = 2.0 * float(found.cost)
     free = max(1.0 - (1 + len(law.start)) / curve.displacement.size, 0.1)
-    information = found.jac.T @ found.jac * STRETCHES + 1e-9 * np.eye(found.x.size)
+    information = found.jac.T @ found.jac * _STRETCHES + 1e-9 * np.eye(found.x.size)
     covariance = (mean_square / free + (_RESOLUTION * found.x[0]) ** 2) * np.linalg.inv(information)
     size = np.ones(found.x.size)
     size[0] = scale
@@ -351,7 +351,7 @@ def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
         return False
     if len(plain.runs) == 1:
         first, second = plain.runs[0].misfit, peaked.runs[0].misfit
-        return bool(2.0 * STRETCHES * np.log(first / second) > np.log(STRETCHES))
+        return bool(2.0 * _STRETCHES * np.log(first / second) > np.log(_STRETCHES))
     return clearly_less(*(_shape_errors(fit.law, fit.runs) for fit in (peaked, plain)))
 
 
