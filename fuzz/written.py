@@ -149,7 +149,7 @@ class ModelFile(Target):
     words = (*YAML_WORDS, b"effects:", b"soil:", b"covariance:", b"slip_sinkage")
 
     def make_seeds(self) -> list[bytes]:
-        from smallwheel_ros.effects.slip_sinkage import Exponential
+        from smallwheel_ros.effects.slip import Exponential
         from smallwheel_ros.model import Model
         from smallwheel_ros.model_file import CalibratedModel, parameter_names, write_model
 

@@ -15,7 +15,7 @@ from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.document import comparison_document
 from smallwheel_ros.compare.text import comparison_text
 from smallwheel_ros.diagnosis import diagnose
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of
 from smallwheel_ros.fitting.parameters import ParameterVector

@@ -202,7 +202,7 @@ class TestInTheEstimator:
             Wheel("one", 0.2, 0.1), law, Quantity(60.0, 0.0), slip=0.3, effects=self.FAULTS
         )
         assert on is not None
-        assert on.contact.resistance.value == pytest.approx(expected.true_resistance[0], rel=1e-9)
+        assert on.compaction + on.other == pytest.approx(expected.true_resistance[0], rel=1e-9)
 
     @pytest.mark.parametrize("added", [(), (effect("load_offset", offset=3.0),)])
     def test_nearby_sinkage(self, added: tuple[Effect, ...]) -> None:

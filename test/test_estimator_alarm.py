@@ -13,7 +13,7 @@ from test_segment import segments
 
 from benchmarks._drives import measurements
 from benchmarks.missing_effect import both
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.missing_effect import MissingEffectWatch
 from smallwheel_ros.estimator.robust_regression import robust_fit
 from smallwheel_ros.estimator.segment_changes import SegmentChanges

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
     EstimatorSettings,

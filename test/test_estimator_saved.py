@@ -15,7 +15,7 @@ from wheel_drives import follow, rolled, varied
 
 from benchmarks.robot_drives import make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.law_model import WHEELS
 from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.estimator.soil_estimator import (

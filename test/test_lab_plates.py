@@ -13,8 +13,7 @@ from scipy.optimize import curve_fit
 from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.lab import LabFit, fit_lab
-from smallwheel_ros.lab.plate_laws import PlateLaws, plate_laws
-from smallwheel_ros.lab.text import laws_text, which_law
+from smallwheel_ros.lab.plates import PlateLaws, laws_text, plate_laws, which_law
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.physics.plates import LAWS, equivalent_diameter, plate_area
@@ -95,7 +94,7 @@ def test_constants_are_those_of_a_direct_fit(
     log_p, log_z, d = bins_of_runs(rows).T
     direct, _ = curve_fit(formula, np.array([log_z, d]), log_p, p0=truth)
     laws = laws_of(tmp_path, rows)
-    fitted = next(f for f in laws.laws if f.id == law)
+    fitted = next(f for f in laws.laws if f.law.id == law)
     for constant, other, true in zip(fitted.constants, direct, truth, strict=True):
         assert constant.std is not None
         assert abs(constant.value - other) < 1.5 * constant.std
@@ -108,7 +107,7 @@ def test_the_law_of_the_soil_predicts_the_plate_left_out(tmp_path: Path) -> None
     laws = lab(tmp_path, plate_rows(np.random.default_rng(2), sizes=(0.03, 0.06, 0.12, 0.2))).laws[
         0
     ]
-    errors = {law.id: law.held_out for law in laws.laws}
+    errors = {law.law.id: law.held_out for law in laws.laws}
     assert laws.best is laws.laws[0]
     assert errors["meirion_griffith_spenko"] < 0.15
     assert errors["bekker"] > 0.3  # p = (kc/b + kphi) z^n cannot grow with the plate's size so

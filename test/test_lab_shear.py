@@ -17,8 +17,13 @@ from scipy.optimize import curve_fit
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.lab.lab import fit_lab
 from smallwheel_ros.lab.shear import fit_shear
-from smallwheel_ros.lab.strength import Strength, StrengthError, strength_of, with_strength
-from smallwheel_ros.lab.text import shear_text
+from smallwheel_ros.lab.strength import (
+    Strength,
+    StrengthError,
+    shear_text,
+    strength_of,
+    with_strength,
+)
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, read_model, write_model

@@ -14,7 +14,7 @@ from wheel_drives import N as TRUE_N
 from wheel_drives import rolled, varied
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_member import Member
 from smallwheel_ros.estimator.law_model import (

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.effects.base import Effect, WheelState
-from smallwheel_ros.effects.load_gain import Share
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.instruments import LoadGain
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_samples import WheelStep
@@ -228,7 +228,7 @@ class TestForces:
         assert made.thrust.value == pytest.approx(1.2 * plain.thrust.value)
         more = 0.2 * plain.thrust.value - 3.0
         assert made.drawbar_pull.value == pytest.approx(plain.drawbar_pull.value + more)
-        shown = forces(Quantity(75.0, 1.5), effects=[Share(g=0.25)])
+        shown = forces(Quantity(75.0, 1.5), effects=[LoadGain(g=0.25)])
         assert shown.drawbar_pull.value == pytest.approx(plain.drawbar_pull.value)
 
     def test_energy_needs_travel(self) -> None:

@@ -11,7 +11,7 @@ from docs.parameter_pages import reference, template
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel, write_model
@@ -297,7 +297,7 @@ class TestModelFile:
     def test_files_are_read_once(self, tmp_path: Path) -> None:
         model, effects, proof = (tmp_path / name for name in ("m.yaml", "e.py", "runs"))
         effects.write_text(
-            "from smallwheel_ros.effects.slip_sinkage import Exponential\n"
+            "from smallwheel_ros.effects.slip import Exponential\n"
             f"open({str(proof)!r}, 'a').write('x')\n"
             "from dataclasses import dataclass\n"
             "@dataclass(frozen=True)\nclass Mine(Exponential):\n    id = 'mine'\n"

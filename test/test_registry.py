@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -40,6 +41,13 @@ class Warm(Effect):
 """
 
 
+FILES = [
+    file
+    for file in sorted(Path(registry.__file__).parent.glob("*.py"))
+    if '    id = "' in file.read_text() and file.stem != "registry"
+]
+
+
 def write(folder: Path, text: str, name: str = "mine.py") -> Path:
     path = folder / name
     path.write_text(text)
@@ -48,10 +56,17 @@ def write(folder: Path, text: str, name: str = "mine.py") -> Path:
 
 def test_effects_are_found_without_a_list() -> None:
     assert list(families()) == sorted(families())
-    folder = Path(registry.__file__).parent
-    for file in folder.glob("*.py"):
-        if file.stem not in ("__init__", "base", "registry", "column_law", "digging", "drafted"):
-            assert file.stem in families()
+    stated = [re.findall(r'^    id = "(\w+)"', file.read_text(), re.MULTILINE) for file in FILES]
+    assert {id for ids in stated for id in ids} == set(families())
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.stem))
+def test_a_copy_of_a_file_of_effects_is_a_users_file(tmp_path: Path, file: Path) -> None:
+    text = re.sub(r'^    id = "', '    id = "my_', file.read_text(), flags=re.MULTILINE)
+    for id, family in load_effects(write(tmp_path, text)).items():
+        assert [form.form for form in family] == [
+            form.form for form in families()[id.removeprefix("my_")]
+        ]
 
 
 def test_a_users_file(tmp_path: Path) -> None:

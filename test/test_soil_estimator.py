@@ -11,7 +11,7 @@ import pytest
 from wheel_drives import READING, STEP, follow, rolled, varied
 
 from smallwheel_ros.effects.registry import families
-from smallwheel_ros.effects.slip_sinkage import Exponential
+from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.point_sinkage import Law, point_sinkage
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.effects.width_dependent_modulus import Bekker
+from smallwheel_ros.effects.soil import Bekker
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import Points

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Physical effects that a model may lack, one file each; see `base` for how they act.
+"""Physical effects that a model may lack, a class for each form; see `base` for how they act.
 
     effects["slip_sinkage"], effects.slip_sinkage, effects.SlipSinkage    the default form, a class
     list(effects), "hardpan" in effects                                   which there are
     effects.load("mine.py")                                               with those of a file, which is run
 
-Adding a file to this folder adds an effect.
+Adding a class to a file of this folder, or a file, adds an effect.
 """
 
 from __future__ import annotations

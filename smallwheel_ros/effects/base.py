@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a physical effect is, and the one class that each effect's file derives from.
+"""What a physical effect is, and the one class that each derives from.
 
 An effect is a small frozen dataclass: its fields are its numbers, its methods are the places at
 which it changes what the model computes. A model runs the stages in this order, each effect in
@@ -32,7 +32,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,27 +111,16 @@ def parameter(
     literature gives (outside it a fitted value is called implausible), None where there is none.
     neutral: the value at which the effect is absent, None where the parameter only shapes it.
     """
-    return _field("parameter", start, bounds, description, unit, published, neutral)
+    known = Parameter("", float(start), bounds, published, unit, description, neutral)
+    return field(default=known.start, metadata={"parameter": known})
 
 
 def constant(
     value: float, bounds: tuple[float, float], description: str, *, unit: str = "1"
 ) -> Any:  # as above
     """Declare a number that is given, not fitted: a reference load, a soil's unit weight."""
-    return _field("constant", value, bounds, description, unit, None, None)
-
-
-def _field(
-    kind: str,
-    default: float,
-    bounds: tuple[float, float],
-    description: str,
-    unit: str,
-    published: tuple[float, float] | None,
-    neutral: float | None,
-) -> Any:
-    known = Parameter("", float(default), bounds, published, unit, description, neutral)
-    return field(default=float(default), metadata={kind: known})
+    known = Parameter("", float(value), bounds, None, unit, description)
+    return field(default=known.start, metadata={"constant": known})
 
 
 class WheelState(NamedTuple):
@@ -170,6 +159,8 @@ class Effect:
     drivers: ClassVar[tuple[str, ...]] = ()
     # +1 where it acts only for values of its first driver over 0, -1 only for those under 0.
     side: ClassVar[Literal[-1, 0, 1]] = 0
+    # What to say of a table in which the first of `needs` is 0 in every row; "" where it acts at 0 too.
+    idle: ClassVar[str] = ""
     # One sentence for people: what to measure or to check in order to separate it from others.
     next_step: ClassVar[str] = ""
     # Id of the effect that this form equals exactly, whatever the data: it may be fitted by name,
@@ -253,7 +244,7 @@ class Effect:
     def never_acts(cls, conditions: Conditions) -> str:
         """Say why this form does nothing on any of these rows, "" where it acts on some.
 
-        The base judges by `needs`, by `side` and by the stages; a form that knows more (which slip
+        The base judges by `needs`, `side`, `idle` and the stages; a form that knows more (which slip
         is one, say) overrides this and asks the base first.
         """
         if not cls._reached(conditions).any():
@@ -267,6 +258,8 @@ class Effect:
             driver = cls.drivers[0]
             if not (cls.side * cls.values_met(driver, conditions) > 0.0).any():
                 return f"no row has {driver} {'over' if cls.side > 0 else 'under'} 0"
+        if cls.idle and cls.needs and not cls.values_met(cls.needs[0], conditions).any():
+            return cls.idle
         return ""
 
     @classmethod
@@ -317,3 +310,48 @@ class Effect:
 
     def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
         return resistance
+
+
+# What digging costs is not settled: soil that the wheel carried away may or may not have cost compaction
+# work. So a law of digging comes in up to three forms: all of the depth costs work (as in `Effect`), none of
+# what was dug does, or a share that data decides.
+Form = TypeVar("Form", bound=type[Effect])
+
+
+def dug(form: Form) -> Form:
+    """The form whose digging costs no compaction: the work is that of the static sinkage."""
+
+    def compaction_sinkage(self: Effect, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage
+
+    return _made("dug", form, "compaction resistance at z0", compaction_sinkage,
+                 channels=("sinkage", "drawbar_pull", "torque"))  # fmt: skip
+
+
+def partly_dug(form: Form) -> Form:
+    """The form of which a share c of the growth (in ln) costs compaction: 1 as the form, 0 as `dug`."""
+
+    def compaction_sinkage(self: Any, sinkage: Array, conditions: Conditions) -> Array:
+        grown = self.sinkage(sinkage, conditions) / np.maximum(sinkage, 1e-12)
+        return np.asarray(sinkage * grown**self.c)
+
+    share = parameter(
+        0.5, (0.0, 1.0), "share of the growth (in ln) that costs compaction", neutral=None
+    )
+    return _made("partly_dug", form, "compaction resistance at z0 (z / z0)^c", compaction_sinkage,
+                 source=f"{form.source}; of the soil below some is compacted, some carried away",
+                 c=share, __annotations__={"c": "float"})  # fmt: skip
+
+
+def _made(prefix: str, form: Form, cost: str, compaction_sinkage: Any, **own: Any) -> Form:
+    """A form that differs in what it costs; it belongs to the module of the form that it was made from."""
+    name = f"{prefix.title().replace('_', '')}{form.__name__}"
+    own |= {
+        "form": f"{prefix}_{form.form}",
+        "formula": f"{form.formula}; {cost}",
+        "compaction_sinkage": compaction_sinkage,
+        "__module__": form.__module__,
+        "__qualname__": name,
+    }
+    made: Any = dataclass(frozen=True)(type(name, (form,), own))
+    return made  # type: ignore[no-any-return]

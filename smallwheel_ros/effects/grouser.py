@@ -4,17 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter
-from smallwheel_ros.effects.digging import partly_dug
-from smallwheel_ros.effects.slip_sinkage import driven_slip, lacks_driven_slip
+from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter, partly_dug
+from smallwheel_ros.effects.slip import LARGEST_SLIP, BySlip
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import contact_length
-
-_LARGEST_SLIP = 0.95
 
 
 @dataclass(frozen=True)
@@ -22,21 +19,16 @@ class _Grouser(Effect):
     id = "grouser"
     summary = "Grousers dig where they slip, reach deeper, and pull more."
     drivers: ClassVar[tuple[str, ...]] = ("grouser_height",)
-    side = 1
+    side: ClassVar[Literal[-1, 0, 1]] = 1
     next_step = (
         "Run the same wheel with and without grousers at one load, over slips from 0 to 0.6."
     )
 
 
 @dataclass(frozen=True)
-class _Digging(_Grouser):
+class _Digging(_Grouser, BySlip):
     needs: ClassVar[tuple[str, ...]] = ("slip", "grouser_height")
     drivers = ("grouser_height", "slip")
-
-    @classmethod
-    def never_acts(cls, conditions: Conditions) -> str:
-        missing = super().never_acts(conditions)
-        return missing or lacks_driven_slip(cls.values_met("slip", conditions))
 
 
 @dataclass(frozen=True)
@@ -47,7 +39,7 @@ class Digging(_Digging):
     a: float = parameter(1.0, (0.0, 20.0), "sinkage over height at slip 1", published=(0.0, 5.0))
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage + self.a * conditions["grouser_height"] * driven_slip(conditions)
+        return sinkage + self.a * conditions["grouser_height"] * self.slip(conditions)
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class LugDigging(_Digging):
     a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.2, 0.7))
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        i = np.minimum(driven_slip(conditions), _LARGEST_SLIP)
+        i = np.minimum(self.slip(conditions), LARGEST_SLIP)
         return np.asarray(sinkage + self.a * conditions["grouser_height"] * i / (1.0 - i))
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effects there are: those of this folder, of installed packages, and of files given by hand.
 
-Nothing here is a list: a file added to the folder is found. Loading a file runs it, so that only
+Nothing here is a list: a class added to a file of the folder is found. Loading a file runs it, so that only
 happens where a user names the file; a model file never does.
 """
 
@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
@@ -21,7 +22,7 @@ from typing import Any
 
 from smallwheel_ros import effects as package
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.effects.column_law import (
+from smallwheel_ros.effects.column import (
     ColumnLaw,
     ExponentialLaw,
     PowerLaw,
@@ -286,12 +287,8 @@ def _line_in(error: Exception, path: Path) -> str:
     """`, line 7`: where in that file an exception was raised, "" where nowhere."""
     if isinstance(error, SyntaxError):
         return f", line {error.lineno}"
-    numbers = []
-    trace = error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            numbers.append(trace.tb_lineno)
-        trace = trace.tb_next
+    frames = traceback.extract_tb(error.__traceback__)
+    numbers = [frame.lineno for frame in frames if frame.filename == str(path)]
     return f", line {numbers[-1]}" if numbers else ""
 
 
@@ -308,7 +305,7 @@ def _built_in() -> Families:
         if info.name != "registry":
             module = importlib.import_module(f"{package.__name__}.{info.name}")
             _add(known, _forms_in(module), module.__name__)
-    return known
+    return dict(sorted(known.items()))
 
 
 @lru_cache(maxsize=1)

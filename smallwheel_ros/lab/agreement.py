@@ -7,7 +7,8 @@ ln k + n ln z + m ln D, at a depth that both have reached and under the size of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,12 @@ class Agreement:
             "to be used"
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values, SI."""
+        found = asdict(self)
+        interval = [found.pop("low"), found.pop("high")]
+        return found | {"interval": interval, "agrees": self.agrees}
+
 
 def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> Belief | None:
     """What these rows, of one soil, say of it; None where they are too few to be fitted."""
@@ -94,31 +101,21 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
         result = problem.result()
     except FittingError:
         return None
-    values = np.zeros(3)
     found = next(s for s in result.model.soils if s.name == soil)
-    values[:] = found.log_reference_pressure, found.n, found.m
+    values = np.array([found.log_reference_pressure, found.n, found.m])
+    names = [f"{soil}.{name}" for name in SOIL_PARAMETERS]
+    free = [i for i, name in enumerate(names) if name in result.names]
+    at = [result.names.index(names[i]) for i in free]
     covariance = np.zeros((3, 3))
-    at = {
-        f: result.names.index(f"{soil}.{f}")
-        for f in SOIL_PARAMETERS
-        if f"{soil}.{f}" in result.names
-    }
-    for i, a in enumerate(SOIL_PARAMETERS):
-        for j, b in enumerate(SOIL_PARAMETERS):
-            if a in at and b in at:
-                covariance[i, j] = result.covariance[at[a], at[b]]
+    covariance[np.ix_(free, free)] = result.covariance[np.ix_(at, at)]
     points = problem.points
     diameters = points.column("diameter")
-    if "m" not in at:
+    if f"{soil}.m" not in result.names:
         # Held: the pressure is known under the one size, and elsewhere as far as m is.
         away = np.array([-np.log(float(diameters.mean()) / REFERENCE_DIAMETER), 0.0, 1.0])
         covariance += SOIL_PARAMETERS["m"][1].deviation ** 2 * np.outer(away, away)
-    sunk = (
-        points.of_channel("sinkage")
-        if "sinkage" in points.channels
-        else np.zeros(len(points), bool)
-    )
-    return Belief(words, values, covariance, diameters, points.value[sunk & (points.value > 0)])
+    sunk = (np.array(points.channels)[points.channel] == "sinkage") & (points.value > 0)
+    return Belief(words, values, covariance, diameters, points.value[sunk])
 
 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:

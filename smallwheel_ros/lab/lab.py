@@ -24,15 +24,15 @@ from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
 from smallwheel_ros.lab.agreement import Agreement, agreements
-from smallwheel_ros.lab.plate_laws import PlateLaws, plate_laws
+from smallwheel_ros.lab.plates import PlateLaws, laws_document, laws_text, plate_laws
 from smallwheel_ros.lab.shear import ShearFit, fit_shear
-from smallwheel_ros.lab.strength import Strength, StrengthError, strength_of, with_strength
-from smallwheel_ros.lab.text import (
-    agreement_document,
-    laws_document,
-    laws_text,
+from smallwheel_ros.lab.strength import (
+    Strength,
+    StrengthError,
     shear_document,
     shear_text,
+    strength_of,
+    with_strength,
 )
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements
@@ -96,7 +96,7 @@ class LabFit(Result):
         found = {} if self.fit is None else self.fit.to_dict()
         more = {
             "plate_laws": [laws_document(laws) for laws in self.laws],
-            "agreements": [agreement_document(agreement) for agreement in self.agreements],
+            "agreements": [agreement.to_dict() for agreement in self.agreements],
             "shear": [
                 shear_document(*pair) for pair in zip(self.shear, self.strengths, strict=True)
             ],
@@ -108,7 +108,7 @@ class LabFit(Result):
         """The parameters of the model, and the constants of the laws of size."""
         found = [] if self.fit is None else self.fit.rows()
         constants = [
-            (law.name, c) for laws in self.laws for law in laws.laws for c in law.constants
+            (law.law.name, c) for laws in self.laws for law in laws.laws for c in law.constants
         ]
         constants += [("shear tests", p) for s in self.strengths for p in s.parameters]
         return found + [

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from smallwheel_ros.display import listed, number
 from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.result import FittedParameter, Status
-from smallwheel_ros.lab.shear import FittedShearLaw, ShearFit
-from smallwheel_ros.lab.shear_curves import RunFit, normal_stresses
+from smallwheel_ros.lab.plates import percent
+from smallwheel_ros.lab.shear import FittedShearLaw, RunFit, ShearFit, normal_stresses
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.model import Model
 from smallwheel_ros.model_file import CalibratedModel
@@ -136,7 +138,7 @@ def _of(soil: str) -> str:
 def _parameters(
     fit: ShearFit, values: Sequence[float], covariance: Array
 ) -> tuple[FittedParameter, ...]:
-    few = len(normal_stresses([run.curve for run in fit.plain.runs])) < 2
+    few = len(normal_stresses(fit.plain.runs)) < 2
     short = all(not _seen(run) for run in fit.plain.runs)
     found = []
     for name, value, variance in zip(_NAMES, values, np.diag(covariance), strict=True):
@@ -152,7 +154,7 @@ def _parameters(
 
 
 def _about_stresses(fit: ShearFit) -> list[str]:
-    stresses = normal_stresses([run.curve for run in fit.plain.runs])
+    stresses = normal_stresses(fit.plain.runs)
     if len(stresses) > 1:
         return []
     sigma = stresses[0]
@@ -229,3 +231,78 @@ def with_strength(
         model.model.thrust_form,
     )
     return CalibratedModel(made, tuple(kept_names), covariance, provenance)
+
+
+def shear_text(fit: ShearFit, strength: Strength) -> str:
+    """Strength and shape of one soil, and which law its curves follow."""
+    runs = fit.plain.runs
+    stresses = listed([f"{1e-3 * s:.4g}" for s in normal_stresses(runs)])
+    name = f" of {fit.soil}" if fit.soil else ""
+    lines = [
+        f"Shear tests{name}: {len(runs)} {'run' if len(runs) == 1 else 'runs'} at {stresses} kPa"
+    ]
+    for law in (fit.plain, fit.peaked):
+        lines.append(f"  {law.law.name}: {law.law.formula}")
+        lines.append(f"    {', '.join(_shear_numbers(law))}; {_shape_error(law)}")
+    chosen = fit.chosen.law.name
+    seen = "a peak" if fit.shows_peak else "no peak"
+    lines.append(f"  The curves show {seen}: {chosen} describes them.")
+    return "\n".join([*lines, *(f"  note: {note}" for note in strength.notes)])
+
+
+def _shear_numbers(law: FittedShearLaw) -> list[str]:
+    c, friction, log_modulus, *residual = law.values.tolist()
+    std = np.sqrt(np.diag(law.covariance))
+    phi, phi_std = np.degrees(np.arctan(friction)), np.degrees(std[1] / (1.0 + friction**2))
+    modulus = 1e3 * float(np.exp(log_modulus))
+    found = [
+        f"c = {number(1e-3 * c)} +- {number(1e-3 * std[0], 2)} kPa",
+        f"phi = {number(phi)} +- {number(phi_std, 2)} deg",
+        f"{'K_w' if residual else 'K'} = {number(modulus)} +- {number(modulus * std[2], 2)} mm",
+    ]
+    return found + [f"K_r = {number(r)} +- {number(std[3], 2)}" for r in residual]
+
+
+def _shape_error(law: FittedShearLaw) -> str:
+    if law.held_out is None:
+        return f"curve off by {percent(law.runs[0].misfit)} of the strength (in sample: one run)"
+    return f"shape of a run left out off by {percent(law.held_out)} of the strength"
+
+
+def shear_document(fit: ShearFit, strength: Strength) -> dict[str, Any]:
+    """Strength and shape of one soil as plain values, SI."""
+    return {
+        "soil": fit.soil,
+        "follows": fit.chosen.law.id,
+        "model": {
+            "cohesion": strength.cohesion,
+            "friction_angle": strength.friction_angle,
+            "shear_displacement": strength.modulus,
+            "names": ["cohesion", "friction_angle", "log_shear_displacement"],
+            "covariance": strength.covariance.tolist(),
+        },
+        "parameters": {
+            p.name: {"value": p.value, "std": p.std, "unit": p.unit, "status": p.status,
+                     "remedy": p.remedy}
+            for p in strength.parameters
+        },
+        "laws": {
+            law.law.id: {
+                "formula": law.law.formula,
+                "source": law.law.source,
+                "names": list(law.names),
+                "values": law.values.tolist(),
+                "covariance": law.covariance.tolist(),
+                "held_out": law.held_out,
+                "run_scatter": law.scatter.tolist(),
+                "runs": [
+                    {"run": r.curve.run, "normal_stress": r.curve.normal_stress,
+                     "strength": float(r.numbers[0]), "modulus": float(np.exp(r.numbers[1])),
+                     "misfit": r.misfit, "displacement": r.curve.travel}
+                    for r in law.runs
+                ],
+            }
+            for law in (fit.plain, fit.peaked)
+        },
+        "notes": list(strength.notes),
+    }  # fmt: skip

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of one recorded column: k (`moisture`, `covariate:NAME`) and zeros that drift over it."""
+"""Laws of one recorded column: k (`moisture`, `covariate:NAME`) and zeros that drift over it.
+
+A covariate of the run rather than the row, like moisture, takes at least 8 runs with different values.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from smallwheel_ros.physics.conditions import Conditions
 
 _ANY = (-1e12, 1e12)
 _POSITIVE = (1e-12, 1e12)
+_WATER = "Prepare beds of at least three water contents and run each at one load and one slip."
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,31 @@ class PowerLaw(ColumnLaw):
     def modulus_factor(self, conditions: Conditions) -> Array:
         ratio = self.column(conditions) / self.reference
         return np.asarray(np.where(ratio > 0.0, ratio, np.nan) ** self.p)
+
+
+@dataclass(frozen=True)
+class Exponential(ExponentialLaw):
+    id = "moisture"
+    form = "exponential"
+    summary = "The soil's modulus k depends on its water content."
+    needs = ("moisture",)
+    next_step = _WATER
+
+    a: float = parameter(0.2, (-6.0, 6.0), "growth of ln k over one scale of moisture")
+    reference: float = constant(0.10, (-1e6, 1e6), "moisture at which k is k0")
+    scale: float = constant(0.05, (1e-12, 1e6), "difference in moisture that changes ln k by a")
+
+
+@dataclass(frozen=True)
+class Power(PowerLaw):
+    id = "moisture"
+    form = "power"
+    summary = "The soil's modulus k depends on its water content."
+    needs = ("moisture",)
+    next_step = _WATER
+
+    p: float = parameter(0.2, (-30.0, 30.0), "growth of ln k with ln moisture")
+    reference: float = constant(0.10, (1e-12, 1e6), "moisture at which k is k0")
 
 
 @dataclass(frozen=True)

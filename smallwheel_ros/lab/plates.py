@@ -13,11 +13,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from smallwheel_ros.display import listed, number
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.parameters import FreeParameter, ParameterVector
@@ -29,7 +31,6 @@ from smallwheel_ros.physics.plates import LAWS, PlateLaw
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SLOPE = SOIL_PARAMETERS["m"][1].deviation
 _BOUNDS = 5.0  # of s: a slope of eight prior deviations
@@ -50,10 +51,7 @@ class FittedLaw:
     (m); by_depth: in each range of `PlateLaws.depths`.
     """
 
-    id: str
-    name: str
-    formula: str
-    source: str
+    law: PlateLaw
     constants: tuple[FittedParameter, ...]
     covariance: Array
     held_out: float | None
@@ -89,15 +87,24 @@ class PlateLaws:
     def better(self, first: FittedLaw, second: FittedLaw) -> bool:
         """Whether the first predicts sizes left out better than the second, by more than chance.
 
-        A paired one-sided t test of ln of the errors: the size, not the run, is the unit.
+        The size, not the run, is the unit.
         """
-        gain = np.array([np.log(second.by_size[d] / first.by_size[d]) for d in first.by_size])
-        error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
-        return bool(student.sf(float(gain.mean()) / max(error, 1e-300), gain.size - 1) < ALARM)
+        errors = (np.array([law.by_size[d] for d in first.by_size]) for law in (first, second))
+        return clearly_less(*errors)
 
     def holds(self, law: FittedLaw, at: int) -> bool:
         """Whether the law's error in a range of depth is within what the right law would leave."""
         return law.by_depth[at] <= _HOLDS * self.depths[at].expected
+
+
+def clearly_less(errors: Array, others: Array) -> bool:
+    """Whether errors are less than others of the same cases by more than chance.
+
+    A paired one-sided t test of their logarithms.
+    """
+    gain = np.log(others / errors)
+    error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
+    return bool(student.sf(float(gain.mean()) / error, gain.size - 1) < ALARM)
 
 
 class UnderLaw(Predictor):
@@ -177,12 +184,8 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         if error is not None:
             by_size = {float(d): _rms(error[size == i]) for i, d in enumerate(diameters)}
             by_depth = tuple(_rms(error[where == r]) for r in range(_RANGES))
-        laws.append(
-            FittedLaw(
-                law.id, law.name, law.formula, law.source, constants, covariance,
-                None if error is None else _rms(error), by_size, by_depth,
-            )
-        )  # fmt: skip
+        held_out = None if error is None else _rms(error)
+        laws.append(FittedLaw(law, constants, covariance, held_out, by_size, by_depth))
     depths = tuple(
         DepthRange(float(edges[r]), float(edges[r + 1]), _rms(expected[where == r]))
         for r in range(_RANGES)
@@ -245,3 +248,110 @@ def _constants(
         parameter = FittedParameter(soil, name, float(value), std, unit, _ANY, status, remedy)
         listed.append(parameter)
     return tuple(listed), covariance
+
+
+def laws_text(laws: PlateLaws) -> str:
+    """The laws of size side by side, and which holds where."""
+    sizes = listed([f"{1e3 * d:.4g}" for d in laws.diameters])
+    lines = [f"Plates of {sizes} mm in {laws.soil}, {laws.runs} runs"]
+    for law in laws.laws:
+        lines.append(f"  {law.law.name}: {law.law.formula}")
+        off = (
+            ""
+            if law.held_out is None
+            else (f"; the sinkage of a size left out is off by {percent(law.held_out)}")
+        )
+        lines.append(f"    {', '.join(_constant(c) for c in law.constants)}{off}")
+    return "\n".join([*lines, *(f"  {said}" for said in which_law(laws))])
+
+
+def _constant(c: FittedParameter) -> str:
+    unit = "" if c.unit == "1" else f" {c.unit}"
+    doubt = "" if c.status == "determined" else " (not determined)"
+    return f"{c.name} = {number(c.value)} +- {number(c.std, 2)}{unit}{doubt}"
+
+
+def percent(share: float) -> str:
+    """A share in per cent, two digits."""
+    return f"{number(100.0 * share, 2)} %"
+
+
+def which_law(laws: PlateLaws) -> list[str]:
+    """Sentences: which law predicts a plate that it has not seen, and at which depths."""
+    best = laws.best
+    if best is None:
+        return [
+            f"Two sizes fit every law: which of them holds cannot be told. Press a third size, outside "
+            f"{1e3 * laws.diameters[0]:.4g} to {1e3 * laws.diameters[1]:.4g} mm."
+        ]
+    said = [_comparison(laws, best)]
+    everywhere = tuple(law.law.name for law in laws.laws)
+    ranges: list[tuple[tuple[str, ...], int, int]] = []
+    for at in range(len(laws.depths)):
+        holding = tuple(law.law.name for law in laws.laws if laws.holds(law, at))
+        first = at
+        if ranges and ranges[-1][0] == holding:
+            first = ranges.pop()[1]
+        ranges.append((holding, first, at))
+    if ranges == [(everywhere, 0, len(laws.depths) - 1)]:
+        return [
+            *said,
+            "All hold at all depths that were reached, within what such curves stray by.",
+        ]
+    return said + [_where_holds(laws, *found) for found in ranges]
+
+
+def _where_holds(laws: PlateLaws, holding: tuple[str, ...], first: int, last: int) -> str:
+    depths = f"From {1e3 * laws.depths[first].low:.2g} to {1e3 * laws.depths[last].high:.2g} mm"
+    if len(holding) == len(laws.laws):
+        return f"{depths} all hold."
+    if holding:
+        return f"{depths} {listed(list(holding))} {'holds' if len(holding) == 1 else 'hold'}."
+    off = min(max(law.by_depth[first : last + 1]) for law in laws.laws)
+    expected = max(d.expected for d in laws.depths[first : last + 1])
+    return (
+        f"{depths} none holds: the best is off by {percent(off)}, where curves of the right law stray by "
+        f"{percent(expected)}."
+    )
+
+
+def _comparison(laws: PlateLaws, best: FittedLaw) -> str:
+    others = [law for law in laws.laws if law is not best]
+    said = ", ".join(f"{law.law.name}'s {percent(law.held_out or 0.0)}" for law in others)
+    first = (
+        f"{best.law.name}'s law predicts the sinkage of the size left out within "
+        f"{percent(best.held_out or 0.0)}, {said}"
+    )
+    close = [law.law.name for law in others if not laws.better(best, law)]
+    if close:
+        return f"{first}; {len(laws.diameters)} sizes do not tell it from {listed(close, 'or')}."
+    return f"{first}."
+
+
+def laws_document(laws: PlateLaws) -> dict[str, Any]:
+    """The laws of size as plain values, SI."""
+    return {
+        "soil": laws.soil,
+        "diameters": list(laws.diameters),
+        "runs": laws.runs,
+        "laws": {
+            law.law.id: {
+                "formula": law.law.formula,
+                "source": law.law.source,
+                "constants": {
+                    c.name: {"value": c.value, "std": c.std, "unit": c.unit, "status": c.status}
+                    for c in law.constants
+                },
+                "covariance": law.covariance.tolist(),
+                "held_out_by_size": law.held_out,
+                "by_diameter": [{"diameter": d, "error": e} for d, e in law.by_size.items()],
+                "by_depth": [
+                    {"from": r.low, "to": r.high, "error": e, "expected": r.expected,
+                     "holds": laws.holds(law, at)}
+                    for at, (r, e) in enumerate(zip(laws.depths, law.by_depth, strict=False))
+                ],
+            }
+            for law in laws.laws
+        },
+        "says": which_law(laws),
+    }  # fmt: skip

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of a rig's instruments: what they show is not what is there, and none of it is soil.
+
+A gain: all that is shown is a constant share too much. An offset: the instrument's zero is off. Friction
+of the rig and what follows slip are in what the force sensor shows only: what soil and wheel pull
+(drawbar pull) does not have them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.effects.base import Array, Effect, parameter
+from smallwheel_ros.physics.conditions import Conditions
+
+# Of a load cell's reading that is load, whatever its offset: a zero error as large as the reading is a
+# broken cell, and a wheel without a load has no sinkage to fit.
+_LEAST_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class _Gain(Effect):
+    kind = "instrument"
+    source = "instrument, not soil: an error of scale"
+
+    g: float = parameter(0.05, (-0.6, 1.0), "share by which too much is shown")
+
+
+@dataclass(frozen=True)
+class LoadGain(_Gain):
+    id = "load_gain"
+    form = "share"
+    summary = "The load cell is out of scale: every load is shown too large by one share."
+    formula = "shown W = W (1 + g)"
+    next_step = "Weigh two known masses on the load cell, one light and one as heavy as the wheel."
+
+    def corrected_load(self, load: Array, conditions: Conditions) -> Array:
+        return load / (1.0 + self.g)
+
+
+@dataclass(frozen=True)
+class SinkageGain(_Gain):
+    id = "sinkage_gain"
+    form = "share"
+    summary = (
+        "The sinkage instrument is out of scale: every sinkage is shown too deep by one share."
+    )
+    formula = "shown z = z (1 + g)"
+    next_step = "Move the wheel's carriage by a gauge block of known height and read the sinkage."
+
+    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage * (1.0 + self.g)
+
+
+@dataclass(frozen=True)
+class ResistanceGain(_Gain):
+    id = "resistance_gain"
+    form = "share"
+    summary = "The force sensor is out of scale: every resistance is shown too large by one share."
+    formula = "shown R = R (1 + g)"
+    next_step = "Pull the carriage with a known weight over a pulley and read the resistance."
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return resistance * (1.0 + self.g)
+
+
+@dataclass(frozen=True)
+class LoadOffset(Effect):
+    id = "load_offset"
+    form = "constant"
+    kind = "instrument"
+    summary = "The load cell's zero is off: every load is shown too large or too small by as much."
+    formula = "shown W = W + offset, W at least 5 % of what is shown"
+    source = "instrument, not soil: a cell that was not set to zero with the wheel lifted"
+    next_step = "Lift the wheel clear of the soil and read the load cell; it should show zero."
+
+    offset: float = parameter(2.0, (-1e3, 1e3), "what is shown at zero load", unit="N")
+
+    def corrected_load(self, load: Array, conditions: Conditions) -> Array:
+        return np.maximum(load - self.offset, _LEAST_SHARE * load)
+
+
+@dataclass(frozen=True)
+class SinkageOffset(Effect):
+    id = "sinkage_offset"
+    form = "constant"
+    kind = "instrument"
+    summary = (
+        "The sinkage instrument's zero is off: all sinkages are shown too deep or too shallow."
+    )
+    formula = "shown z = z + offset"
+    source = "instrument, not soil: a zero that was set at another height than touch-down"
+    next_step = (
+        "Take the zero of sinkage at touch-down under the lightest load, and again after the run."
+    )
+
+    offset: float = parameter(0.001, (-0.05, 0.05), "what is shown at zero sinkage", unit="m")
+
+    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage + self.offset
+
+
+@dataclass(frozen=True)
+class ResistanceOffset(Effect):
+    id = "resistance_offset"
+    form = "constant"
+    kind = "instrument"
+    summary = "The force sensor's zero is off: every resistance is shown too large or too small."
+    formula = "shown R = R + offset"
+    source = "instrument, not soil: a sensor that was not set to zero at rest"
+    next_step = "Read the resistance with the wheel at rest and unloaded; it should show zero."
+
+    offset: float = parameter(1.0, (-1e3, 1e3), "what is shown at zero resistance", unit="N")
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return resistance + self.offset
+
+
+@dataclass(frozen=True)
+class _RigFriction(Effect):
+    id = "rig_friction"
+    kind = "instrument"
+    summary = "The rig itself resists: bearings and guides add to the measured resistance."
+    next_step = "Tow the wheel over a hard, flat plate at two loads: what is left is the rig's own."
+
+
+@dataclass(frozen=True)
+class ShareOfLoad(_RigFriction):
+    formula = "shown R = R + f W"
+    source = "Coulomb friction in a bearing that carries the load; instrument, not soil"
+    drivers = ("load",)
+
+    f: float = parameter(0.05, (0.0, 1.0), "the rig's resistance over the load")
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return np.asarray(resistance + self.f * conditions.load)
+
+
+@dataclass(frozen=True)
+class Constant(_RigFriction):
+    formula = "shown R = R + F, F >= 0"
+    source = "friction of seals and guides, whatever the load; instrument, not soil"
+    same_as = "resistance_offset"
+
+    force: float = parameter(1.0, (0.0, 1e3), "the rig's resistance F", unit="N")
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return resistance + self.force
+
+
+@dataclass(frozen=True)
+class _SlipResistance(Effect):
+    """No law of soil does that: what digs shows in the sinkage.
+
+    A rig does where part of the wheel's thrust reaches the force sensor, as through a motor's cable, a
+    tilted guide, or a resistance that is worked out from the motor's torque.
+    """
+
+    id = "slip_resistance"
+    kind = "instrument"
+    summary = "The measured resistance follows slip, though sinkage does not."
+    source = "instrument, not soil; empirical, the first order in slip"
+    needs = ("slip",)
+    idle = "no row has slip"
+    next_step = (
+        "Sweep slip at one load on a hard, flat plate, where no soil is dug: the force sensor should "
+        "show the same resistance at every slip."
+    )
+
+
+@dataclass(frozen=True)
+class Magnitude(_SlipResistance):
+    formula = "shown R = R (1 + s |i|)"
+
+    s: float = parameter(0.2, (-0.9, 10.0), "growth of the shown resistance to slip 1 or -1")
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return np.asarray(resistance * (1.0 + self.s * np.abs(conditions["slip"])))
+
+
+@dataclass(frozen=True)
+class Signed(_SlipResistance):
+    formula = "shown R = R (1 + s i)"
+
+    s: float = parameter(0.2, (-0.9, 0.9), "growth of the shown resistance to slip 1, fall to -1")
+
+    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        return np.asarray(resistance * (1.0 + self.s * conditions["slip"]))

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""slip_sinkage, skid_sinkage, slip_angle_sinkage: a wheel that does not roll freely digs itself in.
+
+One set of laws with a side: a driven wheel slips (over 0), a braked one skids (under 0). Their numbers are
+kept apart: that the same hold for both signs has no evidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from smallwheel_ros.effects.base import Array, Effect, constant, dug, parameter, partly_dug
+from smallwheel_ros.physics.conditions import Conditions
+
+LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
+# A wheel that rolls freely shows about this much slip of either sign: its radius is known to a
+# few per cent at best, since lugs, sand on the rim and sinkage all change it.
+_FREE_ROLLING = 0.02
+
+
+@dataclass(frozen=True)
+class BySlip(Effect):
+    """What acts at slip of one sign: `side` is 1 where the wheel is driven, -1 where it is braked."""
+
+    needs: ClassVar[tuple[str, ...]] = ("slip",)
+    side: ClassVar[Literal[-1, 0, 1]] = 1
+
+    @classmethod
+    def never_acts(cls, conditions: Conditions) -> str:
+        missing = super().never_acts(conditions)
+        if missing or (cls.side * cls.values_met("slip", conditions) > _FREE_ROLLING).any():
+            return missing
+        if cls.side > 0:
+            return f"no row has a driven wheel that slips (slip over {_FREE_ROLLING})"
+        return f"no row has a wheel that skids (slip under -{_FREE_ROLLING})"
+
+    def slip(self, conditions: Conditions) -> Array:
+        """Size of the slip of its sign, 0 to 1; 0 in rows of the other."""
+        return np.clip(self.side * conditions["slip"], 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class _DrivenSlip(BySlip):
+    id = "slip_sinkage"
+    summary = "A driven wheel that slips digs: sinkage grows with slip."
+    next_step = "Sweep slip from 0 to 0.6 at one load, on soil that is prepared anew for each run."
+
+
+@dataclass(frozen=True)
+class _SlipSinkage(_DrivenSlip):
+    def growth(self, slip: Array) -> Array:
+        raise NotImplementedError
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage * self.growth(self.slip(conditions))
+
+
+@dataclass(frozen=True)
+class Exponential(_SlipSinkage):
+    formula = "z = z0 exp(a i), i > 0"
+    source = "empirical; Ding et al. 2010: 3 to 7 times the static sinkage at slip 0.6"
+
+    a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with slip", published=(0.3, 5.0))
+
+    def growth(self, slip: Array) -> Array:
+        return np.exp(self.a * slip)
+
+
+@dataclass(frozen=True)
+class Linear(_SlipSinkage):
+    formula = "z = z0 (1 + s i), i > 0"
+    source = "empirical; range from digitised rig series"
+
+    s: float = parameter(2.0, (0.0, 30.0), "growth of sinkage with slip", published=(0.3, 12.0))
+
+    def growth(self, slip: Array) -> Array:
+        return 1.0 + self.s * slip
+
+
+@dataclass(frozen=True)
+class Quadratic(_SlipSinkage):
+    formula = "z = z0 (1 + s [(1 - q) i + q i^2]), i > 0"
+    source = "empirical; q = 0 is linear, q = 1 a pure square"
+
+    s: float = parameter(
+        2.0, (0.0, 20.0), "growth of sinkage from slip 0 to 1", published=(0.3, 12.0)
+    )
+    q: float = parameter(0.5, (-2.0, 1.5), "curvature of the growth", neutral=None)
+
+    def growth(self, slip: Array) -> Array:
+        return 1.0 + self.s * slip * (1.0 - self.q + self.q * slip)
+
+
+@dataclass(frozen=True)
+class Lyasko(_SlipSinkage):
+    formula = "z = z0 [(1 + i) / (1 - 0.5 i)]^a, i > 0"
+    source = "Lyasko 2010, J. Terramechanics 47, with a = 1 (formula unverified); a is fitted here"
+
+    a: float = parameter(1.0, (0.0, 6.0), "strength; Lyasko's own law is 1", published=(0.3, 4.0))
+
+    def growth(self, slip: Array) -> Array:
+        return ((1.0 + slip) / (1.0 - 0.5 * slip)) ** self.a
+
+
+@dataclass(frozen=True)
+class LugDigging(_SlipSinkage):
+    formula = "z = z0 (1 + a i / (1 - i)), i > 0 (i up to 0.95)"
+    source = "after Reece 1965-66, soil carried away by lugs (unverified)"
+
+    a: float = parameter(0.5, (0.0, 10.0), "digging strength", published=(0.1, 5.0))
+
+    def growth(self, slip: Array) -> Array:
+        i = np.minimum(slip, LARGEST_SLIP)
+        return 1.0 + self.a * i / (1.0 - i)
+
+
+@dataclass(frozen=True)
+class AddedDepth(_SlipSinkage):
+    formula = "z = z0 + a D [(1 - q) i + q i^2], i > 0"
+    source = (
+        "empirical: a slipping rim carries soil away, whatever the load; three sands 0.09 to 0.13 D"
+    )
+
+    a: float = parameter(
+        0.05, (0.0, 0.5), "depth dug at slip 1, over the diameter", published=(0.05, 0.15)
+    )
+    q: float = parameter(0.0, (-2.0, 1.5), "curvature of the growth", neutral=None)
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        slip = self.slip(conditions)
+        depth = self.a * conditions.diameter * slip * (1.0 - self.q + self.q * slip)
+        return np.asarray(sinkage + depth)
+
+
+@dataclass(frozen=True)
+class ExponentShift(_DrivenSlip):
+    formula = "n = n0 + n1 i, i > 0"
+    source = "Ding et al. 2010; range for a law without slip stress (n1 unverified)"
+
+    n1: float = parameter(0.6, (0.0, 3.0), "growth of n with slip", published=(0.2, 1.6))
+
+    def exponent_shift(self, conditions: Conditions) -> Array:
+        return self.n1 * self.slip(conditions)
+
+
+@dataclass(frozen=True)
+class FadingQuadratic(Quadratic):
+    formula = "z = z0 (1 + s [(1 - q) i + q i^2] cos^p beta), i > 0"
+    source = "empirical: at a slip angle, slip along the wheel's plane counts for less"
+    needs = ("slip", "slip_angle")
+
+    p: float = parameter(1.0, (0.0, 12.0), "how fast it fades with the slip angle", neutral=None)
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        fading = np.maximum(np.cos(conditions["slip_angle"]), 1e-6) ** self.p
+        grown = self.growth(self.slip(conditions))
+        return np.asarray(sinkage * (1.0 + (grown - 1.0) * fading))
+
+
+DugExponential = dug(Exponential)
+DugQuadratic = dug(Quadratic)
+PartlyDugQuadratic = partly_dug(Quadratic)
+
+
+@dataclass(frozen=True)
+class _SkidSinkage(_SlipSinkage):
+    id = "skid_sinkage"
+    summary = "A braked wheel that skids ploughs in: sinkage grows with |slip| below zero."
+    source = "empirical, no standard law; on rig data steeper than linear"
+    side = -1
+    next_step = "Sweep skid from 0 to -0.6 at one load, on soil that is prepared anew for each run."
+
+
+@dataclass(frozen=True)
+class SkidQuadratic(_SkidSinkage, Quadratic):
+    form = "quadratic"
+    formula = "z = z0 (1 + s [(1 - q) |i| + q i^2]), i < 0"
+
+    s: float = parameter(
+        2.0, (0.0, 20.0), "growth of sinkage from skid 0 to 1", published=(0.3, 12.0)
+    )
+    q: float = parameter(0.8, (-2.0, 1.5), "curvature of the growth", neutral=None)
+
+
+@dataclass(frozen=True)
+class SkidExponential(_SkidSinkage, Exponential):
+    form = "exponential"
+    formula = "z = z0 exp(a |i|), i < 0"
+
+    a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with skid", published=(0.3, 5.0))
+
+
+@dataclass(frozen=True)
+class SkidLinear(_SkidSinkage, Linear):
+    form = "linear"
+    formula = "z = z0 (1 + s |i|), i < 0"
+
+    s: float = parameter(2.0, (0.0, 30.0), "growth of sinkage with skid", published=(0.3, 12.0))
+
+
+DugSkidQuadratic = dug(SkidQuadratic)
+PartlyDugSkidQuadratic = partly_dug(SkidQuadratic)
+
+
+@dataclass(frozen=True)
+class SkidFadingQuadratic(SkidQuadratic, FadingQuadratic):
+    form = "fading_quadratic"
+    formula = "z = z0 (1 + s [(1 - q) |i| + q i^2] cos^p beta), i < 0; compaction resistance at z0"
+    source = "empirical: at a slip angle, skid along the wheel's plane counts for less"
+    channels = ("sinkage", "drawbar_pull", "torque")
+
+    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage
+
+
+@dataclass(frozen=True)
+class _SlipAngleSinkage(Effect):
+    id = "slip_angle_sinkage"
+    summary = "A wheel that travels at an angle to its plane sinks deeper."
+    source = "empirical, no standard law; seen at every slip in rig data"
+    needs = ("slip_angle",)
+    idle = "no row has a slip angle"
+    next_step = "Sweep the slip angle from 0 to 20 degrees at one load and one slip."
+
+    def growth(self, angle: Array) -> Array:
+        raise NotImplementedError
+
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return sinkage * self.growth(np.abs(conditions["slip_angle"]))
+
+
+@dataclass(frozen=True)
+class AngleCosine(_SlipAngleSinkage):
+    form = "cosine"
+    formula = "z = z0 (1 + a (1 - cos beta))"
+
+    a: float = parameter(2.0, (0.0, 100.0), "growth of sinkage with 1 - cos of the slip angle")
+
+    def growth(self, angle: Array) -> Array:
+        return 1.0 + self.a * (1.0 - np.cos(angle))
+
+
+@dataclass(frozen=True)
+class AnglePower(_SlipAngleSinkage):
+    form = "power"
+    formula = "z = z0 (1 + a (|beta| / beta0)^p)"
+
+    a: float = parameter(0.5, (0.0, 20.0), "growth of sinkage from slip angle 0 to beta0")
+    p: float = parameter(1.0, (0.2, 4.0), "exponent of the growth", neutral=None)
+    beta0: float = constant(0.5, (0.01, 1.6), "slip angle at which the growth is a", unit="rad")
+
+    def growth(self, angle: Array) -> Array:
+        return 1.0 + self.a * (angle / self.beta0) ** self.p
+
+
+@dataclass(frozen=True)
+class AngleExponential(_SlipAngleSinkage):
+    form = "exponential"
+    formula = "z = z0 exp(a |beta|)"
+
+    a: float = parameter(0.8, (0.0, 20.0), "growth of ln sinkage with the slip angle", unit="1/rad")
+
+    def growth(self, angle: Array) -> Array:
+        return np.exp(self.a * angle)
+
+
+PartlyDugAnglePower = partly_dug(AnglePower)
