@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import keyword
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.drafted import VERSION
 from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.result import posterior_covariance
-from smallwheel_ros.learn.candidate import Candidate
-from smallwheel_ros.learn.drivers import SIZES, Driver, identifier
-from smallwheel_ros.learn.grammar import Term
+from smallwheel_ros.learn.grammar import SIZES, Driver, Term, identifier
 from smallwheel_ros.learn.law import SOUGHT, Law
+from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
@@ -76,11 +76,11 @@ def _strength_unit(law: Law, term: Term) -> str:
     return " ".join(u for u in units if u != "1") or "1"
 
 
-def file_name_problem(name: str) -> str:
-    """Say why a name cannot be an effect's id, "" where it can."""
-    if re.fullmatch(r"[a-z][a-z0-9_]*", name) and not keyword.iskeyword(name):
-        return ""
-    return f"'{name}' is no id: expected small letters, digits and _, like slip_law"
+def name_problem(name: str, taken: Collection[str]) -> str:
+    """Say why a name cannot be a new effect's id, "" where it can. taken: ids of effects."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
+        return f"'{name}' is no id: expected small letters, digits and _, like slip_law"
+    return f"'{name}' is the id of an effect that exists already" if name in taken else ""
 
 
 def default_name(law: Law) -> str:

@@ -21,8 +21,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_values
 from smallwheel_ros.fitting.prior import Prior
-from smallwheel_ros.learn.drivers import Driver
-from smallwheel_ros.learn.grammar import Term
+from smallwheel_ros.learn.grammar import Driver, Term
 
 Array = NDArray[np.float64]
 Link = Literal["exponential", "linear"]

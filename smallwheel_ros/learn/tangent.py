@@ -100,13 +100,18 @@ class Tangent:
     """
 
     def __init__(self, yardstick: Yardstick, white_errors: Array, slopes: Array) -> None:
-        self._yardstick = yardstick
+        self._yardstick, self._errors, self._slopes = yardstick, white_errors, slopes
         self._basis = np.linalg.qr(yardstick.white(slopes))[0]
         self._parts = yardstick.by_channel(self._rest(white_errors.reshape(len(slopes), -1)))
         self._spread = [np.sum(self._parts[a] * self._parts[b], axis=0) for a, b in yardstick.pairs]
 
     def _rest(self, columns: Array) -> Array:
         return np.asarray(columns - self._basis @ (self._basis.T @ columns))
+
+    def beside(self, slope: Array) -> Tangent:
+        """The tangent with one parameter more, shape (values,)."""
+        slopes = np.column_stack([self._slopes, slope])
+        return Tangent(self._yardstick, self._errors, slopes)
 
     @property
     def nats(self) -> Array:

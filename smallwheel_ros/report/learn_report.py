@@ -30,8 +30,8 @@ _CAPTION = (
 
 def learn_figures(result: Learnt) -> dict[str, Figure]:
     """The picture by name; none where there is no law of one setting."""
-    shape = result.shape
-    return {} if shape is None else {"learnt": learnt_figure(result.document, shape.tied)}
+    curves = result.tied_curves
+    return {} if curves is None else {"learnt": learnt_figure(result.document, curves)}
 
 
 def learn_page(result: Learnt) -> str:
