@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learnt as plain values, by contract: what is written as JSON."""
+"""What was learnt as plain values, by contract: what is written as JSON; and these in words."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.document import plain
+from smallwheel_ros.display import number, sentence, shown_value, words
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, numbers_of
@@ -280,3 +281,113 @@ def _solve(
         if np.all(np.abs(move) < 1e-8 * np.maximum(np.abs(shift), 1.0)):
             break
     return shift, slope
+
+
+# --- In words
+
+_STAGES = {
+    "k": "The soil's stiffness k",
+    "z": "Sinkage",
+    "z without resistance": "Sinkage, but not resistance,",
+    "n": "The exponent n",
+    "D": "The diameter that the soil meets",
+    "R": "Resistance",
+}
+_NOTHING = {
+    "nothing": "Nothing could be learnt.",
+    "refused": "Nothing was searched for: this data is too little for a law.",
+}
+
+
+def headline(document: Entry) -> str:
+    """The answer in a sentence."""
+    verdict = document["verdict"]
+    if verdict in _NOTHING:
+        return _NOTHING[verdict]
+    if verdict == "law":
+        return grows(document)
+    followed = " and ".join(words(d) for d in document["places"][0]["drivers"]) or "no setting"
+    lead = "Something" if verdict == "unstable" else "Perhaps something"
+    return f"{lead} depends on {followed}; no law is drafted."
+
+
+def grows(document: Entry) -> str:
+    """Say what the law does: `Sinkage grows with slip and levels off (x 1.50 from 0 to 0.45).`."""
+    law, shape = document["law"], document["shape"]
+    what, followed = _STAGES[law["stage"]], " and ".join(words(d) for d in law["drivers"])
+    if not law["drivers"]:
+        return f"{what} has a part that the model lacks, whatever the setting."
+    if shape is None:
+        return f"{what} depends on {followed}."
+    x, y = shape["x"], shape["factor"]
+    edge, third = len(y) // 10, len(y) // 3
+    for kind, at in (("maximum", y.index(max(y))), ("minimum", y.index(min(y)))):
+        if edge <= at < len(y) - edge:
+            return f"{what} follows {followed}: it has a {kind} at {followed} {number(x[at])}."
+    early, late = abs(y[third] - y[0]), abs(y[-1] - y[-1 - third])
+    tail = " and levels off" if late < 0.4 * early else ""
+    text = f"{what} {'grows' if y[-1] > y[0] else 'falls'} with {followed}{tail}"
+    if law["stage"] in ("n", "R") or y[0] <= 0:
+        return f"{text}."
+    return f"{text} (x {y[-1] / y[0]:.2f} from {number(x[0])} to {number(x[-1])})."
+
+
+def origin(document: Entry) -> str:
+    """Say what a law was learnt from, and that nobody has published it."""
+    ranges = document["law"]["range"].items()
+    where = "".join(f", {words(n)} {number(a)} to {number(b)}" for n, (a, b) in ranges)
+    return f"Learnt from {document['data']['settings']} settings{where}; not published"
+
+
+def trust(document: Entry) -> str:
+    """Say how far a law is known."""
+    return f"{origin(document)}; beyond that it is a guess."
+
+
+def learnt_text(document: Entry) -> str:
+    """The document for people, in the order in which one asks."""
+    law = document["law"]
+    lines = [headline(document)]
+    if law is not None:
+        lines.append(f"  {law['formula']}")
+        for c in law["constants"]:
+            std = "" if c["std"] is None else f" +- {number(c['std'])}"
+            unit = "" if c["unit"] == "1" else f" {c['unit']}"
+            lines.append(f"    {c['name']} = {number(c['value'])}{std}{unit}")
+    lines += [sentence(reason) for reason in document["reasons"]]
+    if document["tied"]:
+        lines += ["", *_evidence(document)]
+    if document["measure_next"]:
+        lines += ["", "What to measure next", f"  {document['measure_next']['text']}"]
+    if law is not None:
+        lines += ["", trust(document)]
+    for key in ("warnings", "notes"):
+        if document[key]:
+            lines += ["", key.title(), *[f"  {text}" for text in document[key]]]
+    return "\n".join(lines)
+
+
+def _evidence(document: Entry) -> list[str]:
+    search, tied = document["search"], document["tied"]
+    lines = ["Held-out error, settings left out with the whole search inside"]
+    for name, error in document["held_out"].items():
+        before, after, floor = (shown_value(name, error[k]) for k in ("before", "after", "floor"))
+        expected = "" if error["floor"] is None else f"; expected error of a true model {floor}"
+        lines.append(f"  {words(name)}: {before} -> {after}{expected}")
+    lines.append(
+        f"Chance of such a gain by accident: p = {search['p']:.2g} ({search['formulas']} formulas, "
+        f"{search['permutations']} permutations)."
+    )
+    count = {1: "One formula fits", 2: "Two formulas fit", 3: "Three formulas fit"}
+    fit = count.get(len(tied), f"{len(tied)} formulas fit")
+    lines.append(f"{fit}{' equally' if len(tied) > 1 else ''}:")
+    lines += [f"  {t['formula']}" for t in tied[:8]]
+    lines += [f"  and {len(tied) - 8} more"] if len(tied) > 8 else []
+    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
+    if stages:
+        ordered = sorted(stages.items(), key=lambda stage: stage[1])
+        listed = ", ".join(f"{stage} {number(value, 2)}" for stage, value in ordered)
+        lines.append(
+            f"What sinkage and resistance ask of each stage differs by: {listed} (1: noise)."
+        )
+    return lines

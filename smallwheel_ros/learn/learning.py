@@ -24,11 +24,10 @@ from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fitter, one_thread
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.learn.document import document, shape_of
+from smallwheel_ros.learn.document import document, grows, headline, learnt_text, origin, shape_of
 from smallwheel_ros.learn.draft import class_text, default_name, file_text, name_problem, numbers_of
 from smallwheel_ros.learn.search import WHOLE, Candidate, Grid, Search
 from smallwheel_ros.learn.tangent import Yardstick
-from smallwheel_ros.learn.text import headline, learnt_text, summary
 from smallwheel_ros.learn.verdict import (
     PERMUTATIONS,
     Judged,
@@ -284,11 +283,9 @@ def learn(
         if sought.verdict != "law":
             break
         said["notes"] += _published(sought.problem, law, known, without)
-        settings = said["data"]["settings"]
+        settings, summary = said["data"]["settings"], f"{grows(said)} {origin(said)}."
         numbers = numbers_of(fitter, law)
-        classes.append(
-            class_text(law.law, numbers, id, measurements, settings, len(tied), summary(said))
-        )
+        classes.append(class_text(law.law, numbers, id, measurements, settings, len(tied), summary))
         model = replace(model, parts=(*model.parts, _as_loaded(classes[-1], id)))
     first, last = documents[0], documents[-1]
     first["more"] = [d for d in documents[1:] if d["verdict"] == "law"]
