@@ -147,9 +147,9 @@ def shape_of(fitter: Fitter, best: Judged) -> tuple[Entry, list[Array]] | None:
     that stage and drivers, two deviations each way. None where it follows nothing, several, or the depth.
     """
     law, points = best.law.law, fitter.points
-    driver = law.first_driver
-    if len(law.drivers) != 1 or driver is None or not driver.columns:
+    if len(law.drivers) != 1 or not law.columns:
         return None
+    (driver,) = law.by_name.values()
     measured = driver.values(points.conditions)[np.unique(points.row)]
     u = np.linspace(measured.min(), measured.max(), _CURVE)
     alike = [c for c in best.tied if (c.law.place, c.law.drivers) == (law.place, law.drivers)]
@@ -189,13 +189,12 @@ def _implied(fitter: Fitter, best: Candidate) -> list[Entry]:
     """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
     law, points = best.law, fitter.points
     asks = _asked_of(fitter, best.fit, law.place)
-    driver = law.first_driver
     x: Array = np.zeros(len(points.conditions))
-    if driver is not None and driver.columns:
-        x = driver.values(points.conditions) + driver.reference
-    rows, first = np.unique(points.row, return_index=True)
+    if law.drivers and (first := law.by_name[law.drivers[0]]).columns:
+        x = first.values(points.conditions) + first.reference
+    rows, at = np.unique(points.row, return_index=True)
     found = []
-    for i, (row, run) in enumerate(zip(rows, points.run[first], strict=True)):
+    for i, (row, run) in enumerate(zip(rows, points.run[at], strict=True)):
         entry: Entry = {"run": points.runs[run], "x": float(x[row])}
         for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
             value, std = (float(a[i]) for a in asks[channel]) if channel in asks else (np.nan,) * 2

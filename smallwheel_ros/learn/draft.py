@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law in words, as a formula, and as the Python file that is its effect."""
+"""A law as the Python file that is its effect."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,31 +48,25 @@ def numbers_of(fitter: Fitter, candidate: Candidate) -> list[Number]:
     covariance = posterior_covariance(fitter, fit)
     found = []
     for j in fit.vector.places(SOUGHT):
-        free, value = fit.vector.free[j], float(fit.theta[j])
-        term = law.terms[int(free.field[1]) - 1]
+        name, value = fit.vector.free[j].field, float(fit.theta[j])
+        term = law.terms[int(name[1]) - 1]
         std = None if fit.at_bound[j] else float(np.sqrt(covariance[j, j]))
-        strength = free.field.startswith("a")
-        around = _AROUND * max(std or abs(value), _AT_LEAST * abs(value))
-        if strength:
+        if name.startswith("a"):
+            around = _AROUND * max(std or abs(value), _AT_LEAST * abs(value))
             bounds = (min(value - around, 0.0), max(value + around, 0.0))
+            powers = [(d.unit, shape.power) for d, shape in term.factors if d.unit not in ("", "1")]
+            units = [law.place.unit, *(f"({unit})^{-power:g}" for unit, power in powers if power)]
+            unit = " ".join(u for u in units if u != "1") or "1"
         else:
             bounds = (min(term.bounds[0], value), max(term.bounds[1], value))
-        unit = _strength_unit(law, term) if strength else _driver(term).unit
-        found.append(Number(free.field, value, std, unit, bounds))
+            unit = _driver(term).unit
+        found.append(Number(name, value, std, unit, bounds))
     return found
 
 
 def _driver(term: Term) -> Driver:
     """The driver whose shape has the free constant."""
     return next(driver for driver, shape in term.factors if shape.constant == "free")
-
-
-def _strength_unit(law: Law, term: Term) -> str:
-    units = [law.place.unit]
-    for driver, shape in term.factors:
-        if driver.unit not in ("", "1") and shape.power:
-            units.append(f"({driver.unit})^{-shape.power:g}")
-    return " ".join(u for u in units if u != "1") or "1"
 
 
 def name_problem(name: str, taken: Collection[str]) -> str:
@@ -146,7 +139,7 @@ def class_text(
         learnt_from=measurements.sha256,
         needs=tuple(c for c in columns if c not in SIZES),
         drivers=tuple(columns),
-        valid={c: _range(measurements, c) for c in columns},
+        valid={c: _range(measurements.conditions[c]) for c in columns},
         fields="\n".join(_field(n, law) for n in numbers),
         methods=law.python,
     )
@@ -164,7 +157,6 @@ def _field(number: Number, law: Law) -> str:
     )
 
 
-def _range(measurements: Measurements, column: str) -> tuple[float, float]:
-    values: Any = measurements.conditions[column]
-    values = values[np.isfinite(values)]
-    return float(values.min()), float(values.max())
+def _range(values: Array) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    return float(known.min()), float(known.max())

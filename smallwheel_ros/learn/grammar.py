@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache
 from types import CodeType, SimpleNamespace
 from typing import Any, Literal
 
@@ -48,6 +48,11 @@ _PHASES = np.arange(6) / 12  # of a period: over half of one, since a strength h
 _STEP = 0.03  # of a driver's span: width of a step
 
 
+@lru_cache(maxsize=4096)
+def _compiled(code: str) -> CodeType:
+    return compile(code, "<grammar>", "eval")
+
+
 @dataclass(frozen=True)
 class Shape:
     """One shape. code: Python of u and c. text: the same for people, of {u} and {c}.
@@ -66,14 +71,6 @@ class Shape:
     written: int = 0
     alone: bool = False
     side: int = 0
-
-    @cached_property
-    def _compiled(self) -> CodeType:
-        return compile(self.code, "<shape>", "eval")
-
-    def __call__(self, u: ArrayLike, c: ArrayLike = 1.0) -> Array:
-        """Value at u, of the broadcast shape."""
-        return np.asarray(eval(self._compiled, {"np": np, "u": u, "c": c}))
 
 
 LINEAR = Shape("linear", "u", "{u}", 1.0)
@@ -142,14 +139,10 @@ class Driver:
     quantiles: tuple[float, ...] = ()
     levels: int = 0
 
-    @cached_property
-    def _compiled(self) -> CodeType:
-        return compile(self.code, "<driver>", "eval")
-
     def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
         """Its values, shape (rows,). sinkage: m, of a driver that is made of it."""
         state = SimpleNamespace(sinkage=sinkage)
-        found = eval(self._compiled, {"np": np, "conditions": conditions, "state": state})
+        found = eval(_compiled(self.code), {"np": np, "conditions": conditions, "state": state})
         return np.asarray(found) - self.reference
 
     @property
@@ -244,9 +237,8 @@ def _says_more(compound: Driver, usable: Mapping[str, Array]) -> bool:
     Columns of two values each make a compound of four, which are still two days by two days.
     """
     columns = {*compound.columns, "diameter"}  # each is of the diameter
-    if not columns <= usable.keys():
-        return False
-    return any(_levels(usable[column]) >= FEWEST_LEVELS for column in columns)
+    graded = [c for c in columns & usable.keys() if _levels(usable[c]) >= FEWEST_LEVELS]
+    return columns <= usable.keys() and bool(graded)
 
 
 def _levels(x: Array) -> int:
@@ -305,14 +297,13 @@ class Term:
 
     def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
         """Its value where each driver has these values. constant: c, its own where None."""
-        value: Any = 1.0
-        c = self.constant if constant is None else constant
-        for driver, shape in self.factors:
-            held = driver.middle if shape.constant == "given" else c
-            value = value * continued(
-                partial(shape, c=held), values(driver), driver.low, driver.high
-            )
-        return value
+        if not self.factors:
+            return 1.0
+        known: dict[str, Any] = {"np": np, "continued": continued}
+        known["c"] = self.constant if constant is None else constant
+        known |= {f"x{i}": values(driver) for i, (driver, _) in enumerate(self.factors)}
+        names = {driver.name: f"x{i}" for i, (driver, _) in enumerate(self.factors)}
+        return eval(_compiled(self.python("c", names)), known)
 
     def at(self, conditions: Conditions, sinkage: Array) -> Array:
         """Its value at each row, shape (rows,). sinkage: m."""

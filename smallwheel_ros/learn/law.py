@@ -123,11 +123,6 @@ class Law:
         return tuple(self.by_name)
 
     @property
-    def first_driver(self) -> Driver | None:
-        """The driver over which it is drawn; None of a constant."""
-        return next(iter(self.by_name.values()), None)
-
-    @property
     def columns(self) -> frozenset[str]:
         """Settings that its drivers are made of."""
         return frozenset(c for d in self.by_name.values() for c in d.columns)

@@ -189,7 +189,8 @@ class Search:
         self._fit(chosen, len(chosen))
         for places in effort.again:
             self._judge_anew(0)
-            for candidate in self._best_of_each(places):
+            each = first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
+            for candidate in itertools.islice(each, places):
                 for link in candidate.law.place.links:
                     self._fit(self._about(candidate, link), effort.forms)
         self._judge_anew(effort.anew)
@@ -375,11 +376,6 @@ class Search:
 
     def _ordered(self) -> list[Candidate]:
         return sorted(self._known.values(), key=lambda c: c.score)
-
-    def _best_of_each(self, count: int) -> list[Candidate]:
-        """The best laws, one of each place and set of drivers."""
-        each = first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
-        return list(itertools.islice(each, count))
 
     def _at_values(self, term: Term) -> Array:
         """A term at each value, shape (values,)."""

@@ -63,14 +63,10 @@ class Yardstick:
         """Values or columns of them, with V taken out; shape as given."""
         return self._v.whiten(values)
 
-    def by_channel(self, columns: Array) -> list[Array]:
-        """Whitened columns (values, columns) by channel and point, zero where nothing was measured."""
-        found: list[Array] = []
-        for c in self._channels:
-            mine = self._channel == c
-            table: Array = np.zeros((self.rows.size, columns.shape[1]))
-            table[self._point[mine]] = columns[mine]
-            found.append(table)
+    def by_channel(self, columns: Array) -> Array:
+        """Whitened columns (values, columns) by channel and point, 0 where nothing was measured."""
+        found = np.zeros((len(self._channels), self.rows.size, columns.shape[1]))
+        found[self._channel, self._point] = columns
         return found
 
     def at_each_point(self, slope: Array) -> Array:

@@ -290,7 +290,7 @@ def _by_point(yardstick: Yardstick, points: Points, errors: Mapping[str, Array])
     mean = np.array(
         [np.mean(errors[name][rows]) for name, rows in zip(names, points.rows, strict=True)]
     )
-    return np.array([part[:, 0] for part in yardstick.by_channel(yardstick.white(mean)[:, None])])
+    return yardstick.by_channel(yardstick.white(mean)[:, None])[:, :, 0]
 
 
 def _loss(white: Array) -> Array:
