@@ -13,9 +13,9 @@ from smallwheel_ros.display import number, sentence, shown_value, words
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, numbers_of
-from smallwheel_ros.learn.law import SOUGHT, Place, asked, places_for
+from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Place, places_for
 from smallwheel_ros.learn.search import Candidate
-from smallwheel_ros.learn.verdict import PERMUTATIONS, Judged, Sought, settings_in
+from smallwheel_ros.learn.verdict import PERMUTATIONS, Judged, Sought, agreeing, settings_in
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -54,8 +54,8 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
             "drivers": [d.name for d in grid.drivers] if grid else [],
             "p": sought.p,
             "permutations": PERMUTATIONS if sought.p is not None else 0,
-            "folds": best.folds if best else 0,
-            "folds_agreeing": best.agree if best else None,
+            "folds": len(best.laws) if best else 0,
+            "folds_agreeing": agreeing(best.laws, best.law.law) if best else None,
             "vault_settings": best.vault if best else 0,
         },
         "held_out": {},
@@ -264,8 +264,8 @@ def _solve(
     """Shift at which each row's prediction is as measured, and the prediction's slope by it."""
 
     def at(shift: Array) -> Array:
-        predicted = predict(model + asked(place, shift), conditions)
-        return np.asarray(getattr(predicted, channel))
+        asked = Law(place, "exponential", (CONSTANT,)).effect({"a1": shift})
+        return np.asarray(getattr(predict(model + asked, conditions), channel))
 
     step = 1.0 if place.stage == "R" else 1e-3
     most = far * _STRIDE

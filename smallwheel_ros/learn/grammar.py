@@ -299,11 +299,11 @@ class Term:
         """Its value where each driver has these values. constant: c, its own where None."""
         if not self.factors:
             return 1.0
-        known: dict[str, Any] = {"np": np, "continued": continued}
-        known["c"] = self.constant if constant is None else constant
-        known |= {f"x{i}": values(driver) for i, (driver, _) in enumerate(self.factors)}
+        c = self.constant if constant is None else constant
         names = {driver.name: f"x{i}" for i, (driver, _) in enumerate(self.factors)}
-        return eval(_compiled(self.python("c", names)), known)
+        known = {names[driver.name]: values(driver) for driver, _ in self.factors}
+        code = _compiled(self.python("c", names))
+        return eval(code, {"np": np, "continued": continued, "c": c, **known})
 
     def at(self, conditions: Conditions, sinkage: Array) -> Array:
         """Its value at each row, shape (rows,). sinkage: m."""

@@ -209,11 +209,6 @@ def _class_of(python: str) -> type[Effect]:
     return made
 
 
-def asked(place: Place, shift: Array) -> Effect:
-    """An effect that changes each row by its own ln factor or shift, shape (rows,)."""
-    return Law(place, "exponential", (CONSTANT,)).effect({"a1": shift})
-
-
 def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
     """The law with its numbers free. size: of a strength's usual change, one for each term."""
     free = []

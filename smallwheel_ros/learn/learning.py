@@ -32,7 +32,6 @@ from smallwheel_ros.learn.verdict import (
     PERMUTATIONS,
     Judged,
     Sought,
-    agreeing,
     cannot_be_told,
     chance,
     judge,
@@ -105,8 +104,7 @@ def seek(
     folds = itertools.count(1)
     step = "searching without some settings"
     errors, laws = left_out(fitter, fit, grid, seed, lambda: progress(step, next(folds), 0))  # 9
-    agree = agreeing(laws, draft.law)
-    verdict, reasons = judge(p, errors, agree, fitter, draft)
+    verdict, reasons = judge(p, errors, laws, fitter, draft)
     if apart.any():
         models = found.base.model, draft.fit.model
         errors, better = with_vault(errors, points.take(apart), models)
@@ -114,7 +112,7 @@ def seek(
             verdict, reasons = "unstable", ("on the settings in the vault the error does not fall",)
     law, tied = _refitted(problem.fitter, draft, found.tied)
     kept = int(np.unique(points.setting[apart]).size)
-    best = Judged(law, tied, errors, len(laws), agree, kept)
+    best = Judged(law, tied, errors, laws, kept)
     return Sought(verdict, reasons, problem, grid, p, best)
 
 
@@ -229,31 +227,13 @@ def learn(
 ) -> Learnt:
     """Learn a law that a model lacks from measurements, as far as they can tell.
 
-    Parameters
-    ----------
-    measurements
-        The table.
-    base
-        What the model has already; the contact integral and nothing else where None.
-    registry
-        Published effects that a law is held against; those of the library where None.
-    without
-        Ids of effects that are taken out of the model, and that the law is not held against.
-    name
-        Id of the law; made of what it follows where None. A second law has `_2` after it.
-    most
-        Laws to learn, one after the other, each with those before it in the model.
-    seed
-        The same seed gives the same answer, to the byte.
-    limits
-        By setting (SI), the levels that the user can set, for what to measure next.
-    progress
-        Told each step in words, how many are done, and of how many (0: not known).
-
-    Raises
-    ------
-    LearnError
-        Where name or most make no sense.
+    base: what the model has already; the contact integral and nothing else where None. registry: published
+    effects that a law is held against; those of the library where None. without: ids of effects that are
+    taken out of the model, and that the law is not held against. name: id of the law; made of what it
+    follows where None, and with `_2` after it of a second one. most: laws to learn, each with those before
+    it in the model. limits: by setting (SI), the levels that the user can set, for what to measure next.
+    progress: told each step in words, how many are done, and of how many (0: not known).
+    Raises LearnError where name or most make no sense.
     """
     known = registry or default_registry()
     if name is not None and (problem := name_problem(name, known.families)):

@@ -50,14 +50,13 @@ class Judged:
     """The best law, fitted to all points, and how it did on what the search did not see.
 
     tied: all laws that do as well, the best first. errors: held out, of the base and of the folds' laws.
-    agree: share of the folds that follow the same. vault: how many settings were kept apart.
+    laws: of the folds. vault: how many settings were kept apart.
     """
 
     law: Candidate
     tied: tuple[Candidate, ...]
     errors: Sequence[CvErrors]
-    folds: int
-    agree: float
+    laws: Sequence[Law | None]
     vault: int
 
 
@@ -248,11 +247,16 @@ def agreeing(laws: Sequence[Law | None], law: Law) -> float:
 
 
 def judge(
-    p: float, errors: Sequence[CvErrors], agree: float, fitter: Fitter, draft: Candidate
+    p: float,
+    errors: Sequence[CvErrors],
+    laws: Sequence[Law | None],
+    fitter: Fitter,
+    draft: Candidate,
 ) -> tuple[str, tuple[str, ...]]:
     """The verdict, and what speaks against a law.
 
-    p: of the permutations. errors: of the base and of the folds' laws. The draft's scatter is the yardstick.
+    p: of the permutations. errors: of the base and of the folds' laws. The draft's scatter is the
+    yardstick.
     """
     fall, z = _gain(errors, fitter, draft.fit)
     against = []
@@ -264,6 +268,7 @@ def judge(
         against.append("the fall of the error on settings never seen is within its standard error")
     if against:
         return "weak", tuple(against)
+    agree = agreeing(laws, draft.law)
     if agree < _MAJORITY:
         return "unstable", (f"only {100 * agree:.0f} % of the folds choose what it follows",)
     return "law", ()
