@@ -23,8 +23,8 @@ from scipy.stats import binomtest
 
 from benchmarks.learn_worlds import LAWS, OUTSIDE, SIGNED, hidden, table
 from smallwheel_ros.learn import learn
-from smallwheel_ros.learn.folds import VAULT_FROM
 from smallwheel_ros.learn.law import Law
+from smallwheel_ros.learn.verdict import VAULT_FROM
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict
@@ -83,6 +83,8 @@ def one(
     }  # fmt: skip
     if learnt.verdict != "law":
         return found
+    base = learnt.sought[0].problem
+    assert base is not None
     best = [s.best for s in learnt.sought if s.best is not None and s.verdict == "law"]
     drafted = [b.law.law for b in best]
     fresh = read(world, seed, 1, runs=60, rows=1, **how)
@@ -95,7 +97,7 @@ def one(
         "right": matched and all(_is_of_one(law, world, stage=True) for law in drafted)
         and len({law.columns for law in drafted}) == len(laws),
         "battery": any("battery" in law.columns for law in drafted),
-        "gone": share_gone(best[0].problem.fit.model, best[-1].law.fit.model, fresh, quiet),
+        "gone": share_gone(base.fit.model, best[-1].law.fit.model, fresh, quiet),
     }  # fmt: skip
 
 

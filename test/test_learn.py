@@ -23,15 +23,19 @@ from smallwheel_ros.effects.registry import load_effects
 from smallwheel_ros.fitting import FittingError, Problem
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.learn import LearnError, Learnt, learn
-from smallwheel_ros.learn.chance import chance
 from smallwheel_ros.learn.draft import Number, class_text, file_text
-from smallwheel_ros.learn.drivers import DEPTH, Driver, drivers_of
-from smallwheel_ros.learn.grammar import Term, terms_of
-from smallwheel_ros.learn.grid import Grid
+from smallwheel_ros.learn.grammar import (
+    DEPTH,
+    HINGE,
+    SATURATION,
+    Driver,
+    Term,
+    drivers_of,
+    terms_of,
+)
 from smallwheel_ros.learn.law import PLACES, Law
-from smallwheel_ros.learn.search import Search
-from smallwheel_ros.learn.shapes import HINGE, SATURATION
-from smallwheel_ros.learn.verdict import SURE
+from smallwheel_ros.learn.search import Grid, Search
+from smallwheel_ros.learn.verdict import SURE, chance
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model import Model, predict

@@ -139,7 +139,8 @@ def rows_of(points: Points) -> dict[str, Index]:
     found = {}
     for c, name in enumerate(points.channels):
         parts = [points.rows[i] for i in np.flatnonzero(points.channel == c)]
-        found[name] = np.sort(np.concatenate(parts)).astype(np.intp)
+        if parts:
+            found[name] = np.sort(np.concatenate(parts)).astype(np.intp)
     return found
 
 
@@ -162,39 +163,38 @@ def row_errors(
 Chooser = Callable[[Points], list[Model]]
 
 
-def cross_validate(points: Points, chooser: Chooser, steps: int) -> list[CvErrors]:
+def cross_validate(
+    points: Points, chooser: Chooser, steps: int, fold: Index | None = None
+) -> list[CvErrors]:
     """Held-out errors of each of the models that `chooser` makes of a fold's training points.
 
     chooser: gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
-    the rest.
+    the rest. fold: of each value, shape (values,); that of its run (`folds_of`) where None.
     """
     measurements = points.measurements
-    fold = folds_of(points)
-    rows = rows_of(points)
-    run = _row_runs(points)
+    fold = folds_of(points)[points.run] if fold is None else fold
     blank = {name: np.full(len(measurements), np.nan) for name in points.channels}
     errors = [{name: e.copy() for name, e in blank.items()} for _ in range(steps)]
-    for number, training in _trainings(points, fold):
-        models = chooser(training)
-        mine = {name: index[fold[run[index]] == number] for name, index in rows.items()}
-        mine = {name: index for name, index in mine.items() if index.size}
+    for training, left in _splits(points, fold):
+        models, mine = chooser(training), rows_of(left)
         for step in range(steps):
             model = models[min(step, len(models) - 1)]
             for name, error in row_errors(measurements, model, mine).items():
                 errors[step][name][mine[name]] = error[mine[name]]
-    return [CvErrors(e, run) for e in errors]
+    return [CvErrors(e, _row_runs(points)) for e in errors]
 
 
-def _trainings(points: Points, fold: Index) -> Iterator[tuple[int, Points]]:
+def _splits(points: Points, fold: Index) -> Iterator[tuple[Points, Points]]:
+    """Of each fold, the points that are not in it and those that are."""
     for number in range(int(fold.max()) + 1):
-        out = fold[points.run] == number
+        out = fold == number
         if out.any() and not out.all():
-            yield number, points.take(~out)
+            yield points.take(~out), points.take(out)
 
 
 def trainings(points: Points) -> list[Points]:
     """The training points of each fold."""
-    return [training for _, training in _trainings(points, folds_of(points))]
+    return [training for training, _ in _splits(points, folds_of(points)[points.run])]
 
 
 def _row_runs(points: Points) -> Index:

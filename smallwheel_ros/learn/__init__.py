@@ -2,6 +2,5 @@
 """From "something unknown is missing" to a law in a file."""
 
 from smallwheel_ros.learn.learning import LearnError, Learnt, learn
-from smallwheel_ros.learn.text import learnt_text
 
-__all__ = ["LearnError", "Learnt", "learn", "learnt_text"]
+__all__ = ["LearnError", "Learnt", "learn"]

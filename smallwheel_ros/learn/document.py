@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learnt as plain values, by contract: what is written as JSON."""
+"""What was learnt as plain values, by contract: what is written as JSON; and these in words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.document import plain
+from smallwheel_ros.display import number, sentence, shown_value, words
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.result import expected_error
-from smallwheel_ros.learn.candidate import Candidate
 from smallwheel_ros.learn.draft import Number, numbers_of
-from smallwheel_ros.learn.implied import disagreements, implied
-from smallwheel_ros.learn.law import SOUGHT
-from smallwheel_ros.learn.pipeline import PERMUTATIONS, Judged, Sought
-from smallwheel_ros.learn.refused import settings_in
+from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Place, places_for
+from smallwheel_ros.learn.search import Candidate
+from smallwheel_ros.learn.verdict import PERMUTATIONS, Judged, Sought, agreeing, settings_in
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Entry = dict[str, Any]
@@ -27,26 +27,16 @@ SCHEMA = 1
 _CURVE = 41  # points of the drafted curve
 _TWO = 2.0  # deviations: the band of a curve, the interval of a constant
 _SHOWN = 40  # tied formulas in the document
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A law over its first driver, other drivers in their middle; arrays of shape (points,).
-
-    factor: of the draft (a shift of n, a resistance in N per carrier). low, high: over all tied laws
-    of that stage and drivers, two deviations each way. tied: their curves.
-    """
-
-    x: Array
-    factor: Array
-    low: Array
-    high: Array
-    tied: tuple[Array, ...]
+_STEPS = 12  # of Newton's method
+_STRIDE = 0.25  # of the furthest shift: longest step
+_FAR = 3.0  # ln factor that no setting may ask for: its measurement says nothing of the place
+_ENOUGH = 0.5  # share of the points that must say both
+_DULL = 0.02  # slope of ln value by ln factor, under which the channel does not show the place
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
     """The whole document but `measure_next`, `file` and laws learnt after this one."""
-    settings = 0 if sought.problem is None else settings_in(sought.problem.points)
+    problem, grid, best = sought.problem, sought.grid, sought.best
     found: Entry = {
         "schema": SCHEMA,
         "verdict": sought.verdict,
@@ -56,9 +46,18 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
             "sha256": measurements.sha256,
             "rows": len(measurements),
             "runs": int(measurements.runs.size),
-            "settings": int(settings),
+            "settings": settings_in(problem.points) if problem else 0,
         },
-        "search": _search(sought),
+        "search": {
+            "formulas": sum(grid.allowed(p).size for p in grid.places) if grid else 0,
+            "stages": list(dict.fromkeys(p.stage for p in grid.places)) if grid else [],
+            "drivers": [d.name for d in grid.drivers] if grid else [],
+            "p": sought.p,
+            "permutations": PERMUTATIONS if sought.p is not None else 0,
+            "folds": len(best.laws) if best else 0,
+            "folds_agreeing": agreeing(best.laws, best.law.law) if best else None,
+            "vault_settings": best.vault if best else 0,
+        },
         "held_out": {},
         "law": None,
         "places": [],
@@ -68,68 +67,55 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
         "stage_disagreement": {},
         "measure_next": None,
         "file": None,
-        "notes": [*(sought.grid.notes if sought.grid else ()), *measurements.notes],
+        "notes": [*(grid.notes if grid else ()), *measurements.notes],
         "warnings": list(measurements.warnings),
     }
-    best = sought.best
-    if best is None:
-        return dict(plain(found))
-    shape = shape_of(best)
-    found |= {
-        "held_out": held_out(best),
-        "law": _law(best, name) if sought.verdict == "law" else None,
-        "places": _places(best),
-        "tied": [_tied(c, best.tied[0]) for c in best.tied[:_SHOWN]],
-        "implied": _implied(best),
-        "shape": shape and {k: v for k, v in asdict(shape).items() if k != "tied"},
-        "stage_disagreement": disagreements(best.problem.fitter, best.tied, best.law),
-    }
+    if problem and best:
+        found |= _of_law(problem.fitter, best, name if sought.verdict == "law" else None)
     return dict(plain(found))
 
 
-def _search(sought: Sought) -> Entry:
-    grid, best = sought.grid, sought.best
+def _of_law(fitter: Fitter, best: Judged, name: str | None) -> Entry:
+    """What there is to say where a law was found. name: None where it is not drafted."""
+    (before, after), floors = (e.rmse() for e in best.errors), expected_error(fitter, best.law.fit)
+    shape = shape_of(fitter, best)
+    stages = dict.fromkeys((c.law.place.stage, c.law.drivers) for c in best.tied)
     return {
-        "formulas": 0 if grid is None else sum(grid.allowed(p).size for p in grid.places),
-        "stages": [] if grid is None else list(dict.fromkeys(p.stage for p in grid.places)),
-        "drivers": [] if grid is None else [d.name for d in grid.drivers],
-        "p": sought.p,
-        "permutations": PERMUTATIONS if sought.p is not None else 0,
-        "folds": 0 if best is None else len(best.held_out.choices),
-        "folds_agreeing": None if best is None else best.judgement.agreeing,
-        "vault_settings": 0 if best is None else best.vault,
-    }
+        "held_out": {
+            channel: {"before": before[channel], "after": after[channel], "floor": floors.get(channel)}
+            for channel in before
+        },
+        "law": None if name is None else _law(fitter, best, name),
+        "places": [{"stage": stage, "drivers": list(drivers)} for stage, drivers in stages],
+        "tied": [
+            {
+                "formula": c.law.formula(c.numbers),
+                "stage": c.law.place.stage,
+                "drivers": list(c.law.drivers),
+                "nats": c.score - best.tied[0].score,
+            }
+            for c in best.tied[:_SHOWN]
+        ],
+        "implied": _implied(fitter, best.law),
+        "shape": shape and shape[0],
+        "stage_disagreement": _disagreements(fitter, best),
+    }  # fmt: skip
 
 
-def held_out(best: Judged) -> Entry:
-    """Held-out error of each channel without and with the law, and what the noise leaves; SI."""
-    floors = expected_error(best.problem.fitter, best.law.fit)
-    found = {}
-    for name in best.held_out.before:
-        before, after = (
-            float(np.sqrt(np.nanmean(errors[name] ** 2)))
-            for errors in (best.held_out.before, best.held_out.after)
-        )
-        found[name] = {"before": before, "after": after, "floor": floors.get(name)}
-    return found
-
-
-def _law(best: Judged, name: str) -> Entry:
-    law = best.law.law
-    constants = []
-    for n in numbers_of(best.problem.fitter, best.law):
+def _law(fitter: Fitter, best: Judged, name: str) -> Entry:
+    law, constants = best.law.law, []
+    for n in numbers_of(fitter, best.law):
         low, high = _interval(n, best)
         known = {"name": n.name, "value": n.value, "std": n.std, "unit": n.unit}
         constants.append(known | {"low": low, "high": high})
+    ranges = {d.name: [d.reference + d.low, d.reference + d.high] for d in law.by_name.values()}
     return {
         "id": name,
         "stage": law.place.stage,
         "drivers": list(law.drivers),
         "formula": law.formula(best.law.numbers),
         "constants": constants,
-        "range": {
-            d.name: [d.reference + d.low, d.reference + d.high] for d in law.by_name.values()
-        },
+        "range": ranges,
     }
 
 
@@ -138,8 +124,7 @@ def _interval(number: Number, best: Judged) -> tuple[float, float]:
 
     A constant of shape means the same at any place; a strength only at its own, under its link.
     """
-    mine = best.law.law
-    ends = []
+    mine, ends = best.law.law, []
     for candidate in best.tied:
         law, vector = candidate.law, candidate.fit.vector
         if [t.kind for t in law.terms] != [t.kind for t in mine.terms]:
@@ -152,65 +137,31 @@ def _interval(number: Number, best: Judged) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _places(best: Judged) -> list[Entry]:
-    """Stages and drivers that the tied laws have, each once, the best first."""
-    seen = dict.fromkeys((c.law.place.stage, c.law.drivers) for c in best.tied)
-    return [{"stage": stage, "drivers": list(drivers)} for stage, drivers in seen]
+# --- The law as a curve
 
 
-def _tied(candidate: Candidate, best: Candidate) -> Entry:
-    return {
-        "formula": candidate.law.formula(candidate.numbers),
-        "stage": candidate.law.place.stage,
-        "drivers": list(candidate.law.drivers),
-        "nats": candidate.score - best.score,
-    }
+def shape_of(fitter: Fitter, best: Judged) -> tuple[Entry, list[Array]] | None:
+    """The law over its driver, other drivers in their middle, and the curves of laws that fit as well.
 
-
-def _implied(best: Judged) -> list[Entry]:
-    """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
-    law, points = best.law, best.problem.fitter.points
-    asks = implied(best.problem.fitter, law.fit, law.law.place)
-    driver = law.law.first_driver
-    x: Array = np.zeros(len(points.conditions))
-    if driver is not None and driver.columns:
-        x = driver.values(points.conditions) + driver.reference
-    run = {int(r): points.runs[points.run[np.flatnonzero(points.row == r)[0]]] for r in asks.row}
-    found = []
-    for i, row in enumerate(asks.row):
-        entry: Entry = {"run": run[int(row)], "x": float(x[row])}
-        for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
-            entry[channel] = entry[key] = None
-            if channel in asks.value and np.isfinite(asks.value[channel][i]):
-                value, std = asks.value[channel][i], asks.std[channel][i]
-                if not law.law.place.added:
-                    value = np.exp(value)
-                    std = value * std
-                entry[channel], entry[key] = float(value), float(std)
-        found.append(entry)
-    return found
-
-
-def shape_of(best: Judged) -> Shape | None:
-    """The law over its driver; None where it follows nothing, several, or the depth itself."""
-    law, points = best.law.law, best.problem.fitter.points
-    driver = law.first_driver
-    if len(law.drivers) != 1 or driver is None or not driver.columns:
+    factor: of the draft (a shift of n, a resistance in N per carrier). low, high: over all tied laws of
+    that stage and drivers, two deviations each way. None where it follows nothing, several, or the depth.
+    """
+    law, points = best.law.law, fitter.points
+    if len(law.drivers) != 1 or not law.columns:
         return None
+    (driver,) = law.by_name.values()
     measured = driver.values(points.conditions)[np.unique(points.row)]
     u = np.linspace(measured.min(), measured.max(), _CURVE)
-    curves, ends = [], []
-    for c in best.tied:
-        if (c.law.place, c.law.drivers) == (law.place, law.drivers):
-            curve, std = _curve(c, u)
-            ends += [curve - _TWO * std, curve + _TWO * std]
-            curves.append(curve)
-    mine = _curve(best.law, u)[0]
-    shown: Callable[[Array], Array] = np.asarray if law.place.added else np.exp
-    return Shape(
-        u + driver.reference, shown(mine), shown(np.min(ends, axis=0)),
-        shown(np.max(ends, axis=0)), tuple(shown(c) for c in curves if not np.array_equal(c, mine)),
-    )  # fmt: skip
+    alike = [c for c in best.tied if (c.law.place, c.law.drivers) == (law.place, law.drivers)]
+    curves = [_curve(c, u) for c in alike]
+    mine, shown = _curve(best.law, u)[0], np.asarray if law.place.added else np.exp
+    shape = {
+        "x": u + driver.reference,
+        "factor": shown(mine),
+        "low": shown(np.min([curve - _TWO * std for curve, std in curves], axis=0)),
+        "high": shown(np.max([curve + _TWO * std for curve, std in curves], axis=0)),
+    }
+    return shape, [shown(curve) for curve, _ in curves if not np.array_equal(curve, mine)]
 
 
 def _curve(candidate: Candidate, u: Array) -> tuple[Array, Array]:
@@ -228,3 +179,214 @@ def _curve(candidate: Candidate, u: Array) -> tuple[Array, Array]:
         slopes.append((at({name: numbers[name] + step}) - middle) / step)
     covariance = fit.covariance[np.ix_(places, places)]
     return middle, np.sqrt(np.einsum("ip,ij,jp->p", slopes, covariance, slopes))
+
+
+# --- What each setting asks of a place: the ln factor (shift of n and R) that makes its measurement right.
+# Sinkage and resistance ask apart. Where a law acts at that place, both ask for the same.
+
+
+def _implied(fitter: Fitter, best: Candidate) -> list[Entry]:
+    """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
+    law, points = best.law, fitter.points
+    asks = _asked_of(fitter, best.fit, law.place)
+    x: Array = np.zeros(len(points.conditions))
+    if law.drivers and (first := law.by_name[law.drivers[0]]).columns:
+        x = first.values(points.conditions) + first.reference
+    rows, at = np.unique(points.row, return_index=True)
+    found = []
+    for i, (row, run) in enumerate(zip(rows, points.run[at], strict=True)):
+        entry: Entry = {"run": points.runs[run], "x": float(x[row])}
+        for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
+            value, std = (float(a[i]) for a in asks[channel]) if channel in asks else (np.nan,) * 2
+            if not law.place.added:
+                value = np.exp(value)
+                std = value * std
+            known = np.isfinite(value)
+            entry[channel], entry[key] = (float(value), float(std)) if known else (None, None)
+        found.append(entry)
+    return found
+
+
+def _disagreements(fitter: Fitter, best: Judged) -> dict[str, float | None]:
+    """By stage, how much the channels disagree on what they ask of it: 1 where it is that stage.
+
+    Mean squared difference over its variance; None where few points say both. Each stage is judged with
+    its own best law's soil where one is known, else with that of the draft.
+    """
+    found: dict[str, float | None] = {}
+    for place in places_for(fitter.points.channels):
+        if place.stage in ("R", "z without resistance") or place.stage in found:
+            continue
+        mine = next((c for c in best.tied if c.law.place.stage == place.stage), best.law)
+        asks = _asked_of(fitter, mine.fit, place)
+        found[place.stage] = None
+        if len(asks) == 2:
+            (a, sa), (b, sb) = asks.values()
+            off = (a - b) ** 2 / (sa**2 + sb**2)
+            known = off[np.isfinite(off)]
+            if known.size >= _ENOUGH * off.size:
+                found[place.stage] = float(np.mean(known))
+    return found
+
+
+def _asked_of(fitter: Fitter, fit: Fit, place: Place) -> dict[str, tuple[Array, Array]]:
+    """By channel, the shift that each point asks for and its deviation, NaN where it does not say.
+
+    fit: the model with its law; the law is taken out and the soil kept, so that what is asked is
+    what the law should be.
+    """
+    points, with_law = fitter.points, fit.model
+    others = [e for e in with_law.effects if e.id != SOUGHT]
+    model = Model(with_law.soils, with_law.geometry, others, with_law.thrust_form)
+    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
+    deviation = np.sqrt(v.variance())
+    # A resistance is added to, as it is; any other answer is linear in a ln factor only nearby.
+    far, dull = (np.inf, 0.0) if place.stage == "R" else (_FAR, _DULL)
+    rows = np.unique(points.row)
+    found = {}
+    for c, name in enumerate(points.channels):
+        mine = points.channel == c
+        measured, spread = np.full((2, len(points.conditions)), np.nan)
+        measured[points.row[mine]] = points.value[mine]
+        spread[points.row[mine]] = deviation[mine]
+        shift, slope = _solve(model, points.conditions, place, name, measured, far)
+        with np.errstate(invalid="ignore"):
+            says = (np.abs(slope) > dull * np.abs(measured)) & (np.abs(shift) < far)
+        if says.any():
+            size = np.where(says, np.abs(slope), np.nan)
+            found[name] = np.where(says, shift, np.nan)[rows], (spread / size)[rows]
+    return found
+
+
+def _solve(
+    model: Model, conditions: Conditions, place: Place, channel: str, measured: Array, far: float
+) -> tuple[Array, Array]:
+    """Shift at which each row's prediction is as measured, and the prediction's slope by it."""
+
+    def at(shift: Array) -> Array:
+        asked = Law(place, "exponential", (CONSTANT,)).effect({"a1": shift})
+        return np.asarray(getattr(predict(model + asked, conditions), channel))
+
+    step = 1.0 if place.stage == "R" else 1e-3
+    most = far * _STRIDE
+    shift: Array = np.zeros(measured.size)
+    for _ in range(_STEPS):
+        now = at(shift)
+        slope = (at(shift + step) - now) / step
+        with np.errstate(all="ignore"):
+            move = np.nan_to_num((measured - now) / slope, posinf=0.0, neginf=0.0)
+        move = np.clip(move, -most, most)
+        shift = np.clip(shift + move, -far, far)
+        if np.all(np.abs(move) < 1e-8 * np.maximum(np.abs(shift), 1.0)):
+            break
+    return shift, slope
+
+
+# --- In words
+
+_STAGES = {
+    "k": "The soil's stiffness k",
+    "z": "Sinkage",
+    "z without resistance": "Sinkage, but not resistance,",
+    "n": "The exponent n",
+    "D": "The diameter that the soil meets",
+    "R": "Resistance",
+}
+_NOTHING = {
+    "nothing": "Nothing could be learnt.",
+    "refused": "Nothing was searched for: this data is too little for a law.",
+}
+
+
+def headline(document: Entry) -> str:
+    """The answer in a sentence."""
+    verdict = document["verdict"]
+    if verdict in _NOTHING:
+        return _NOTHING[verdict]
+    if verdict == "law":
+        return grows(document)
+    followed = " and ".join(words(d) for d in document["places"][0]["drivers"]) or "no setting"
+    lead = "Something" if verdict == "unstable" else "Perhaps something"
+    return f"{lead} depends on {followed}; no law is drafted."
+
+
+def grows(document: Entry) -> str:
+    """Say what the law does: `Sinkage grows with slip and levels off (x 1.50 from 0 to 0.45).`."""
+    law, shape = document["law"], document["shape"]
+    what, followed = _STAGES[law["stage"]], " and ".join(words(d) for d in law["drivers"])
+    if not law["drivers"]:
+        return f"{what} has a part that the model lacks, whatever the setting."
+    if shape is None:
+        return f"{what} depends on {followed}."
+    x, y = shape["x"], shape["factor"]
+    edge, third = len(y) // 10, len(y) // 3
+    for kind, at in (("maximum", y.index(max(y))), ("minimum", y.index(min(y)))):
+        if edge <= at < len(y) - edge:
+            return f"{what} follows {followed}: it has a {kind} at {followed} {number(x[at])}."
+    early, late = abs(y[third] - y[0]), abs(y[-1] - y[-1 - third])
+    tail = " and levels off" if late < 0.4 * early else ""
+    text = f"{what} {'grows' if y[-1] > y[0] else 'falls'} with {followed}{tail}"
+    if law["stage"] in ("n", "R") or y[0] <= 0:
+        return f"{text}."
+    return f"{text} (x {y[-1] / y[0]:.2f} from {number(x[0])} to {number(x[-1])})."
+
+
+def origin(document: Entry) -> str:
+    """Say what a law was learnt from, and that nobody has published it."""
+    ranges = document["law"]["range"].items()
+    where = "".join(f", {words(n)} {number(a)} to {number(b)}" for n, (a, b) in ranges)
+    return f"Learnt from {document['data']['settings']} settings{where}; not published"
+
+
+def trust(document: Entry) -> str:
+    """Say how far a law is known."""
+    return f"{origin(document)}; beyond that it is a guess."
+
+
+def learnt_text(document: Entry) -> str:
+    """The document for people, in the order in which one asks."""
+    law = document["law"]
+    lines = [headline(document)]
+    if law is not None:
+        lines.append(f"  {law['formula']}")
+        for c in law["constants"]:
+            std = "" if c["std"] is None else f" +- {number(c['std'])}"
+            unit = "" if c["unit"] == "1" else f" {c['unit']}"
+            lines.append(f"    {c['name']} = {number(c['value'])}{std}{unit}")
+    lines += [sentence(reason) for reason in document["reasons"]]
+    if document["tied"]:
+        lines += ["", *_evidence(document)]
+    if document["measure_next"]:
+        lines += ["", "What to measure next", f"  {document['measure_next']['text']}"]
+    if law is not None:
+        lines += ["", trust(document)]
+    for key in ("warnings", "notes"):
+        if document[key]:
+            lines += ["", key.title(), *[f"  {text}" for text in document[key]]]
+    return "\n".join(lines)
+
+
+def _evidence(document: Entry) -> list[str]:
+    search, tied = document["search"], document["tied"]
+    lines = ["Held-out error, settings left out with the whole search inside"]
+    for name, error in document["held_out"].items():
+        before, after, floor = (shown_value(name, error[k]) for k in ("before", "after", "floor"))
+        expected = "" if error["floor"] is None else f"; expected error of a true model {floor}"
+        lines.append(f"  {words(name)}: {before} -> {after}{expected}")
+    lines.append(
+        f"Chance of such a gain by accident: p = {search['p']:.2g} ({search['formulas']} formulas, "
+        f"{search['permutations']} permutations)."
+    )
+    count = {1: "One formula fits", 2: "Two formulas fit", 3: "Three formulas fit"}
+    fit = count.get(len(tied), f"{len(tied)} formulas fit")
+    lines.append(f"{fit}{' equally' if len(tied) > 1 else ''}:")
+    lines += [f"  {t['formula']}" for t in tied[:8]]
+    lines += [f"  and {len(tied) - 8} more"] if len(tied) > 8 else []
+    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
+    if stages:
+        ordered = sorted(stages.items(), key=lambda stage: stage[1])
+        listed = ", ".join(f"{stage} {number(value, 2)}" for stage, value in ordered)
+        lines.append(
+            f"What sinkage and resistance ask of each stage differs by: {listed} (1: noise)."
+        )
+    return lines

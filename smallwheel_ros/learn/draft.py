@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law in words, as a formula, and as the Python file that is its effect."""
+"""A law as the Python file that is its effect."""
 
 from __future__ import annotations
 
 import keyword
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.drafted import VERSION
 from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.result import posterior_covariance
-from smallwheel_ros.learn.candidate import Candidate
-from smallwheel_ros.learn.drivers import SIZES, Driver, identifier
-from smallwheel_ros.learn.grammar import Term
+from smallwheel_ros.learn.grammar import SIZES, Driver, Term, identifier
 from smallwheel_ros.learn.law import SOUGHT, Law
+from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
@@ -49,17 +48,19 @@ def numbers_of(fitter: Fitter, candidate: Candidate) -> list[Number]:
     covariance = posterior_covariance(fitter, fit)
     found = []
     for j in fit.vector.places(SOUGHT):
-        free, value = fit.vector.free[j], float(fit.theta[j])
-        term = law.terms[int(free.field[1]) - 1]
+        name, value = fit.vector.free[j].field, float(fit.theta[j])
+        term = law.terms[int(name[1]) - 1]
         std = None if fit.at_bound[j] else float(np.sqrt(covariance[j, j]))
-        strength = free.field.startswith("a")
-        around = _AROUND * max(std or abs(value), _AT_LEAST * abs(value))
-        if strength:
+        if name.startswith("a"):
+            around = _AROUND * max(std or abs(value), _AT_LEAST * abs(value))
             bounds = (min(value - around, 0.0), max(value + around, 0.0))
+            powers = [(d.unit, shape.power) for d, shape in term.factors if d.unit not in ("", "1")]
+            units = [law.place.unit, *(f"({unit})^{-power:g}" for unit, power in powers if power)]
+            unit = " ".join(u for u in units if u != "1") or "1"
         else:
             bounds = (min(term.bounds[0], value), max(term.bounds[1], value))
-        unit = _strength_unit(law, term) if strength else _driver(term).unit
-        found.append(Number(free.field, value, std, unit, bounds))
+            unit = _driver(term).unit
+        found.append(Number(name, value, std, unit, bounds))
     return found
 
 
@@ -68,19 +69,11 @@ def _driver(term: Term) -> Driver:
     return next(driver for driver, shape in term.factors if shape.constant == "free")
 
 
-def _strength_unit(law: Law, term: Term) -> str:
-    units = [law.place.unit]
-    for driver, shape in term.factors:
-        if driver.unit not in ("", "1") and shape.power:
-            units.append(f"({driver.unit})^{-shape.power:g}")
-    return " ".join(u for u in units if u != "1") or "1"
-
-
-def file_name_problem(name: str) -> str:
-    """Say why a name cannot be an effect's id, "" where it can."""
-    if re.fullmatch(r"[a-z][a-z0-9_]*", name) and not keyword.iskeyword(name):
-        return ""
-    return f"'{name}' is no id: expected small letters, digits and _, like slip_law"
+def name_problem(name: str, taken: Collection[str]) -> str:
+    """Say why a name cannot be a new effect's id, "" where it can. taken: ids of effects."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
+        return f"'{name}' is no id: expected small letters, digits and _, like slip_law"
+    return f"'{name}' is the id of an effect that exists already" if name in taken else ""
 
 
 def default_name(law: Law) -> str:
@@ -146,7 +139,7 @@ def class_text(
         learnt_from=measurements.sha256,
         needs=tuple(c for c in columns if c not in SIZES),
         drivers=tuple(columns),
-        valid={c: _range(measurements, c) for c in columns},
+        valid={c: _range(measurements.conditions[c]) for c in columns},
         fields="\n".join(_field(n, law) for n in numbers),
         methods=law.python,
     )
@@ -164,7 +157,6 @@ def _field(number: Number, law: Law) -> str:
     )
 
 
-def _range(measurements: Measurements, column: str) -> tuple[float, float]:
-    values: Any = measurements.conditions[column]
-    values = values[np.isfinite(values)]
-    return float(values.min()), float(values.max())
+def _range(values: Array) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    return float(known.min()), float(known.max())

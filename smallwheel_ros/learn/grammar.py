@@ -1,31 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The grammar of laws: terms of one driver or of two, and what each costs to describe.
+"""The grammar of laws: what a law can follow, the shapes that it can have over it, and all terms of these.
 
 A term has a strength, which enters linearly, and at most one constant of shape, which is tried on a
-grid and freed once the term is chosen.
+grid and freed once the term is chosen. Shapes and drivers are each one line of Python, which the search
+computes and a drafted file contains, so that the two cannot differ.
 """
 
 from __future__ import annotations
 
 import itertools
+import json
+import keyword
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any
+from functools import cached_property, lru_cache
+from types import CodeType, SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.effects.drafted import continued
-from smallwheel_ros.learn import shapes
-from smallwheel_ros.learn.drivers import DEPTH, FEWEST_LEVELS, Driver
-from smallwheel_ros.learn.shapes import Shape
+from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
-FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
+DEPTH = "sinkage/diameter"
+SIZES = {"load": "N", "width": "m", "diameter": "m"}  # what every row has, with units
+FEWEST_LEVELS = 3  # of a law: two values are a difference between two days
+_FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
+_QUANTILES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
+_GRAVITY = 9.81  # m/s^2
+_LEVEL = 0.01  # of the range: what differs by less is one level
+_FAR = 0.6  # of the largest value: a range that begins beyond it has its zero far away
+# Variables of a drafted method that are no drivers.
+_TAKEN = ("self", "conditions", "state", "sinkage", "diameter", "np", "u", "continued")
 _CURVED = 4  # levels of a driver from which a shape with a constant is tried
 _SCALES = (0.1, 0.2, 0.35, 0.6, 1.0)  # of a driver's span
 # Of a driver's span; neighbours are an eighth apart. Of a longer one no whole wave was seen: that is a bend.
@@ -33,6 +46,204 @@ _PERIODS = np.geomspace(0.2, 1.0, 15)
 _A_WAVE = 4  # levels of a driver to a period: fewer do not show one
 _PHASES = np.arange(6) / 12  # of a period: over half of one, since a strength has either sign
 _STEP = 0.03  # of a driver's span: width of a step
+
+
+@lru_cache(maxsize=4096)
+def _compiled(code: str) -> CodeType:
+    return compile(code, "<grammar>", "eval")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape. code: Python of u and c. text: the same for people, of {u} and {c}.
+
+    power: by which power of u's unit its value grows (0: it has none). constant: whether it has a
+    c, and whether that is fitted or given (the driver's middle). written: further numbers that stand
+    in its code, and have to be described as c has. alone: it is added to no other shape. side: +1 where it
+    is zero for u under 0, -1 where it is for those over 0.
+    """
+
+    name: str
+    code: str
+    text: str
+    power: float = 0.0
+    constant: Literal["none", "given", "free"] = "none"
+    written: int = 0
+    alone: bool = False
+    side: int = 0
+
+
+LINEAR = Shape("linear", "u", "{u}", 1.0)
+SQUARE = Shape("square", "u**2", "{u}^2", 2.0)
+ROOT = Shape("root", "np.sqrt(np.abs(u))", "sqrt({u})", 0.5)
+LOGARITHM = Shape("logarithm", "np.log(u / c)", "ln({u}/{c})", constant="given")
+INVERSE = Shape("inverse", "1.0 / u", "1/{u}", -1.0)
+SIZE = Shape("size", "np.abs(u)", "|{u}|", 1.0)
+POSITIVE = Shape("positive", "np.maximum(u, 0.0)", "max({u}, 0)", 1.0, side=1)
+NEGATIVE = Shape("negative", "np.maximum(-u, 0.0)", "max(-{u}, 0)", 1.0, side=-1)
+POSITIVE_SQUARE = Shape("positive_square", "np.maximum(u, 0.0) ** 2", "max({u}, 0)^2", 2.0, side=1)
+NEGATIVE_SQUARE = Shape("negative_square", "np.maximum(-u, 0.0) ** 2", "max(-{u}, 0)^2", 2.0,
+                        side=-1)  # fmt: skip
+OFFSET = Shape("offset", "u - c", "({u} - {c})", 1.0, "free")
+HINGE = Shape("hinge", "np.maximum(u - c, 0.0)", "max({u} - {c}, 0)", 1.0, "free")
+FALLING_HINGE = Shape("falling_hinge", "np.maximum(c - u, 0.0)", "max({c} - {u}, 0)", 1.0, "free")
+OPTIMUM = Shape("optimum", "(u - c) ** 2", "({u} - {c})^2", 2.0, "free")
+SATURATION = Shape("saturation", "np.tanh(u / c)", "tanh({u}/{c})", constant="free")
+POSITIVE_SATURATION = Shape("positive_saturation", "np.tanh(np.maximum(u, 0.0) / c)",
+                            "tanh(max({u}, 0)/{c})", constant="free", side=1)  # fmt: skip
+NEGATIVE_SATURATION = Shape("negative_saturation", "np.tanh(np.maximum(-u, 0.0) / c)",
+                            "tanh(max(-{u}, 0)/{c})", constant="free", side=-1)  # fmt: skip
+DECAY = Shape("decay", "np.exp(-np.abs(u) / c)", "exp(-|{u}|/{c})", constant="free")
+LOG_GROWTH = Shape("log_growth", "np.log1p(np.abs(u) / c)", "ln(1 + |{u}|/{c})", constant="free")
+GROWTH = Shape("growth", "np.expm1(u / c)", "(exp({u}/{c}) - 1)", constant="free")
+
+
+def step(width: float) -> Shape:
+    """From 0 to 1 at c, over a width in u's unit: a step that a fit of c can follow."""
+    code = f"0.5 + 0.5 * np.tanh((u - c) / {width!r})"
+    return Shape("step", code, f"step({{u}} - {{c}}, width {width:.2g})", constant="free")
+
+
+def wave(period: float) -> Shape:
+    """A sine of u with a period in u's unit; c is where it rises through 0.
+
+    Alone: beside another shape it would follow whatever that leaves.
+    """
+    code = f"np.sin({2.0 * np.pi / period!r} * (u - c))"
+    text = f"sin(2 pi ({{u}} - {{c}})/{period:.3g})"
+    return Shape("wave", code, text, constant="free", written=1, alone=True)
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A number that a law can follow, SI units.
+
+    columns: settings that it is made of; none is of the depth. code: Python of `conditions` (and
+    `state`) that works it out: the search computes this line, and a drafted file contains it. variable:
+    its name there. weight: what it counts as when drivers are counted.
+
+    Where it was measured: reference: what is taken off it. low, high: range after that. middle: median
+    size. quantiles: `_QUANTILES` of its values. levels: how many different ones there are.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    variable: str
+    code: str
+    unit: str
+    weight: float = 1.0
+    reference: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    middle: float = 0.0
+    quantiles: tuple[float, ...] = ()
+    levels: int = 0
+
+    def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
+        """Its values, shape (rows,). sinkage: m, of a driver that is made of it."""
+        state = SimpleNamespace(sinkage=sinkage)
+        found = eval(_compiled(self.code), {"np": np, "conditions": conditions, "state": state})
+        return np.asarray(found) - self.reference
+
+    @property
+    def span(self) -> float:
+        """Length of its range."""
+        return self.high - self.low
+
+    @property
+    def python(self) -> str:
+        """What works it out, less its reference."""
+        return f"{self.code} - {self.reference!r}" if self.reference else self.code
+
+    @property
+    def text(self) -> str:
+        """It, in a formula for people."""
+        return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
+
+    def place(self, value: float) -> str:
+        """A value less its reference as the value itself, to a hundredth of its range, which is not 0."""
+        return f"{round(value + self.reference, 1 + _digits(self.span)):.12g}"
+
+    def measured_at(self, x: Array) -> Driver:
+        """The driver of points where it has these values, shape (points,)."""
+        low, high = float(x.min()), float(x.max())
+        far = low > _FAR * high and self.columns == (self.name,)  # a ratio has its zero at zero
+        reference = _at_most(low, high - low) if far else 0.0
+        return replace(
+            self, reference=reference, low=low - reference, high=high - reference,
+            middle=float(f"{np.median(np.abs(x - reference)):.2g}"),
+            quantiles=tuple(np.quantile(x - reference, _QUANTILES).tolist()), levels=_levels(x),
+        )  # fmt: skip
+
+
+_COMPOUNDS = (
+    Driver("width/diameter", ("width", "diameter"), "slenderness",
+           "conditions.width / conditions.diameter", "1", 1.5),
+    Driver("load/(width diameter)", ("load", "width", "diameter"), "pressure",
+           "conditions.load / (conditions.width * conditions.diameter)", "Pa", 2.0),
+    Driver("speed/sqrt(g diameter)", ("speed",), "froude",
+           f'conditions["speed"] / np.sqrt({_GRAVITY} * conditions.diameter)', "1", 1.5),
+)  # fmt: skip
+_DEPTH = Driver(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
+
+
+def _at_most(low: float, span: float) -> float:
+    """The lowest value, rounded down to a tenth of the span or less: 293 of 293.15 to 308."""
+    if span <= 1e-9 * low:
+        return low
+    unit = 10.0 ** _digits(span)
+    return math.floor(low * unit) / unit
+
+
+def _digits(span: float) -> int:
+    """Of a number that is given to a tenth of the span's size, behind the point."""
+    return 1 - math.floor(math.log10(span))
+
+
+def identifier(name: str) -> str:
+    """A column's name as a Python variable."""
+    made = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower() or "column"
+    taken = keyword.iskeyword(made) or made in _TAKEN
+    return f"column_{made}" if taken or not made.isidentifier() else made
+
+
+def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
+    """The drivers that these points vary, and why other settings are none, in words.
+
+    A setting with two values is a driver: what follows it must not be laid at another's door, though
+    no law can be learnt of it. sinkage: as the base model has it, m, shape (points,).
+    """
+    used, found = np.unique(points.row), []
+    usable = independent(points)
+    units = {**points.measurements.units, **SIZES}
+    possible = []
+    for name in dict.fromkeys(n for n in (*SIZES, *usable) if n in usable):
+        # Its name is quoted in the code: it may have any character.
+        code = f"conditions.{name}" if name in SIZES else f"conditions[{json.dumps(name)}]"
+        possible.append(Driver(name, (name,), identifier(name), code, units.get(name) or "1"))
+    possible += [compound for compound in _COMPOUNDS if _says_more(compound, usable)]
+    if "resistance" in points.channels:
+        possible.append(_DEPTH)
+    for driver in possible:
+        x = driver.values(points.conditions, sinkage)[used]
+        if np.ptp(x) >= 1e-3 * np.abs(x).max() > 0.0:
+            found.append(driver.measured_at(x))
+    return found, [f"{n} follows other settings" for n in points.varied if n not in usable]
+
+
+def _says_more(compound: Driver, usable: Mapping[str, Array]) -> bool:
+    """Whether a compound says something that its columns alone do not.
+
+    Columns of two values each make a compound of four, which are still two days by two days.
+    """
+    columns = {*compound.columns, "diameter"}  # each is of the diameter
+    graded = [c for c in columns & usable.keys() if _levels(usable[c]) >= FEWEST_LEVELS]
+    return columns <= usable.keys() and bool(graded)
+
+
+def _levels(x: Array) -> int:
+    """How many different values there are."""
+    return int(np.unique(np.round((x - x.min()) / max(float(np.ptp(x)), 1e-300) / _LEVEL)).size)
 
 
 @dataclass(frozen=True)
@@ -86,14 +297,13 @@ class Term:
 
     def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
         """Its value where each driver has these values. constant: c, its own where None."""
-        value: Any = 1.0
+        if not self.factors:
+            return 1.0
         c = self.constant if constant is None else constant
-        for driver, shape in self.factors:
-            held = driver.middle if shape.constant == "given" else c
-            value = value * continued(
-                partial(shape, c=held), values(driver), driver.low, driver.high
-            )
-        return value
+        names = {driver.name: f"x{i}" for i, (driver, _) in enumerate(self.factors)}
+        known = {names[driver.name]: values(driver) for driver, _ in self.factors}
+        code = _compiled(self.python("c", names))
+        return eval(code, {"np": np, "continued": continued, "c": c, **known})
 
     def at(self, conditions: Conditions, sinkage: Array) -> Array:
         """Its value at each row, shape (rows,). sinkage: m."""
@@ -117,12 +327,11 @@ class Term:
         parts = []
         for driver, shape in self.factors:
             c = constant if shape.constant == "free" else driver.middle
-            if shape.moved and driver.reference:
+            u, shown = driver.text, f"{c:.3g}"
+            if driver.reference and ("u - c" in shape.code or "c - u" in shape.code):
                 # (x - reference) - c reads better as x - (reference + c)
-                text = shape.text.format(u=driver.name, c=driver.place(c or 0.0))
-            else:
-                text = shape.text.format(u=driver.text, c=f"{c:.3g}")
-            parts.append(text)
+                u, shown = driver.name, driver.place(c or 0.0)
+            parts.append(shape.text.format(u=u, c=shown))
         return " ".join(parts).replace("- -", "+ ")
 
 
@@ -131,7 +340,7 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
     single = [term for driver in drivers for term in _single(driver)]
     pairs: list[Term] = []
     graded = [driver for driver in drivers if driver.levels >= FEWEST_LEVELS]
-    if settings >= FEWEST_FOR_PRODUCTS:
+    if settings >= _FEWEST_FOR_PRODUCTS:
         for one, other in itertools.combinations(graded, 2):
             if not set(one.columns) & set(other.columns):
                 pairs += _products(one, other)
@@ -146,17 +355,12 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
 def _plain(driver: Driver) -> list[Shape]:
     """Shapes without a fitted constant. Of two values one shape is as good as another."""
     if driver.levels < FEWEST_LEVELS:
-        return [shapes.LINEAR]
+        return [LINEAR]
     if driver.low < 0.0:
-        return [shapes.LINEAR, shapes.SQUARE, shapes.SIZE, shapes.POSITIVE, shapes.NEGATIVE]
+        return [LINEAR, SQUARE, SIZE, POSITIVE, NEGATIVE]
     away = driver.low > 1e-3 * driver.high and not driver.reference
-    more = [shapes.LOGARITHM, shapes.INVERSE] if away else []
-    return [shapes.LINEAR, shapes.SQUARE, shapes.ROOT, *more]
-
-
-def _curved(driver: Driver) -> Shape:
-    """The logarithm, where the driver stays away from zero, else the square."""
-    return shapes.LOGARITHM if shapes.LOGARITHM in _plain(driver) else shapes.SQUARE
+    more = [LOGARITHM, INVERSE] if away else []
+    return [LINEAR, SQUARE, ROOT, *more]
 
 
 def _single(driver: Driver) -> Iterator[Term]:
@@ -172,24 +376,24 @@ def _single(driver: Driver) -> Iterator[Term]:
     # A kink stays where there are settings on either side: at an edge it would fit a single one.
     inner = sorted(set(driver.quantiles))
     if inner[0] < inner[-1]:
-        for shape in (shapes.HINGE, shapes.FALLING_HINGE, shapes.step(_STEP * span)):
+        for shape in (HINGE, FALLING_HINGE, step(_STEP * span)):
             yield from made(shape, inner, (inner[0], inner[-1]))
     optima = np.linspace(low - 0.1 * span, high + 0.1 * span, 9)
-    yield from made(shapes.OPTIMUM, optima.tolist(), (low - 0.3 * span, high + 0.3 * span))
+    yield from made(OPTIMUM, optima.tolist(), (low - 0.3 * span, high + 0.3 * span))
     scales = [q * span for q in _SCALES]
-    for shape in (shapes.SATURATION, shapes.DECAY, shapes.LOG_GROWTH):
+    for shape in (SATURATION, DECAY, LOG_GROWTH):
         yield from made(shape, scales, (0.03 * span, 3.0 * span))
     if low < 0.0 < high and not driver.reference:  # of a slip that drives and brakes
-        yield Term(((driver, shapes.POSITIVE_SQUARE),))
-        yield Term(((driver, shapes.NEGATIVE_SQUARE),))
-        for shape in (shapes.POSITIVE_SATURATION, shapes.NEGATIVE_SATURATION):
+        yield Term(((driver, POSITIVE_SQUARE),))
+        yield Term(((driver, NEGATIVE_SQUARE),))
+        for shape in (POSITIVE_SATURATION, NEGATIVE_SATURATION):
             yield from made(shape, scales, (0.03 * span, 3.0 * span))
-    yield from made(shapes.GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
+    yield from made(GROWTH, scales[1:4], (0.12 * span, 5.0 * span))
     for period in (_PERIODS * span).tolist():
         if period * driver.levels >= _A_WAVE * span:
             starts = low + _PHASES * period
             bounds = (low - 0.5 * period, low + period)
-            yield from made(shapes.wave(period), starts.tolist(), bounds)
+            yield from made(wave(period), starts.tolist(), bounds)
 
 
 def _products(one: Driver, other: Driver) -> Iterator[Term]:
@@ -197,9 +401,7 @@ def _products(one: Driver, other: Driver) -> Iterator[Term]:
         yield Term(((one, first), (other, second)))
     for a, b in ((one, other), (other, one)):
         inner = (0.25, 0.5, 0.75) if not a.reference else (-0.5, 0.25, 0.5, 0.75, 1.5)
-        for share in inner:
-            for shape in (shapes.LINEAR, _curved(b)):
-                yield Term(
-                    ((a, shapes.OFFSET), (b, shape)), a.low + share * a.span,
-                    (a.low - a.span, a.high + a.span),
-                )  # fmt: skip
+        curved = LOGARITHM if LOGARITHM in _plain(b) else SQUARE
+        bounds = (a.low - a.span, a.high + a.span)
+        for share, shape in itertools.product(inner, (LINEAR, curved)):
+            yield Term(((a, OFFSET), (b, shape)), a.low + share * a.span, bounds)

@@ -21,8 +21,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_values
 from smallwheel_ros.fitting.prior import Prior
-from smallwheel_ros.learn.drivers import Driver
-from smallwheel_ros.learn.grammar import Term
+from smallwheel_ros.learn.grammar import Driver, Term
 
 Array = NDArray[np.float64]
 Link = Literal["exponential", "linear"]
@@ -124,11 +123,6 @@ class Law:
         return tuple(self.by_name)
 
     @property
-    def first_driver(self) -> Driver | None:
-        """The driver over which it is drawn; None of a constant."""
-        return next(iter(self.by_name.values()), None)
-
-    @property
     def columns(self) -> frozenset[str]:
         """Settings that its drivers are made of."""
         return frozenset(c for d in self.by_name.values() for c in d.columns)
@@ -213,11 +207,6 @@ def _class_of(python: str) -> type[Effect]:
     exec(python, known)
     made: type[Effect] = dataclass(frozen=True)(known["Sought"])
     return made
-
-
-def asked(place: Place, shift: Array) -> Effect:
-    """An effect that changes each row by its own ln factor or shift, shape (rows,)."""
-    return Law(place, "exponential", (CONSTANT,)).effect({"a1": shift})
 
 
 def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:

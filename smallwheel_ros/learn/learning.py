@@ -1,36 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws one after the other, and all that is said of them: `learn`."""
+"""From measurements to laws in a file: `seek` is the algorithm on one page, `learn` what is made of it."""
 
 from __future__ import annotations
 
+import itertools
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import FAILURES
+from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.document import plain
-from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.fitting import Base
+from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import TIE
-from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.learn.document import Shape, document, shape_of
-from smallwheel_ros.learn.draft import (
-    class_text,
-    default_name,
-    file_name_problem,
-    file_text,
-    numbers_of,
-)
-from smallwheel_ros.learn.next_setting import measure_next
-from smallwheel_ros.learn.pipeline import Judged, Progress, Sought, seek, silent
+from smallwheel_ros.fitting.fit import Fitter, one_thread
+from smallwheel_ros.fitting.parameters import EffectPart, part_of
+from smallwheel_ros.fitting.points import points_of
+from smallwheel_ros.learn.document import document, grows, headline, learnt_text, origin, shape_of
+from smallwheel_ros.learn.draft import class_text, default_name, file_text, name_problem, numbers_of
+from smallwheel_ros.learn.search import WHOLE, Candidate, Grid, Search
 from smallwheel_ros.learn.tangent import Yardstick
-from smallwheel_ros.learn.text import headline, learnt_text, summary
+from smallwheel_ros.learn.verdict import (
+    PERMUTATIONS,
+    Judged,
+    Sought,
+    cannot_be_told,
+    chance,
+    judge,
+    left_out,
+    nothing_to_follow,
+    too_little,
+    vault_of,
+    with_vault,
+)
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.output import write_bytes
 from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
@@ -38,9 +48,100 @@ from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+_LOOKED_AT = 0.05  # p up to which held-out errors are worked out at all
+_COMPARED = 6  # tied laws that the draft is told from
+
 
 class LearnError(SmallwheelError):
     """Something that is asked of `learn` and makes no sense."""
+
+
+def silent(step: str, done: int, total: int) -> None:
+    """Tell nobody."""
+
+
+@one_thread
+def seek(
+    measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = silent
+) -> Sought:
+    """Search for one law that a model lacks. The same seed gives the same answer.
+
+    The numbers are those of "How it decides" in docs/learn.md.
+    """
+    try:  # 1, 2: points, and the base
+        problem = Problem.of(_by_trial(measurements), base).judged
+        if reason := too_little(problem.points):
+            return Sought("refused", (reason,), problem)
+        points, fitter, fit = problem.points, problem.fitter, problem.fit
+    except FittingError as error:
+        return Sought("refused", (str(error),))
+    grid = Grid.of(points, fit.model)  # 3, 4: drivers and grammar
+    if reason := nothing_to_follow(grid):
+        return Sought("refused", (reason,), problem, grid)
+    apart = vault_of(points, seed)  # 9
+    if apart.any():
+        fitter = fitter.of_values(points.take(~apart), ~apart)
+        fit = fitter.fit(fit.vector, fit.theta, fit.scatter)
+
+    search = Search(fitter, fit, grid)
+    progress("permuting", 0, 1)
+    p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))  # 8
+    why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
+    nothing = Sought("nothing", (why,), problem, grid, p)
+    if p > _LOOKED_AT:
+        return nothing
+    progress("searching", 0, 1)
+    found = search.run(WHOLE)  # 5, 6: score, tangent and refits
+    draft = found.draft  # 7: tied laws
+    if draft is None:
+        return nothing
+    if reason := cannot_be_told(draft.law, measurements):
+        return Sought("refused", (reason,), problem, grid, p)
+
+    folds = itertools.count(1)
+    step = "searching without some settings"
+    errors, laws = left_out(fitter, fit, grid, seed, lambda: progress(step, next(folds), 0))  # 9
+    verdict, reasons = judge(p, errors, laws, fitter, draft)
+    if apart.any():
+        models = found.base.model, draft.fit.model
+        errors, better = with_vault(errors, points.take(apart), models)
+        if verdict == "law" and not better:
+            verdict, reasons = "unstable", ("on the settings in the vault the error does not fall",)
+    law, tied = _refitted(problem.fitter, draft, found.tied)
+    kept = int(np.unique(points.setting[apart]).size)
+    best = Judged(law, tied, errors, laws, kept)
+    return Sought(verdict, reasons, problem, grid, p, best)
+
+
+def _by_trial(measurements: Measurements) -> Measurements:
+    """The table with each of its trials as a run of its own, where it numbers trials.
+
+    Trials are made on soil prepared anew, so rows of one run that are trials are no repeats on one
+    soil. Curves keep their runs: rows along a curve are no trials.
+    """
+    if "trial" not in measurements.conditions.covariates or points_of(measurements).swept.any():
+        return measurements
+    rows = zip(measurements.run, measurements.line, strict=True)
+    return replace(measurements, run=np.array([f"{run}, row {line}" for run, line in rows]))
+
+
+def _refitted(
+    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate]
+) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
+    law = replace(draft, fit=fitter.fit(draft.fit.vector, draft.fit.theta, draft.fit.scatter))
+    made = []
+    for c in tied:
+        if c.law.key == draft.law.key:
+            made.append(law)
+            continue
+        with suppress(*FAILURES):
+            own = fitter.fit(c.fit.vector, c.fit.theta, law.fit.scatter, turns=0)
+            made.append(replace(c, fit=own))
+    return law, tuple(made)
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,20 +183,20 @@ class Learnt(Result):
         """The formulas that fit, the best first."""
         return [{**t, "drivers": ", ".join(t["drivers"])} for t in self.document["tied"]]
 
+    @property
+    def tied_curves(self) -> list[Array] | None:
+        """Laws that fit as well, over the document's `shape`; None where there is none to draw."""
+        problem, best = self.sought[0].problem, self.sought[0].best
+        shape = shape_of(problem.fitter, best) if problem and best else None
+        return shape and shape[1]
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw what each setting asks for, and the law. Raises LearnError without a formula."""
         from smallwheel_ros.pictures.learnt import draw_learnt
 
-        shape = self.shape
-        if shape is None:
+        if self.tied_curves is None:
             raise LearnError(f"there is no law of one setting to draw: {self.headline()}")
-        return draw_learnt(axes_or_new(ax), self.document, shape.tied)
-
-    @property
-    def shape(self) -> Shape | None:
-        """The first law over what it follows; None where that is not one setting."""
-        best = self.sought[0].best
-        return None if best is None else shape_of(best)
+        return draw_learnt(axes_or_new(ax), self.document, self.tied_curves)
 
     def _writers(self) -> dict[str, Writer]:
         def page(path: Path) -> None:
@@ -121,43 +222,30 @@ def learn(
     name: str | None = None,
     most: int = 1,
     seed: int = 0,
-    limits: Mapping[str, Sequence[float]] | None = None,
+    limits: Limits | None = None,
     progress: Progress = silent,
 ) -> Learnt:
     """Learn a law that a model lacks from measurements, as far as they can tell.
 
-    Parameters
-    ----------
-    measurements
-        The table.
-    base
-        What the model has already; the contact integral and nothing else where None.
-    registry
-        Published effects that a law is held against; those of the library where None.
-    without
-        Ids of effects that are taken out of the model, and that the law is not held against.
-    name
-        Id of the law; made of what it follows where None. A second law has `_2` after it.
-    most
-        Laws to learn, one after the other, each with those before it in the model.
-    seed
-        The same seed gives the same answer, to the byte.
-    limits
-        By setting (SI), the levels that the user can set, for what to measure next.
-    progress
-        Told each step in words, how many are done, and of how many (0: not known).
-
-    Raises
-    ------
-    LearnError
-        Where name or most make no sense.
+    base: what the model has already; the contact integral and nothing else where None. registry: published
+    effects that a law is held against; those of the library where None. without: ids of effects that are
+    taken out of the model, and that the law is not held against. name: id of the law; made of what it
+    follows where None, and with `_2` after it of a second one. most: laws to learn, each with those before
+    it in the model. limits: by setting (SI), the levels that the user can set, for what to measure next.
+    progress: told each step in words, how many are done, and of how many (0: not known).
+    Raises LearnError where name or most make no sense.
     """
     known = registry or default_registry()
-    if name is not None and (problem := file_name_problem(name) or _taken(name, known)):
+    if name is not None and (problem := name_problem(name, known.families)):
         raise LearnError(f"the name of a law: {problem}")
     if most < 1:
         raise LearnError(f"most is {most}, expected the number of laws to learn: 1 or more")
-    model = _without(base or Base(), without)
+    base = base or Base()
+    model = replace(
+        base,
+        effects=tuple(e for e in base.effects if e.id not in without),
+        parts=tuple(p for p in base.parts if p.id not in without),
+    )
     searches: list[Sought] = []
     documents: list[dict[str, Any]] = []
     classes: list[str] = []
@@ -167,39 +255,24 @@ def learn(
         said = document(measurements, sought, id)
         searches.append(sought)
         documents.append(said)
-        best = sought.best
-        if best is None:
+        if sought.problem is None or sought.best is None:
             break
+        fitter, law, tied = sought.problem.fitter, sought.best.law, sought.best.tied
         progress("what to measure next", 0, 1)
-        said["measure_next"] = measure_next(best.problem.fitter, best.law, best.tied, limits or {})
+        said["measure_next"] = _measure_next(fitter, law, tied, limits or {})
         if sought.verdict != "law":
             break
-        said["notes"] += _published(best, known, without)
-        written = class_text(
-            best.law.law, numbers_of(best.problem.fitter, best.law), id, measurements,
-            said["data"]["settings"], len(best.tied), summary(said),
-        )  # fmt: skip
-        classes.append(written)
-        model = replace(model, parts=(*model.parts, part_of(_effect(written, id))))
-    first = documents[0]
+        said["notes"] += _published(sought.problem, law, known, without)
+        settings, summary = said["data"]["settings"], f"{grows(said)} {origin(said)}."
+        numbers = numbers_of(fitter, law)
+        classes.append(class_text(law.law, numbers, id, measurements, settings, len(tied), summary))
+        model = replace(model, parts=(*model.parts, _as_loaded(classes[-1], id)))
+    first, last = documents[0], documents[-1]
     first["more"] = [d for d in documents[1:] if d["verdict"] == "law"]
-    first["notes"] += _after_first(documents)
+    if last is not first and last["verdict"] != "law":
+        first["notes"].append(f"a further law: {last['verdict']}; {'; '.join(last['reasons'])}")
     source = file_text(classes) if classes else None
     return Learnt(first, source, tuple(searches), measurements)
-
-
-def _without(base: Base, ids: Collection[str]) -> Base:
-    """The base without these effects."""
-    return replace(
-        base,
-        effects=tuple(e for e in base.effects if e.id not in ids),
-        parts=tuple(p for p in base.parts if p.id not in ids),
-    )
-
-
-def _taken(name: str, registry: Registry) -> str:
-    taken = name in registry.families
-    return f"'{name}' is the id of an effect that exists already" if taken else ""
 
 
 def _id(sought: Sought, name: str | None, number: int, registry: Registry) -> str:
@@ -209,27 +282,38 @@ def _id(sought: Sought, name: str | None, number: int, registry: Registry) -> st
     return made if number == 1 and made not in registry.families else f"{made}_{number}"
 
 
-def _effect(written: str, id: str) -> Effect:
+def _as_loaded(written: str, id: str) -> EffectPart:
     """The law as whoever loads its file gets it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "law.py"
         path.write_text(file_text([written]))
-        return load_effects(path)[id][0]()
+        return part_of(load_effects(path)[id][0]())
 
 
-def _after_first(documents: Sequence[Mapping[str, Any]]) -> list[str]:
-    if len(documents) < 2 or documents[-1]["verdict"] == "law":
-        return []
-    return [f"a further law: {documents[-1]['verdict']}; {'; '.join(documents[-1]['reasons'])}"]
+def _measure_next(
+    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate], limits: Limits
+) -> dict[str, Any] | None:
+    """The runs that tell the draft from a tied law best; None where none would."""
+    made: list[Proposal] = []
+    for other in [c for c in tied if c.law.key != draft.law.key][:_COMPARED]:
+        names = draft.law.formula(draft.numbers), other.law.formula(other.numbers)
+        first, second = (CandidateFit((), c.fit, -c.score) for c in (draft, other))
+        with suppress(*FAILURES):
+            proposal = propose(fitter, first, second, names, limits=limits)
+            made += [proposal] if proposal else []
+    best = max(made, key=lambda proposal: proposal.expected_power, default=None)
+    return asdict(best) if best else None
 
 
-def _published(best: Judged, registry: Registry, without: Collection[str]) -> list[str]:
+def _published(
+    problem: Problem, law: Candidate, registry: Registry, without: Collection[str]
+) -> list[str]:
     """Published effects of the same settings that fit as well as the draft, in words."""
-    law, fitter, base = best.law, best.problem.fitter, best.problem.fit
+    fitter, base = problem.fitter, problem.fit.vector
     yardstick = Yardstick(fitter, law.fit)
     observed, conditions = fitter.points.value, fitter.points.conditions
     ours = yardstick.score(observed - law.fit.predicted) + law.cost
-    present = {p.id for p in base.vector.parts} | {e.id for e in base.vector.fixed} | set(without)
+    present = {p.id for p in base.parts} | {e.id for e in base.fixed} | set(without)
     forms = [f for id, forms in registry.families.items() for f in forms
              if id not in present and set(f.drivers) == set(law.law.columns) and f.drivers]  # fmt: skip
     as_good = []
@@ -240,7 +324,7 @@ def _published(best: Judged, registry: Registry, without: Collection[str]) -> li
             effect = form.suited_to(conditions)
             if effect.objection(conditions):
                 continue
-            vector = base.vector.with_parts([*base.vector.parts, part_of(effect)])
+            vector = base.with_parts([*base.parts, part_of(effect)])
             start = vector.begun_at(law.fit.vector, law.fit.theta)
             fit = fitter.fit(vector, start, law.fit.scatter, turns=0)
         except FAILURES:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search for one law: tangent, refits in the model, description length.
+"""The search for one law: the grammar at the points, tangent, refits in the model, description length.
 
 The score of a law is n/2 ln det S of its errors plus the nats that it takes to describe it: ln of
 the number of forms and of places, 1/2 ln n for each of its numbers (Rissanen 1978). Laws within
@@ -9,9 +9,10 @@ the number of forms and of places, 1/2 ln n for each of its numbers (Rissanen 19
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +21,122 @@ from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.parameters import ParameterVector
-from smallwheel_ros.learn.candidate import Candidate, Found
-from smallwheel_ros.learn.grammar import Term
-from smallwheel_ros.learn.grid import Grid, Index
-from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Link, Place, part_for
-from smallwheel_ros.learn.proposal import Proposal, both, first_of_each, start
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.learn.grammar import Driver, Term, drivers_of, terms_of
+from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Link, Place, part_for, places_for
 from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
+from smallwheel_ros.model import Model, predict
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+T = TypeVar("T")
 
 _LOOKED_THROUGH = 250  # terms of a place, for the best of each set of drivers
 _SECONDS = 3  # second terms that are fitted for a law
 _WINDOW = 4.0 * TIE  # nats: what a tangent says is further behind is not refitted
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The whole grammar at the points of a table.
+
+    sinkage: of the base model, m, shape (points,). values: of each term, shape (points, terms). notes:
+    why settings are no drivers.
+    """
+
+    drivers: tuple[Driver, ...]
+    terms: tuple[Term, ...]
+    places: tuple[Place, ...]
+    sinkage: Array
+    values: Array
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, points: Points, base: Model) -> Grid:
+        """The grammar at points. base: the model without the law."""
+        depth = predict(base, points.conditions).true_sinkage
+        drivers, notes = drivers_of(points, depth)
+        terms = terms_of(drivers, np.unique(points.setting).size)
+        values = np.column_stack([term.at(points.conditions, depth) for term in terms])
+        places = places_for(points.channels)
+        return cls(tuple(drivers), tuple(terms), places, depth, values, tuple(notes))
+
+    @cached_property
+    def cost(self) -> Array:
+        """Nats of each term, shape (terms,)."""
+        return np.array([t.cost for t in self.terms])
+
+    @cached_property
+    def _before_depth(self) -> Index:
+        return np.flatnonzero([bool(t.factors) and not t.of_depth for t in self.terms])
+
+    def allowed(self, place: Place) -> Index:
+        """The terms that make sense at a place: a constant, and what follows the depth, at R only."""
+        return np.arange(len(self.terms)) if place.stage == "R" else self._before_depth
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted law. cost: nats of its description. score: these and those of its errors."""
+
+    law: Law
+    fit: Fit
+    cost: float
+    score: float
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Its strengths and constants."""
+        places = self.fit.vector.places(SOUGHT)
+        return {self.fit.vector.free[j].field: float(self.fit.theta[j]) for j in places}
+
+
+@dataclass(frozen=True)
+class Found:
+    """The base, and the tied laws, the best first; none where no law shortens the description."""
+
+    base: Fit
+    tied: tuple[Candidate, ...]
+
+    @property
+    def draft(self) -> Candidate | None:
+        """Of the tied laws one of fewest drivers, of these the shortest formula.
+
+        Its place does not count: how rare a place is has been counted in the score that ties them.
+        """
+
+        def simplest(c: Candidate) -> tuple[float, ...]:
+            return c.law.weight, round(c.cost - c.law.place.nats, 6), c.score
+
+        return min(self.tied, key=simplest, default=None)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A law that a tangent speaks for, not yet fitted. expected: its score there.
+
+    numbers: where its fit starts. near: the fit that the tangent is of.
+    """
+
+    law: Law
+    numbers: Mapping[str, float]
+    cost: float
+    expected: float
+    near: Fit
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a term is sought: at a place, under a link, near a fit, at its tangent.
+
+    slope: of the predictions by the sum of the law's terms, shape (values,).
+    """
+
+    place: Place
+    link: Link
+    near: Fit
+    slope: Array
+    tangent: Tangent
 
 
 @dataclass(frozen=True)
@@ -53,6 +158,20 @@ class Effort:
 WHOLE, FOLD = Effort(24, (8, 4), 5, 10, 12), Effort(12, (4, 1), 4, 4, 6)
 
 
+def first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[T]:
+    """The first item of each kind, in their order."""
+    seen: set[Hashable] = set()
+    for item in items:
+        kind = key(item)
+        if kind not in seen:
+            seen.add(kind)
+            yield item
+
+
+def _kind(proposal: Proposal) -> Hashable:
+    return proposal.law.terms[0].kind
+
+
 class Search:
     """Searches one set of points. base: the model without the law, fitted to them."""
 
@@ -62,7 +181,7 @@ class Search:
         self.yardstick = Yardstick(fitter, base)
         self._row = fitter.points.row
         self._scatter = without_lack_of_fit(base.scatter)
-        self._known: dict[tuple[object, ...], Candidate] = {}
+        self._known: dict[Hashable, Candidate] = {}
 
     def run(self, effort: Effort) -> Found:
         """Search, refit, search again about the best, and try a second term."""
@@ -70,14 +189,16 @@ class Search:
         self._fit(chosen, len(chosen))
         for places in effort.again:
             self._judge_anew(0)
-            for candidate in self._best_of_each(places):
+            each = first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
+            for candidate in itertools.islice(each, places):
                 for link in candidate.law.place.links:
                     self._fit(self._about(candidate, link), effort.forms)
         self._judge_anew(effort.anew)
         self._two_terms(effort.seconds)
         base = self.fitter.fit(self.base.vector, self.base.theta, self._scatter, turns=0)
-        score = self.yardstick.score(self.observed - base.predicted)
-        return Found(base, score, tuple(self._ordered()))
+        plain, laws = self.yardstick.score(self.observed - base.predicted), self._ordered()
+        gains = bool(laws) and laws[0].score < plain
+        return Found(base, tuple(c for c in laws if gains and c.score < laws[0].score + TIE))
 
     # --- What a tangent proposes
 
@@ -99,17 +220,16 @@ class Search:
         """Values of terms at each point, shape (points, terms)."""
         return np.asarray(self.grid.values[np.ix_(self.yardstick.rows, terms)])
 
-    def _ranked(
-        self, tangent: Tangent, slope: Array, terms: Index, place: Place, link: Link, near: Fit
-    ) -> Iterator[Proposal]:
-        """Laws of one of these terms, the shortest first. slope: by the sum of the law's terms."""
-        gains, strength = tangent.gains(slope, self.values(terms))
-        cost = self.grid.cost[terms] + self.grid.place_cost(place)
-        expected = tangent.nats[0] - gains[:, 0] + cost
+    def _ranked(self, site: Site, terms: Index) -> Iterator[Proposal]:
+        """Laws of one of these terms, the shortest first."""
+        gains, strength = site.tangent.gains(site.slope, self.values(terms))
+        cost = self.grid.cost[terms] + (np.log(len(self.grid.places)) + site.place.nats)
+        expected = site.tangent.nats[0] - gains[:, 0] + cost
         for i in np.argsort(expected, kind="stable"):
-            law = Law(place, link, (self.grid.terms[terms[i]],))
-            numbers = start(law, 1, float(strength[i, 0]))
-            yield Proposal(law, numbers, float(cost[i]), float(expected[i]), near)
+            term = self.grid.terms[terms[i]]
+            numbers = {"a1": float(strength[i, 0])} | ({"c1": term.constant} if term.free else {})
+            law = Law(site.place, site.link, (term,))
+            yield Proposal(law, numbers, float(cost[i]), float(expected[i]), site.near)
 
     def _from_base(self, count: int) -> list[Proposal]:
         """The best of each place and set of drivers at the base's tangent."""
@@ -117,12 +237,9 @@ class Search:
         tangent = Tangent(self.yardstick, white, self.base.slopes)
         best: list[Proposal] = []
         for place in self.grid.places:
-            slope = self.base_slopes[place.name]
-            ranked = self._ranked(
-                tangent, slope, self.grid.allowed(place), place, "exponential", self.base
-            )
-            looked_through = itertools.islice(ranked, _LOOKED_THROUGH)
-            best += first_of_each(looked_through, lambda p: p.law.terms[0].drivers)
+            site = Site(place, "exponential", self.base, self.base_slopes[place.name], tangent)
+            ranked = itertools.islice(self._ranked(site, self.grid.allowed(place)), _LOOKED_THROUGH)
+            best += first_of_each(ranked, lambda p: p.law.terms[0].drivers)
         best.sort(key=lambda p: p.expected)
         # Each place has its chance: a tangent may mislead.
         own = {id(p) for p in first_of_each(best, lambda p: p.law.place)}
@@ -130,72 +247,17 @@ class Search:
 
     def _about(self, candidate: Candidate, link: Link) -> Iterator[Proposal]:
         """Laws of one term at a candidate's place and tangent, the best of each kind."""
-        place, (error, slope, base) = candidate.law.place, self._without(candidate, link)
-        tangent = Tangent(self.yardstick, error, base)
-        ranked = self._ranked(tangent, slope, self.grid.allowed(place), place, link, candidate.fit)
-        return first_of_each(ranked, lambda p: p.law.terms[0].kind)
+        site = self._without(candidate, link)
+        return first_of_each(self._ranked(site, self.grid.allowed(site.place)), _kind)
 
-    def _without(self, candidate: Candidate, link: Link) -> tuple[Array, Array, Array]:
-        """Whitened errors at a candidate with its law taken out: another is to explain what it does.
-
-        With them the slope by the sum of a law's terms, and those by the base's own parameters.
-        """
-        fit = candidate.fit
+    def _without(self, candidate: Candidate, link: Link) -> Site:
+        """A candidate with its law taken out: another is to explain what it does."""
+        fit, law = candidate.fit, candidate.law
         slope, total = self._under(candidate, link)
         error = self.yardstick.white(self.observed - fit.predicted + slope * total)
         base = [j for j, p in enumerate(fit.vector.free) if p.owner != SOUGHT]
-        return error, slope, fit.slopes[:, base]
-
-    def _second(self, candidate: Candidate) -> Iterator[Proposal]:
-        """The candidate with one more term of its driver, the best of each kind."""
-        law, fit = candidate.law, candidate.fit
-        slope, _ = self._under(candidate, law.link)
-        error = self.yardstick.white(self.observed - fit.predicted)
-        tangent = Tangent(self.yardstick, error, fit.slopes)
-        own, kinds = self._of_driver(law)
-        others = np.array([i for i in own if self.grid.terms[i].kind != law.terms[0].kind], np.intp)
-        for p in self._ranked(tangent, slope, others, law.place, law.link, fit):
-            cost = candidate.cost + self._cost_of_second(p, kinds)
-            yield both(law, candidate.numbers, p, cost, p.expected - p.cost + cost)
-
-    def _two_sided(self, candidate: Candidate) -> list[Proposal]:
-        """A term of the candidate's driver on each side of zero, in every pair of shapes.
-
-        Driving and braking are different mechanisms: what one side asks for need not be among the best
-        laws of the whole range.
-        """
-        law, fit = candidate.law, candidate.fit
-        own, kinds = self._of_driver(law)
-        below, above = (
-            np.array([i for i in own if self.grid.terms[i].side == side], np.intp)
-            for side in (-1, 1)
-        )
-        if not below.size:
-            return []
-        error, slope, base = self._without(candidate, law.link)
-        tangent = Tangent(self.yardstick, error, base)
-        pairs = []
-        ranked = self._ranked(tangent, slope, below, law.place, law.link, fit)
-        for one in first_of_each(ranked, lambda p: p.law.terms[0].kind):
-            moved = slope * self._at_values(one.law.terms[0])
-            beside = Tangent(self.yardstick, error, np.column_stack([base, moved]))
-            others = self._ranked(beside, slope, above, law.place, law.link, fit)
-            for other in first_of_each(others, lambda p: p.law.terms[0].kind):
-                cost = one.cost + self._cost_of_second(other, kinds)
-                expected = other.expected - other.cost + cost
-                pairs.append(both(one.law, one.numbers, other, cost, expected))
-        return sorted(pairs, key=lambda p: p.expected)
-
-    def _of_driver(self, law: Law) -> tuple[list[int], int]:
-        """The terms that can be added to a law of one driver, and how many kinds there are."""
-        drivers = law.terms[0].drivers
-        own = [i for i, t in enumerate(self.grid.terms) if t.drivers == drivers and not t.alone]
-        return own, len({self.grid.terms[i].kind for i in own})
-
-    def _cost_of_second(self, proposal: Proposal, kinds: int) -> float:
-        """Nats that a second term of the same place and driver takes. kinds: to choose from."""
-        half = 0.5 * float(np.log(self.yardstick.count))
-        return float(np.log(kinds)) + half * proposal.law.terms[0].numbers
+        tangent = Tangent(self.yardstick, error, fit.slopes[:, base])
+        return Site(law.place, link, fit, slope, tangent)
 
     def _under(self, candidate: Candidate, link: Link) -> tuple[Array, Array]:
         """Slope of a law's predictions by the sum of its terms, and that sum, under a link."""
@@ -207,6 +269,51 @@ class Search:
         if law.place.added:
             return slope, change
         return (slope / change, change - 1.0) if link == "linear" else (slope, np.log(change))
+
+    def _second(self, candidate: Candidate) -> Iterator[Proposal]:
+        """The candidate with one more term of its driver, the best of each kind."""
+        law, fit = candidate.law, candidate.fit
+        error = self.yardstick.white(self.observed - fit.predicted)
+        tangent = Tangent(self.yardstick, error, fit.slopes)
+        site = Site(law.place, law.link, fit, self._under(candidate, law.link)[0], tangent)
+        own = self._of_driver(law)
+        others = own[[self.grid.terms[i].kind != law.terms[0].kind for i in own]]
+        return (self._joined(candidate, p, own) for p in self._ranked(site, others))
+
+    def _two_sided(self, candidate: Candidate) -> list[Proposal]:
+        """A term of the candidate's driver on each side of zero, in every pair of shapes.
+
+        Driving and braking are different mechanisms: what one side asks for need not be among the best
+        laws of the whole range.
+        """
+        own = self._of_driver(candidate.law)
+        side = np.array([self.grid.terms[i].side for i in own])
+        if not np.any(side < 0):
+            return []
+        site = self._without(candidate, candidate.law.link)
+        pairs = []
+        for one in first_of_each(self._ranked(site, own[side < 0]), _kind):
+            moved = site.slope * self._at_values(one.law.terms[0])
+            beside = replace(site, tangent=site.tangent.beside(moved))
+            others = first_of_each(self._ranked(beside, own[side > 0]), _kind)
+            pairs += [self._joined(one, other, own) for other in others]
+        return sorted(pairs, key=lambda p: p.expected)
+
+    def _of_driver(self, law: Law) -> Index:
+        """The terms that can be added to a law of one driver."""
+        drivers = law.terms[0].drivers
+        own = [i for i, t in enumerate(self.grid.terms) if t.drivers == drivers and not t.alone]
+        return np.array(own, dtype=np.intp)
+
+    def _joined(self, first: Candidate | Proposal, second: Proposal, own: Index) -> Proposal:
+        """A law with a second term, of the same place, driver and tangent. own: terms to choose from."""
+        (term,) = second.law.terms
+        kinds = len({self.grid.terms[i].kind for i in own})
+        half = 0.5 * float(np.log(self.yardstick.count))
+        cost = first.cost + (float(np.log(kinds)) + half * term.numbers)
+        law = replace(first.law, terms=(*first.law.terms, term))
+        numbers = {**first.numbers, **{f"{n[0]}2": v for n, v in second.numbers.items()}}
+        return Proposal(law, numbers, cost, second.expected - second.cost + cost, second.near)
 
     # --- Fits in the model
 
@@ -230,9 +337,8 @@ class Search:
         except FAILURES:
             return
         score = self.yardstick.score(self.observed - fit.predicted) + cost
-        if np.isfinite(score) and (
-            law.key not in self._known or score < self._known[law.key].score
-        ):
+        known = self._known.get(law.key)
+        if np.isfinite(score) and (known is None or score < known.score):
             self._known[law.key] = Candidate(law, fit, cost, score)
 
     def _judge_anew(self, anew: int) -> None:
@@ -270,11 +376,6 @@ class Search:
 
     def _ordered(self) -> list[Candidate]:
         return sorted(self._known.values(), key=lambda c: c.score)
-
-    def _best_of_each(self, count: int) -> list[Candidate]:
-        """The best laws, one of each place and set of drivers."""
-        each = first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
-        return list(itertools.islice(each, count))
 
     def _at_values(self, term: Term) -> Array:
         """A term at each value, shape (values,)."""

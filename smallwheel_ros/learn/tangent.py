@@ -63,14 +63,10 @@ class Yardstick:
         """Values or columns of them, with V taken out; shape as given."""
         return self._v.whiten(values)
 
-    def by_channel(self, columns: Array) -> list[Array]:
-        """Whitened columns (values, columns) by channel and point, zero where nothing was measured."""
-        found: list[Array] = []
-        for c in self._channels:
-            mine = self._channel == c
-            table: Array = np.zeros((self.rows.size, columns.shape[1]))
-            table[self._point[mine]] = columns[mine]
-            found.append(table)
+    def by_channel(self, columns: Array) -> Array:
+        """Whitened columns (values, columns) by channel and point, 0 where nothing was measured."""
+        found = np.zeros((len(self._channels), self.rows.size, columns.shape[1]))
+        found[self._channel, self._point] = columns
         return found
 
     def at_each_point(self, slope: Array) -> Array:
@@ -100,13 +96,18 @@ class Tangent:
     """
 
     def __init__(self, yardstick: Yardstick, white_errors: Array, slopes: Array) -> None:
-        self._yardstick = yardstick
+        self._yardstick, self._errors, self._slopes = yardstick, white_errors, slopes
         self._basis = np.linalg.qr(yardstick.white(slopes))[0]
         self._parts = yardstick.by_channel(self._rest(white_errors.reshape(len(slopes), -1)))
         self._spread = [np.sum(self._parts[a] * self._parts[b], axis=0) for a, b in yardstick.pairs]
 
     def _rest(self, columns: Array) -> Array:
         return np.asarray(columns - self._basis @ (self._basis.T @ columns))
+
+    def beside(self, slope: Array) -> Tangent:
+        """The tangent with one parameter more, shape (values,)."""
+        slopes = np.column_stack([self._slopes, slope])
+        return Tangent(self._yardstick, self._errors, slopes)
 
     @property
     def nats(self) -> Array:

@@ -1,22 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a law is drafted: what chance, settings that the search never saw, and the vault say."""
+"""Whether a law is drafted: what is too little, what chance does, and what settings never seen say."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.diagnosis.settings import independent
+from smallwheel_ros.fitting import Problem
+from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import CvErrors, cross_validate, in_sample
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.learn.folds import HeldOut, setting_of
+from smallwheel_ros.learn.grammar import FEWEST_LEVELS, Driver
 from smallwheel_ros.learn.law import Law
-from smallwheel_ros.learn.tangent import Yardstick
+from smallwheel_ros.learn.search import FOLD, Candidate, Grid, Search
+from smallwheel_ros.learn.tangent import Tangent, Yardstick
+from smallwheel_ros.measurements.columns import COLUMNS, is_bookkeeping, is_response
+from smallwheel_ros.measurements.settings import (
+    LOAD_TOLERANCE,
+    OF_RANGE,
+    cluster,
+    settings_of_rows,
+)
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model import Model
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
+PERMUTATIONS = 199
 SURE = 0.02  # p of a draft
+VAULT_FROM = 40  # settings from which some are kept apart from everything
+_FEWEST_SETTINGS = 10
+_FOLDS = 8
+_ONE_BY_ONE = 20  # settings up to which each is left out alone
+_VAULT_SHARE = 5  # one in so many of them
 _LEAST_FALL = 0.05  # of the held-out error
 _LEAST_Z = 1.28  # standard errors of the held-out gain: one in ten by chance
 _MAJORITY = 0.5  # of the folds
@@ -24,70 +46,256 @@ _STUDENT = 4.0  # degrees of freedom of the loss: one bad extrapolation does not
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What held-out errors say.
+class Judged:
+    """The best law, fitted to all points, and how it did on what the search did not see.
 
-    reduction: relative fall of the whitened rms. z: mean gain of settings over its standard error.
-    agreeing: share of the folds that chose the same drivers.
+    tied: all laws that do as well, the best first. errors: held out, of the base and of the folds' laws.
+    laws: of the folds. vault: how many settings were kept apart.
     """
 
-    reduction: float
-    z: float
-    agreeing: float
+    law: Candidate
+    tied: tuple[Candidate, ...]
+    errors: Sequence[CvErrors]
+    laws: Sequence[Law | None]
+    vault: int
 
-    @classmethod
-    def of(cls, held_out: HeldOut, law: Law, fitter: Fitter, fit: Fit) -> Judgement:
-        """Judge a law. fit: with the law; its scatter is the yardstick."""
-        points = fitter.points
-        yardstick = Yardstick(fitter, fit)
-        before, after = (
-            _by_point(yardstick, points, errors) for errors in (held_out.before, held_out.after)
+
+@dataclass(frozen=True)
+class Sought:
+    """What one search for a law found.
+
+    verdict: law, unstable, weak, nothing or refused, with reasons in words. problem: all points, and the
+    base without the law. p: of the permutations, None where it did not come to them; best: None where
+    there is nothing to judge.
+    """
+
+    verdict: str
+    reasons: tuple[str, ...]
+    problem: Problem | None = None
+    grid: Grid | None = None
+    p: float | None = None
+    best: Judged | None = None
+
+
+# --- What no law can be learnt of, in words
+
+
+def too_little(points: Points) -> str:
+    """Say what is lacking of settings and runs, "" where there is enough."""
+    settings = settings_in(points)
+    if settings == 1:
+        return "every run has the same setting: a law needs something that was varied"
+    if settings < _FEWEST_SETTINGS:
+        return f"{settings} settings, and a law needs {_FEWEST_SETTINGS} or more"
+    if points.run_count < FEWEST_RUNS:
+        return (
+            f"{points.run_count} runs, and a law needs {FEWEST_RUNS} or more: settings of one run "
+            "share its soil"
         )
-        row = np.unique(points.row, return_index=True)[1]
-        setting = np.unique(setting_of(points)[row], return_inverse=True)[1].reshape(-1)
-        gap = np.bincount(setting, _loss(before) - _loss(after))
-        error = float(np.std(gap, ddof=1)) / np.sqrt(gap.size)
-        most = max(3.0 * float(np.sqrt(np.mean(before**2))), 4.0)
-        first, second = (
-            float(np.sqrt(np.mean(np.minimum(np.abs(e), most) ** 2))) for e in (before, after)
+    return ""
+
+
+def settings_in(points: Points) -> int:
+    """How many settings the rows have that are used."""
+    used = np.unique(np.concatenate(points.rows))
+    return int(np.unique(settings_of_rows(points.measurements)[used]).size)
+
+
+def nothing_to_follow(grid: Grid) -> str:
+    """Say why no setting can be followed, "" where one can."""
+    settings = [d for d in grid.drivers if d.columns]
+    if any(d.levels >= FEWEST_LEVELS for d in settings):
+        return ""
+    why = "; ".join([*grid.notes, *map(_values, settings)])
+    return f"there is nothing that a law could follow: {why or 'nothing was varied'}"
+
+
+def cannot_be_told(law: Law, measurements: Measurements) -> str:
+    """Say why what is missing may not be this law, though it fits best, "" where it may."""
+    known = {*measurements.conditions.covariates, *measurements.channels, *COLUMNS}
+    blank = [name for name, unit in measurements.units.items()
+             if name not in known and not name.endswith("_std")
+             and not is_response(name, unit) and not is_bookkeeping(name)]  # fmt: skip
+    if blank:
+        return (
+            f"something is missing, and {' and '.join(blank)}, blank in some rows, may be what it "
+            "follows: fill the cells in, or leave the column out"
         )
-        same = [_agrees(choice, law) for choice in held_out.choices]
-        z = float(gap.mean()) / max(error, 1e-12)
-        return cls(1.0 - second / first, z, float(np.mean(same)))
-
-    def verdict(self, p: float) -> tuple[str, tuple[str, ...]]:
-        """The verdict, and what speaks against a law. p: of the permutations."""
-        against = []
-        if p > SURE:
-            against.append(f"such a gain comes by chance with p {p:.2g}, and a law needs {SURE:g}")
-        if self.reduction <= _LEAST_FALL:
-            against.append("on settings that the search never saw the error hardly falls")
-        elif self.z <= _LEAST_Z:
-            against.append(
-                "the fall of the error on settings never seen is within its standard error"
-            )
-        if against:
-            return "weak", tuple(against)
-        if self.agreeing < _MAJORITY:
-            share = f"{100 * self.agreeing:.0f} %"
-            return "unstable", (f"only {share} of the folds choose what it follows",)
-        return "law", ()
+    few = [d for d in law.by_name.values() if d.levels < FEWEST_LEVELS]
+    return f"what is missing follows {few[0].name}; {_values(few[0])}" if few else ""
 
 
-def _agrees(choice: Law | None, law: Law) -> bool:
-    """Whether a fold's law follows the same settings; a constant has its stage only."""
-    if choice is None or choice.columns != law.columns:
-        return False
-    return bool(law.columns) or choice.place.stage == law.place.stage
+def _values(driver: Driver) -> str:
+    return f"{driver.name} has {driver.levels} values: a law needs {FEWEST_LEVELS} or more"
 
 
-def _by_point(yardstick: Yardstick, points: Points, errors: dict[str, Array]) -> Array:
+# --- How often errors without a law would gain as much
+
+
+def chance(search: Search, permutations: int, rng: np.random.Generator) -> float:
+    """p of the best gain by permutations. search: one that has not run, with its base's yardstick.
+
+    The one statistic is what the best term of the whole grammar gains at the base's tangent, less the
+    nats of its description.
+    """
+    white = search.yardstick.white(search.observed - search.base.predicted)
+    copies = np.column_stack([white, _permuted(white, search.fitter.points, permutations, rng)])
+    tangent = Tangent(search.yardstick, copies, search.base.slopes)
+    best = np.full(permutations + 1, -np.inf)
+    for place in search.grid.places:
+        terms = search.grid.allowed(place)
+        gains, _ = tangent.gains(search.base_slopes[place.name], search.values(terms))
+        worth = gains - (search.grid.cost[terms] + place.nats)[:, None]
+        best = np.maximum(best, worth.max(axis=0))
+    return float(1 + np.sum(best[1:] >= best[0])) / (permutations + 1)
+
+
+def _permuted(white: Array, points: Points, count: int, rng: np.random.Generator) -> Array:
+    """Copies of whitened errors with runs exchanged and signs flipped, shape (values, count).
+
+    Under the null hypothesis the runs' errors could have come in any order and with either sign. Whole
+    runs are exchanged, among those with as many values: what points of one run share stays with them.
+    """
+    alike: dict[tuple[int, ...], list[Index]] = {}
+    for run in np.unique(points.run):
+        mine = np.flatnonzero(points.run == run)
+        mine = mine[np.lexsort((points.path[mine], points.channel[mine]))]
+        alike.setdefault(tuple(points.channel[mine].tolist()), []).append(mine)
+    found = np.empty((white.size, count))
+    for b in range(count):
+        for runs in alike.values():
+            order = rng.permutation(len(runs))
+            signs = rng.choice([-1.0, 1.0], len(runs))
+            for i, mine in enumerate(runs):
+                found[mine, b] = signs[i] * white[runs[order[i]]]
+    return found
+
+
+# --- Settings that the search never saw
+
+
+def setting_of(points: Points) -> Index:
+    """Code of what was set at each value, shape (values,).
+
+    Of the settings that were varied on their own: a load that follows slip does not make two settings
+    of one slip, and runs of one slip stay together.
+    """
+    codes = [
+        cluster(np.log(c), LOAD_TOLERANCE) if n == "load" else cluster(c, OF_RANGE * float(np.ptp(c)))
+        for n, c in independent(points).items()
+    ]  # fmt: skip
+    if not codes:
+        return points.setting
+    return np.unique(np.column_stack(codes), axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
+    """Values that neither search nor folds see, shape (values,): none under `VAULT_FROM` settings."""
+    setting = setting_of(points)
+    settings = np.unique(setting)
+    if settings.size < VAULT_FROM:
+        return np.zeros(len(points), dtype=bool)
+    kept = np.random.default_rng([seed, 1]).permutation(settings)[: settings.size // _VAULT_SHARE]
+    return np.isin(setting, kept)
+
+
+def left_out(
+    fitter: Fitter, base: Fit, grid: Grid, seed: int, done: Callable[[], object]
+) -> tuple[list[CvErrors], list[Law | None]]:
+    """Leave whole settings out in turn and search again without them. done: called after each fold.
+
+    Gives the errors of the base and of what the folds found, and the laws, None where a fold found none.
+    """
+    points = fitter.points
+    settings, code = np.unique(setting_of(points), return_inverse=True)
+    count = settings.size if settings.size <= _ONE_BY_ONE else _FOLDS
+    dealt = np.random.default_rng([seed, 2]).permutation(np.arange(settings.size) % count)
+    fold = dealt[code.reshape(-1)]
+    laws: list[Law | None] = []
+
+    def search(training: Points) -> list[Model]:
+        fits = fitter.of_values(training, fold != len(laws))
+        plain = fits.fit(base.vector, base.theta, base.scatter, turns=2)
+        chosen = Search(fits, plain, grid).run(FOLD).draft
+        laws.append(chosen.law if chosen else None)
+        done()
+        return [plain.model, *([chosen.fit.model] if chosen else [])]
+
+    return cross_validate(points, search, 2, fold), laws
+
+
+def with_vault(
+    errors: Sequence[CvErrors], vault: Points, models: Sequence[Model]
+) -> tuple[list[CvErrors], bool]:
+    """The errors with those of models on what was kept apart, and whether the law's are less somewhere."""
+    seen = [in_sample(vault, model) for model in models]
+    before, after = (one.rmse() for one in seen)
+    both = []
+    for folds, one in zip(errors, seen, strict=True):
+        known = {n: np.where(np.isfinite(e), e, folds.error[n]) for n, e in one.error.items()}
+        both.append(CvErrors({**folds.error, **known}, folds.run))
+    return both, any(after[name] <= before[name] for name in before)
+
+
+def agreeing(laws: Sequence[Law | None], law: Law) -> float:
+    """Share of the folds that chose the same drivers; of a constant, its stage."""
+    same = [
+        other is not None and other.columns == law.columns
+        and (bool(law.columns) or other.place.stage == law.place.stage) for other in laws
+    ]  # fmt: skip
+    return float(np.mean(same))
+
+
+def judge(
+    p: float,
+    errors: Sequence[CvErrors],
+    laws: Sequence[Law | None],
+    fitter: Fitter,
+    draft: Candidate,
+) -> tuple[str, tuple[str, ...]]:
+    """The verdict, and what speaks against a law.
+
+    p: of the permutations. errors: of the base and of the folds' laws. The draft's scatter is the
+    yardstick.
+    """
+    fall, z = _gain(errors, fitter, draft.fit)
+    against = []
+    if p > SURE:
+        against.append(f"such a gain comes by chance with p {p:.2g}, and a law needs {SURE:g}")
+    if fall <= _LEAST_FALL:
+        against.append("on settings that the search never saw the error hardly falls")
+    elif z <= _LEAST_Z:
+        against.append("the fall of the error on settings never seen is within its standard error")
+    if against:
+        return "weak", tuple(against)
+    agree = agreeing(laws, draft.law)
+    if agree < _MAJORITY:
+        return "unstable", (f"only {100 * agree:.0f} % of the folds choose what it follows",)
+    return "law", ()
+
+
+def _gain(errors: Sequence[CvErrors], fitter: Fitter, fit: Fit) -> tuple[float, float]:
+    """Relative fall of the whitened rms, and the settings' mean gain over its standard error."""
+    points, yardstick = fitter.points, Yardstick(fitter, fit)
+    before, after = (_by_point(yardstick, points, e.error) for e in errors)
+    row = np.unique(points.row, return_index=True)[1]
+    setting = np.unique(setting_of(points)[row], return_inverse=True)[1].reshape(-1)
+    gap = np.bincount(setting, _loss(before) - _loss(after))
+    spread = float(np.std(gap, ddof=1)) / np.sqrt(gap.size)
+    most = max(3.0 * float(np.sqrt(np.mean(before**2))), 4.0)
+    first, second = (
+        float(np.sqrt(np.mean(np.minimum(np.abs(e), most) ** 2))) for e in (before, after)
+    )
+    return 1.0 - second / first, float(gap.mean()) / max(spread, 1e-12)
+
+
+def _by_point(yardstick: Yardstick, points: Points, errors: Mapping[str, Array]) -> Array:
     """Whitened errors of the points, shape (channels, points)."""
     names = [points.channels[c] for c in points.channel]
     mean = np.array(
         [np.mean(errors[name][rows]) for name, rows in zip(names, points.rows, strict=True)]
     )
-    return np.array([part[:, 0] for part in yardstick.by_channel(yardstick.white(mean)[:, None])])
+    return yardstick.by_channel(yardstick.white(mean)[:, None])[:, :, 0]
 
 
 def _loss(white: Array) -> Array:

@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from smallwheel_ros.display import listed, number, sentence, shown_value, words
+from smallwheel_ros.learn.document import grows, trust
 from smallwheel_ros.learn.learning import Learnt
-from smallwheel_ros.learn.text import grows, trust
 from smallwheel_ros.pictures.learnt import learnt_figure
 from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section, Table, Text, page
 
@@ -30,8 +30,8 @@ _CAPTION = (
 
 def learn_figures(result: Learnt) -> dict[str, Figure]:
     """The picture by name; none where there is no law of one setting."""
-    shape = result.shape
-    return {} if shape is None else {"learnt": learnt_figure(result.document, shape.tied)}
+    curves = result.tied_curves
+    return {} if curves is None else {"learnt": learnt_figure(result.document, curves)}
 
 
 def learn_page(result: Learnt) -> str:
