@@ -167,7 +167,7 @@ def test_rates_over_worlds() -> None:
     for kind, brier in (("balance", 0.08), ("balance and torque", 0.045)):
         assert found[kind]["Brier"][0] <= brier
         # 0.98 is aimed at; 128 drives of docs/traction_rates.md hold 0.994 with the balance: too wide.
-        assert 0.9 <= found[kind]["pull in band"][0]
+        assert found[kind]["pull in band"][0] >= 0.9
     assert found["nothing"]["pull in band"][0] >= 0.9
     assert all(rate["margin in band"][0] >= 0.9 for rate in found.values())
 

@@ -43,7 +43,7 @@ from smallwheel_ros.learn.verdict import (
 )
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.output import write_bytes
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.results import Result, Writer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -192,25 +192,17 @@ class Learnt(Result):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw what each setting asks for, and the law. Raises LearnError without a formula."""
-        from smallwheel_ros.pictures.learnt import draw_learnt
-
         if self.tied_curves is None:
             raise LearnError(f"there is no law of one setting to draw: {self.headline()}")
-        return draw_learnt(axes_or_new(ax), self.document, self.tied_curves)
+        return self._drawn(ax)
 
     def _writers(self) -> dict[str, Writer]:
-        def page(path: Path) -> None:
-            from smallwheel_ros.report.learn_report import learn_page
-            from smallwheel_ros.report.page import write_page
-
-            write_page(path, learn_page(self))
-
         def law(path: Path) -> None:
             if self.source is None:
                 raise LearnError(f"{path}: no law was drafted, so there is none to save")
             write_bytes(path, self.source.encode())
 
-        return picture_writers(self.plot) | {".html": page, ".py": law}
+        return super()._writers() | {".py": law}
 
 
 def learn(

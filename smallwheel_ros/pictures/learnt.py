@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from smallwheel_ros.display import display, number, words
+from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
@@ -36,6 +37,11 @@ def learnt_figure(document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Fi
                     "(1: noise)", fontsize=8, color=INK)  # fmt: skip
         figure.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
     return figure
+
+
+def draw_law(axes: Axes, learnt: Learnt) -> None:
+    """What each setting asks for, and the law; `learnt` has one of a setting."""
+    draw_learnt(axes, learnt.document, learnt.tied_curves or ())
 
 
 def draw_learnt(axes: Axes, document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Axes:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -11,7 +12,17 @@ from smallwheel_ros.display import listed, number, sentence, shown_value, words
 from smallwheel_ros.learn.document import grows, trust
 from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.pictures.learnt import learnt_figure
-from smallwheel_ros.report.page import Block, Callout, Details, Picture, Section, Table, Text, page
+from smallwheel_ros.report.page import (
+    Block,
+    Callout,
+    Details,
+    Picture,
+    Section,
+    Table,
+    Text,
+    page,
+    write_page,
+)
 
 _HEADLINES = {
     "law": "A law was learnt",
@@ -32,6 +43,11 @@ def learn_figures(result: Learnt) -> dict[str, Figure]:
     """The picture by name; none where there is no law of one setting."""
     curves = result.tied_curves
     return {} if curves is None else {"learnt": learnt_figure(result.document, curves)}
+
+
+def write_learnt(result: Learnt, path: Path) -> None:
+    """Write the page. Raises OutputError where it cannot be written."""
+    write_page(path, learn_page(result))
 
 
 def learn_page(result: Learnt) -> str:
