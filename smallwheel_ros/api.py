@@ -103,7 +103,7 @@ def read_test(data: Data | ShearTests, **how: Any) -> Measurements | ShearTests:
     """Read a table of any test of a lab, shear tests too. how: as in ``read``."""
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.measurements.tests import read_tests
+    from smallwheel_ros.measurements.wheels import read_tests
 
     if isinstance(data, (Measurements, ShearTests)):
         return data

@@ -15,9 +15,9 @@ from smallwheel_ros.measurements.cells import (
     Problems,
     array_of_texts,
     clipped,
+    is_blank,
     refuse_long_texts,
     shown,
-    without_collection,
 )
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
@@ -31,14 +31,14 @@ from smallwheel_ros.measurements.columns import (
 )
 from smallwheel_ros.measurements.headers import UNKNOWN, Heading
 from smallwheel_ros.measurements.layout import Layout, find_layout
-from smallwheel_ros.measurements.long_text import only_numbers, rows_of
 from smallwheel_ros.measurements.matching import listed, match_columns
-from smallwheel_ros.measurements.not_measured import is_label, rows_not_measured, say_left_out
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
-from smallwheel_ros.measurements.words import contact_of
+from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
 
 _MOST_TEXTS = 30  # that are told apart in one column
+_MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
+_MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
 @dataclass
@@ -83,7 +83,7 @@ class Columns:
         """Keep the rows of that mask."""
         index = np.flatnonzero(rows)
         self.lines = self.lines[index]
-        self.cells = {name: rows_of(cells, index) for name, cells in self.cells.items()}
+        self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
         self.numbers = {name: values[index] for name, values in self.numbers.items()}
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
 
@@ -105,7 +105,6 @@ class Columns:
         return f"{cell} {plain}" + ("" if same else f" ({values[row]:.6g} in SI)")
 
 
-@without_collection()
 def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     """Every column of the table, checked cell by cell.
 
@@ -115,13 +114,9 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     layout = find_layout(grid)
     problems = Problems(grid.source, grid.place, layout.numbers, layout.header_line)
     named = match_columns(layout, mapping, problems)
-    texts = [
-        (layout.headers[i], cells)
-        for i, cells in enumerate(layout.columns)
-        if not only_numbers(cells) or (i in named and named[i].name in TEXTS)
-    ]
-    refuse_long_texts(texts, problems)
     parsed = _numbers(layout, named, grid.comma)
+    texts = [i for i in range(len(layout.headers)) if i not in parsed or parsed[i].faults]
+    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], problems)
     left_out = rows_not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
@@ -131,9 +126,13 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
             rows=[row for row, n in ragged.items() if n == count],
         )
-    say_left_out(layout, left_out)
+    layout.said += [
+        f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
+        for row, text in [*left_out.items()][:5]
+    ]
+    layout.said += [f"and {len(left_out) - 5} more rows like it"] if len(left_out) > 5 else []
     if left_out or ragged:
-        _keep(layout, np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
+        layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
         if not layout.numbers.size:
             problems.add("no rows of measurements are left")
             problems.raise_any()
@@ -156,9 +155,46 @@ def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[
     return dict(zip(positions, found, strict=True))
 
 
-def _keep(layout: Layout, rows: NDArray[np.intp]) -> None:
-    layout.columns = [rows_of(column, rows) for column in layout.columns]
-    layout.numbers = layout.numbers[rows]
+def rows_not_measured(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> dict[int, str]:
+    """Rows that are no measurements, by what they say.
+
+    Means and sums of others, remarks between and below the measurements, the header once more.
+    """
+    found: dict[int, str] = {}
+    for position, heading in named.items():
+        cells, rows = layout.columns[position], range(len(layout.numbers))
+        texts = [*rows]
+        if position in parsed:
+            known = heading.name in COLUMNS or position == 0
+            numeric = not (known or is_label(heading, parsed[position]))
+            texts = [] if numeric else [*parsed[position].faults][:_MOST_FAULTS]
+        elif not may_have_summary("\n".join(dict.fromkeys(map(str, cells)))):
+            continue
+        names = frozenset(map(str, cells)) if heading.name == "run" else frozenset[str]()
+        said = {i: c for i in texts if isinstance(c := cells[i], str) and is_summary(c, names)}
+        if len(said) < len(cells):  # else each row is the mean of a few, and the column says so
+            found |= said
+    nothing = np.all([numbers.blank for numbers in parsed.values()], axis=0)
+    remarks = {*np.flatnonzero(nothing).tolist()} if parsed else set(range(layout.numbers.size))
+    again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
+    again = [i for i in again if [shown(c[i]) for c in layout.columns] == layout.headers]
+    for row in {*layout.ragged, *again}:
+        # a remark may have commas: it has texts only where the table has numbers
+        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
+            remarks.add(row)
+    for row in remarks:
+        filled = (c[row] for c in layout.columns if not is_blank(c[row]))
+        found[row] = ", ".join(map(shown, filled))
+    return dict(sorted(found.items()))
+
+
+def is_label(heading: Heading, parsed: Numbers) -> bool:
+    """Whether a column of no known name is one of texts: too few of its cells are numbers."""
+    filled = int((~parsed.blank).sum())
+    texts = sum(not why for why in parsed.faults.values())
+    return heading.unit is None and filled - texts < _MOSTLY * filled
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:

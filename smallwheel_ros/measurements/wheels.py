@@ -24,7 +24,7 @@ from smallwheel_ros.measurements.plates import (
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
 from smallwheel_ros.measurements.settings import order_columns, set_columns, setting_codes
-from smallwheel_ros.measurements.shear import is_shear
+from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
 from smallwheel_ros.measurements.table import Measurements, over_half
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 
@@ -68,11 +68,27 @@ def read_measurements(
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
-    grid = read_grid(source, None if sheet is None else str(sheet))
-    columns = read_columns(grid, map or {})
+    columns = read_columns(read_grid(source, sheet), map or {})
     if is_shear(columns):
         columns.problems.add(_SHEAR)
         columns.problems.raise_any()
+    return measurements_of(columns, diameter, width, contact, compliance)
+
+
+def read_tests(
+    source: str | Path | pd.DataFrame,
+    *,
+    diameter: float | None = None,
+    width: float | None = None,
+    contact: str | None = None,
+    compliance: float | None = None,
+    map: Mapping[str, str] | None = None,
+    sheet: str | int | None = None,
+) -> Measurements | ShearTests:
+    """Read a table of wheels and plates, as `read_measurements`, or one of shear tests."""
+    columns = read_columns(read_grid(source, sheet), map or {})
+    if is_shear(columns):
+        return shear_tests(columns)
     return measurements_of(columns, diameter, width, contact, compliance)
 
 
