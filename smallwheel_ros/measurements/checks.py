@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS
+from smallwheel_ros.measurements.settings import codes_of, one_row_a_wheel
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array
 from smallwheel_ros.physics.stresses import mean_place
 
@@ -134,31 +135,6 @@ def _spread(values: Array, index: NDArray[np.intp], runs: int) -> tuple[Array, A
     np.minimum.at(low, index, values)
     np.maximum.at(high, index, values)
     return low, high
-
-
-def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
-    """The different values in the order in which they first appear, and each row's index into them.
-
-    Equal neighbours are one value to look up, and a table of values is many times quicker than sorting
-    texts, as `np.unique` does.
-    """
-    begins = np.concatenate([[True], column[1:] != column[:-1]])[: column.size]
-    rows = column[begins].tolist()
-    names = list(dict.fromkeys(rows))
-    number = dict(zip(names, range(len(names)), strict=True))
-    codes = np.fromiter(map(number.__getitem__, rows), np.intp, len(rows))
-    return names, codes[np.cumsum(begins) - 1]
-
-
-def one_row_a_wheel(data: Measurements) -> bool:
-    """Whether runs are of several wheels that the table names, each with one row: a vehicle's.
-
-    So are the runs of a drive that `replay` makes a table of: one stretch of way.
-    """
-    if not data.wheels_given:
-        return False
-    pairs = set(zip(data.run.tolist(), data.wheel.tolist(), strict=True))
-    return len(pairs) == len(data) > len({run for run, _ in pairs})
 
 
 def _runs(data: Measurements) -> Iterator[str]:

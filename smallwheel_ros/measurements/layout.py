@@ -103,7 +103,7 @@ def find_layout(grid: Grid) -> Layout:
         said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
     refuse_many_cells(grid.source, len(rows) + (grid.header is None), width)
-    body = [[*grid.rows[i][:width], *[""] * (width - len(grid.rows[i]))] for i in rows]
+    body = [_fitted(grid.rows[i], width) for i in rows]
     headers = [*headers[:width], *[""] * (width - len(headers))]
     columns = list(zip(*body, strict=True))
     return Layout(headers, [*columns], units, numbers, header_line, ragged, said)
@@ -180,3 +180,7 @@ def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[i
     width = max((n for n in lengths.values() if n <= len(headers)), default=headed)
     width = max(width, headed)
     return width, {p: n for p, n in lengths.items() if n > width or n < headed}
+
+
+def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
+    return row if len(row) == width else [*row[:width], *[""] * (width - len(row))]

@@ -68,10 +68,10 @@ class Numbers:
 
 def read_numbers(columns: Sequence[Sequence[Cell]], semicolons: bool) -> list[Numbers]:
     """Numbers of all columns of a table; semicolons: a comma can be nothing but a decimal mark."""
-    texts = [{cell for cell in cells if isinstance(cell, str)} for cells in columns]
-    if not any("," in text for column in texts for text in column):
+    texts = [[cell for cell in cells if isinstance(cell, str)] for cells in columns]
+    if not any("," in "".join(column) for column in texts):
         return [_column(cells, {"."}) for cells in columns]
-    kinds = [{s.kind for s in map(_spelling, column) if s is not None} for column in texts]
+    kinds = [{s.kind for s in map(_spelling, set(column)) if s is not None} for column in texts]
     # a column of both marks is wrong already, and says nothing of the others
     all_kinds = set[str]().union(*(k for k in kinds if not k >= _BOTH))
     table = all_kinds & _BOTH

@@ -29,9 +29,8 @@ from smallwheel_ros.measurements.columns import (
     ColumnSpec,
     Mask,
 )
-from smallwheel_ros.measurements.headers import UNKNOWN, Heading
+from smallwheel_ros.measurements.headers import UNKNOWN, Heading, listed, match_columns
 from smallwheel_ros.measurements.layout import Layout, find_layout
-from smallwheel_ros.measurements.matching import listed, match_columns
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
 from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary

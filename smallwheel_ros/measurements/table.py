@@ -6,23 +6,30 @@ One row is one steady measurement of one wheel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.display import column_display, number
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.columns import CHANNELS, is_response
+from smallwheel_ros.measurements.columns import CHANNELS, is_response, unit_of
+from smallwheel_ros.measurements.settings import varied_settings
+from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.results import Result, ResultError, Writer, axes_or_new, picture_writers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows"]
 
+Texts = NDArray[np.str_]
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 
@@ -76,28 +83,20 @@ class Measurements(Result):
 
     def text(self) -> str:
         """A line for each column, and what was understood, assumed and is suspicious."""
-        from smallwheel_ros.measurements.shown import table_text
-
         return table_text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """What the table is: columns with units and ranges, not its rows."""
-        from smallwheel_ros.measurements.shown import table_document
-
         return table_document(self)
 
     def rows(self) -> list[dict[str, Any]]:
         """One mapping for each row, SI units; None where nothing was measured."""
-        from smallwheel_ros.measurements.shown import table_rows
-
         return table_rows(self)
 
     def plot(
         self, ax: Axes | None = None, channel: str | None = None, over: str | None = None
     ) -> Axes:
         """Draw a channel (the first) over a setting (load)."""
-        from smallwheel_ros.measurements.shown import draw_table
-
         axes = axes_or_new(ax)
         draw_table(axes, self, channel, over)
         return axes
@@ -157,3 +156,185 @@ class Measurements(Result):
 def over_half(sinkage: Array, diameter: Array) -> NDArray[np.bool_]:
     """Whether a wheel is deeper than its axle."""
     return np.asarray(sinkage > 0.5 * diameter * (1.0 + 1e-9))
+
+
+def columns_of(table: Measurements) -> dict[str, Any]:
+    """Every column by name, SI units, shape (rows,): settings first, then what was measured."""
+    conditions = table.conditions
+    names = ("load", "diameter", "width", *conditions.covariates)
+    found: dict[str, Any] = {"run": table.run, "wheel": table.wheel}
+    if conditions.soil is not None:
+        found["soil"] = conditions.soil
+    found |= {name: conditions[name] for name in names}
+    return found | dict(table.channels)
+
+
+def table_rows(table: Measurements) -> list[dict[str, Any]]:
+    """One mapping for each row; None where nothing was measured."""
+    lists = {name: column.tolist() for name, column in columns_of(table).items()}
+    return [
+        {n: None if v != v else v for n, v in zip(lists, row, strict=True)}
+        for row in zip(*lists.values(), strict=True)
+    ]
+
+
+def table_document(table: Measurements) -> dict[str, Any]:
+    """What the table is, as plain values in SI units."""
+    numbers = {n: c for n, c in columns_of(table).items() if np.asarray(c).dtype.kind == "f"}
+    return {
+        "schema": 1,
+        "source": table.source,
+        "sha256": table.sha256,
+        "rows": len(table),
+        "runs": int(table.runs.size),
+        "runs_given": table.runs_given,
+        "columns": {
+            name: {
+                "unit": table.units.get(name, unit_of(name)),
+                "from": float(np.nanmin(values)) if np.isfinite(values).any() else None,
+                "to": float(np.nanmax(values)) if np.isfinite(values).any() else None,
+            }
+            for name, values in numbers.items()
+        },
+        "understood": list(table.understood),
+        "warnings": list(table.warnings),
+        "notes": list(table.notes),
+    }
+
+
+def table_text(table: Measurements) -> str:
+    """What the table is, a line for each column."""
+    lines = [table.headline()]
+    for name, values in columns_of(table).items():
+        if np.asarray(values).dtype.kind != "f" or not np.isfinite(values).any():
+            continue
+        known = name in ("load", "diameter", "width") or name in table.conditions.covariates
+        shown = column_display(table, name) if known else None
+        scale, label = (1e3, f"{name} [mm]") if name == "sinkage" else (1.0, f"{name} [N]")
+        if shown is not None:
+            scale, label = shown.scale, shown.label
+        ends = f"{number(scale * np.nanmin(values))} to {number(scale * np.nanmax(values))}"
+        lines.append(f"  {label}: {ends}")
+    lines += [f"understood: {text}" for text in table.understood]
+    lines += [f"warning: {text}" for text in table.warnings]
+    return "\n".join([*lines, *(f"note: {text}" for text in table.notes)])
+
+
+def draw_table(axes: Axes, table: Measurements, channel: str | None, over: str | None) -> None:
+    """Draw a channel over a setting. Raises ResultError where there is none of that name."""
+    from smallwheel_ros.display import display
+    from smallwheel_ros.pictures.house import COLOURS, plain, style
+
+    settings = {"load": table.conditions.load} | dict(varied_settings(table))
+    channel, over = channel or next(iter(table.channels)), over or next(iter(settings))
+    for name, known in ((channel, table.channels), (over, settings)):
+        if name not in known:
+            raise ResultError(f"no column '{name}' to draw: {nearest(name, list(known))}")
+    across, shown = column_display(table, over), display(channel, unit_of(channel))
+    x, y = settings[over] * across.scale, table.channels[channel] * shown.scale
+    axes.scatter(x, y, s=12, alpha=0.65, linewidth=0, color=COLOURS[2])
+    style(axes, plain(across.label), shown.label)
+
+
+def joined(tables: Sequence[Measurements]) -> Measurements:
+    """The rows of several tables, in order.
+
+    A covariate that a table lacks is left out where that table has rolling wheels, and unknown in its
+    other rows. Runs of one name in two files are different runs.
+    """
+    if len(tables) == 1:
+        return tables[0]
+    names = dict.fromkeys(name for table in tables for name in table.conditions.covariates)
+    covariates, notes = {}, [note for table in tables for note in table.notes]
+    for name in names:
+        lacking = [t for t in tables if name not in t.conditions.covariates]
+        if any(t.conditions.rolling.any() for t in lacking):
+            notes.append(f"column '{name}' is left out: {lacking[0].source} does not have it")
+            continue
+        covariates[name] = _columns(
+            [_or_blank(t, t.conditions.covariates.get(name)) for t in tables]
+        )
+    conditions = Conditions(
+        _columns([t.conditions.load for t in tables]),
+        _columns([t.conditions.diameter for t in tables]),
+        _columns([t.conditions.width for t in tables]),
+        _texts([t.conditions.contact for t in tables]),
+        _soils(tables),
+        covariates,
+    )
+    channels = dict.fromkeys(name for table in tables for name in table.channels)
+    declared = dict.fromkeys(name for table in tables for name in table.declared_std)
+    return replace(
+        tables[0],
+        conditions=conditions,
+        channels={n: _columns([_or_blank(t, t.channels.get(n)) for t in tables]) for n in channels},
+        run=_joined_runs([t.run for t in tables], [t.source for t in tables]),
+        wheel=_texts([t.wheel for t in tables]),
+        line=np.concatenate([t.line for t in tables]),
+        declared_std={
+            n: _columns([_or_blank(t, t.declared_std.get(n)) for t in tables]) for n in declared
+        },
+        labels={},
+        units={name: unit for table in tables for name, unit in table.units.items()},
+        runs_given=all(t.runs_given for t in tables),
+        wheels_given=all(t.wheels_given for t in tables),
+        warnings=tuple(w for t in tables for w in t.warnings),
+        notes=tuple(dict.fromkeys(notes)),
+        source=", ".join(t.source for t in tables),
+        sha256=_digest([t.sha256 for t in tables]),
+    )
+
+
+def joined_shear(tables: Sequence[ShearTests]) -> ShearTests:
+    """The rows of several tables of shear tests, in order."""
+    if len(tables) == 1:
+        return tables[0]
+    return replace(
+        tables[0],
+        normal_stress=_columns([t.normal_stress for t in tables]),
+        shear_stress=_columns([t.shear_stress for t in tables]),
+        displacement=_columns([t.displacement for t in tables]),
+        run=_joined_runs([t.run for t in tables], [t.source for t in tables]),
+        soil=_texts([t.soil for t in tables]),
+        line=np.concatenate([t.line for t in tables]),
+        notes=tuple(note for t in tables for note in t.notes),
+        source=", ".join(t.source for t in tables),
+        sha256=_digest([t.sha256 for t in tables]),
+    )
+
+
+def _columns(parts: Sequence[Array]) -> Array:
+    return np.asarray(np.concatenate(parts), dtype=float)
+
+
+def _texts(parts: Sequence[Texts]) -> Texts:
+    return np.asarray(np.concatenate(parts), dtype=np.str_)
+
+
+def _or_blank(table: Measurements, column: Array | None) -> Array:
+    return np.full(len(table), np.nan) if column is None else column
+
+
+def _soils(tables: Sequence[Measurements]) -> Texts | None:
+    named = [table.conditions.soil for table in tables]
+    if all(names is None for names in named):
+        return None
+    # The soil of a table that names none has the name that a fit gives it.
+    pairs = zip(tables, named, strict=True)
+    return _texts([np.full(len(t), "soil") if names is None else names for t, names in pairs])
+
+
+def _joined_runs(parts: Sequence[Texts], sources: Sequence[str]) -> Texts:
+    sets = [set(part.tolist()) for part in parts]
+    shared = set[str]().union(
+        *(a & b for i, a in enumerate(sets) for b in sets[:i])
+    )  # fmt: skip
+    if not shared:
+        return _texts(parts)
+    stems = [Path(source).stem for source in sources]
+    stems = stems if len(set(stems)) == len(stems) else [str(i + 1) for i in range(len(stems))]
+    return _texts([np.char.add(f"{stem} ", part) for stem, part in zip(stems, parts, strict=True)])
+
+
+def _digest(digests: Sequence[str]) -> str:
+    return hashlib.sha256(" ".join(digests).encode()).hexdigest()

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import clipped
-from smallwheel_ros.measurements.checks import codes_of, one_row_a_wheel, suspicions
+from smallwheel_ros.measurements.checks import suspicions
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS
-from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
 from smallwheel_ros.measurements.plates import (
     contact_of_rows,
@@ -23,8 +22,15 @@ from smallwheel_ros.measurements.plates import (
     take_plates,
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
-from smallwheel_ros.measurements.settings import order_columns, set_columns, setting_codes
+from smallwheel_ros.measurements.settings import (
+    codes_of,
+    one_row_a_wheel,
+    order_columns,
+    set_columns,
+    setting_codes,
+)
 from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
+from smallwheel_ros.measurements.sheets import read_grid
 from smallwheel_ros.measurements.table import Measurements, over_half
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 
