@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS
-from smallwheel_ros.measurements.reading import Columns, outside
+from smallwheel_ros.measurements.reading import Columns, check_range
 from smallwheel_ros.measurements.settings import curves_of_rows
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
@@ -70,7 +70,7 @@ def take_plates(columns: Columns, contact: NDArray[np.str_], compliance: float |
     _take_pressure(columns, plate)
     for name in ("load", "sinkage"):
         if name in columns.numbers and name in columns.headings:
-            outside(columns, name, COLUMNS[name], columns.numbers[name], contact == ROLLING)
+            check_range(columns, name, COLUMNS[name], columns.numbers[name], contact == ROLLING)
     if compliance is not None:
         _take_compliance(columns, contact == ROLLING, compliance)
 
@@ -80,44 +80,38 @@ def _take_sizes(columns: Columns, plate: Mask) -> None:
     if not plate.any():
         return
     blank = np.full(plate.size, np.nan)
-    diameter, width = (columns.numbers.get(name, blank).copy() for name in ("diameter", "width"))
+    diameter, width = (columns.numbers.get(name, blank) for name in ("diameter", "width"))
+    rectangular = np.zeros(plate.size, dtype=bool)
     if _known(columns, "length"):
         length = columns.numbers.pop("length")
         rectangular = plate & np.isfinite(length)
-        both = rectangular & np.isfinite(diameter)
-        if both.any():
-            columns.problem("a plate with a diameter too, expected one of the two: round or "
-                            "rectangular", "length", both)  # fmt: skip
+        columns.problem(
+            "a plate with a diameter too, expected one of the two: round or rectangular",
+            "length",
+            rectangular & np.isfinite(diameter),
+        )
         lacking = rectangular & np.isnan(width)
-        if lacking.any():
-            columns.problem("a plate's length without its width", "length", lacking)
-        sides = np.minimum(width, length)
+        columns.problem("a plate's length without its width", "length", lacking)
         diameter = np.where(rectangular, equivalent_diameter(width, length), diameter)
-        width = np.where(rectangular, sides, np.where(plate, np.nan, width))
+        width = np.where(rectangular, np.minimum(width, length), width)
         columns.understood.append(
             f"rectangular plates in {int(rectangular.sum())} rows: b is the smaller side, D of the round "
             "plate of the same area"
         )
-    else:
-        width = np.where(plate, np.nan, width)
     if np.isfinite(diameter).any():
         columns.numbers["diameter"], columns.units["diameter"] = diameter, "m"
     if "width" in columns.numbers:
-        columns.numbers["width"] = width
+        columns.numbers["width"] = np.where(plate & ~rectangular, np.nan, width)
 
 
 def _take_pressure(columns: Columns, plate: Mask) -> None:
     """Load from pressure, where a plate's area is known."""
-    if not _known(columns, "pressure"):
-        return
     load = columns.numbers.get("load", np.full(plate.size, np.nan))
     wanted = np.isnan(load)
-    if not wanted.any():
+    if not _known(columns, "pressure") or not wanted.any():
         return  # a column beside the load: a covariate, as any other
     pressure = columns.numbers.pop("pressure")
-    wheels = wanted & ~plate & np.isfinite(pressure)
-    if wheels.any():
-        columns.problem(_NO_AREA, "pressure", wheels)
+    columns.problem(_NO_AREA, "pressure", wanted & ~plate & np.isfinite(pressure))
     diameter = columns.numbers.get("diameter", np.full(plate.size, np.nan))
     borne = pressure * plate_area(diameter)
     columns.numbers["load"] = np.where(wanted & plate, borne, load)
@@ -134,11 +128,11 @@ def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None
         )
     elif load is not None and sinkage is not None:
         soil = sinkage - compliance * load
-        if (rolling & (soil < 0.0)).any():
-            columns.problem(
-                f"sinkage less {compliance:g} m/N x load is under 0: is the compliance right?",
-                "sinkage", rolling & (soil < 0.0),
-            )  # fmt: skip
+        columns.problem(
+            f"sinkage less {compliance:g} m/N x load is under 0: is the compliance right?",
+            "sinkage",
+            rolling & (soil < 0.0),
+        )
         columns.numbers["sinkage"] = soil
         most = 1e3 * compliance * float(np.nanmax(load))
         columns.understood.append(

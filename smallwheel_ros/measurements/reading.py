@@ -87,9 +87,16 @@ class Columns:
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
-        """Add a problem of a column, in these rows or of its header."""
+        """Add a problem of a column: of its header, or of these rows if there are any."""
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
-        self.problems.add(message, self.title(name), None if at is None else at.tolist())
+        if at is None or at.size:
+            self.problems.add(message, self.title(name), None if at is None else at.tolist())
+
+    def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
+        """Add a problem for the values of these rows, if there are any; wanted: in the first."""
+        if rows.any():
+            found = self.found(name, values, int(np.argmax(rows)))
+            self.problem(f"{clipped(name)} is {found}, expected {wanted}", name, rows)
 
     def found(self, name: str, values: Array, row: int) -> str:
         """Show a value as it stands in the file, and converted where the file has another unit."""
@@ -211,7 +218,7 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
         else:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
     elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
-        _take_numbers(columns, heading, parsed, _spec(name))
+        _take_numbers(columns, heading, parsed, (LAB_COLUMNS | COLUMNS)[name])
     elif heading.rank == UNKNOWN and is_label(heading, parsed):
         columns.texts[name] = array_of_texts(columns.cells[name])
         columns.notes.append(
@@ -219,10 +226,6 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
         )
     else:
         _take_numbers(columns, heading, parsed, OTHER)
-
-
-def _spec(name: str) -> ColumnSpec:
-    return COLUMNS.get(name) or LAB_COLUMNS[name]
 
 
 # Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
@@ -245,9 +248,8 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     if heading.unit is not None:
         values = to_base(values, heading.unit, expected)
     early = name in BEFORE_TOUCH
-    outside(
-        columns, name, spec, values, np.isfinite(parsed.values) & ~(early & (values < spec.low))
-    )
+    rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
+    check_range(columns, name, spec, values, rows)
     if len(columns.problems.found) > before:
         values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
@@ -259,21 +261,19 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
 
 
-def outside(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
+def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
     """Add a problem for values of these rows that no wheel or plate has."""
-    heading = columns.headings[name]
-    bad = spec.bad(values) & rows
-    no_unit = heading.unit is None and name in ("diameter", "width")
-    if no_unit:  # a size that no small wheel has is in another unit, and not in metres
-        bad |= (values < spec.usual[0]) | (values > spec.usual[1])
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        limits = spec.usual if no_unit and not spec.bad(values[bad]).any() else None
-        wanted = spec.expected() if limits is None else f"{limits[0]:g} to {limits[1]:g} m"
-        columns.problem(
-            f"{clipped(name)} is {columns.found(name, values, row)}, expected {wanted}"
-            f"{_hint(name, heading, spec)}", name, bad,
-        )  # fmt: skip
+    no_unit = columns.headings[name].unit is None
+    bad, wanted = spec.bad(values) & rows, spec.expected()
+    if no_unit and name in ("diameter", "width"):
+        # a size that no small wheel has is in another unit, and not in metres
+        low, high = spec.usual
+        bad |= (values < low) | (values > high)
+        wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
+    hint = f"; {spec.hint}" if spec.hint else ""
+    if spec.unit == "m" and no_unit:
+        hint = f"; without a unit it is metres: for mm the header is '{name} [mm]'"
+    columns.outside(name, values, bad, wanted + hint)
 
 
 def _in_header_unit(
@@ -307,12 +307,12 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
         columns.problem(f"'{text}' found, expected a number{words}", name, np.array(rows))
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
-    if bad.any():
-        text = shown(cells[int(np.flatnonzero(bad)[0])])
-        columns.problem(
-            f"{text} found, expected a finite number, or a blank cell where nothing was measured",
-            name, bad,
-        )  # fmt: skip
+    text = shown(cells[int(np.argmax(bad))])
+    columns.problem(
+        f"{text} found, expected a finite number, or a blank cell where nothing was measured",
+        name,
+        bad,
+    )
 
 
 def _number_hint(text: str) -> str:
@@ -329,12 +329,6 @@ def _number_hint(text: str) -> str:
     return ""
 
 
-def _hint(name: str, heading: Heading, spec: ColumnSpec) -> str:
-    if spec.unit == "m" and heading.unit is None:
-        return f"; without a unit it is metres: for mm the header is '{name} [mm]'"
-    return f"; {spec.hint}" if spec.hint else ""
-
-
 def take_size(columns: Columns, name: str, size: float | None) -> None:
     """Take a diameter or width (m) for all rows, where it is given."""
     if size is None:
@@ -345,8 +339,9 @@ def take_size(columns: Columns, name: str, size: float | None) -> None:
     elif name in columns.headings:
         columns.problem(
             f"{name} was given for all rows too, expected one of the two: leave the option or the "
-            "column out", name,
-        )  # fmt: skip
+            "column out",
+            name,
+        )
     columns.numbers[name] = np.full(columns.lines.size, size)
     columns.units[name] = spec.unit
 
@@ -357,13 +352,7 @@ def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
         if heading.rank == UNKNOWN:
             continue
         unit = "" if heading.unit in (None, DIMENSIONLESS) else f" [{heading.unit}]"
-        usual = {
-            heading.name,
-            f"{heading.name}{unit}",
-            f"{heading.name} [-]",
-            f"{heading.name} [1]",
-        }
-        if heading.text in usual:
+        if heading.text in {f"{heading.name}{usual}" for usual in ("", unit, " [-]", " [1]")}:
             continue
         weight = ", the weight of that mass" if "*g_0" in unit else ""
         twice = ", twice the radius" if heading.factor == 2.0 else ""

@@ -231,6 +231,14 @@ def _set_points(values: Array, tolerance: float) -> Index:
     return codes
 
 
+def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
+    """Least and largest value of each run, shape (count,), NaN left out; of none inf and -inf."""
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.fmin.at(low, run, values)
+    np.fmax.at(high, run, values)
+    return low, high
+
+
 def repeats_of_rows(measurements: Measurements) -> Index:
     """Index of each row's run where the run's rows are repeats of one setting, else -1.
 
@@ -243,9 +251,7 @@ def repeats_of_rows(measurements: Measurements) -> Index:
     columns = [*_tolerances(measurements)]
     columns += [(codes.astype(float), 0.0) for codes in _texts(measurements, wheels)]
     for values, tolerance in columns:
-        low, high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
-        np.fmin.at(low, run, values)
-        np.fmax.at(high, run, values)
+        low, high = ends_of_runs(values, run, len(names))
         same &= ~(high - low > tolerance)  # all blank: -inf
     return np.where(same[run], run, -1)
 
