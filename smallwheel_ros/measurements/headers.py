@@ -11,7 +11,6 @@ from smallwheel_ros.measurements.cells import Problems, all_blank, clipped
 from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, TEXTS
 from smallwheel_ros.measurements.units import (
     DIMENSIONLESS,
-    TORQUE,
     UnitsError,
     fits,
     is_common,
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 _MOST_NAMES = 30  # that a message lists
 MAPPED = -1  # rank of a column that the user named, before all that was understood
 UNKNOWN = 3  # rank of a column that no word is known for
+_ROUND_BRACKETS = re.compile(r"(.*\S)\s*\(([^()]*)\)")
 _PURE_NUMBERS = ("", "1", "-", "–", "—", "/")
 _AT_THE_END = (
     r"\s*[,;:]\s*",  # load, N
@@ -55,8 +55,6 @@ def expected_unit(name: str) -> str | None:
     """SI unit that the quantity must have; None where any will do."""
     if name == "radius":
         return "m"
-    if name == "torque":
-        return TORQUE
     spec = COLUMNS.get(name) or LAB_COLUMNS.get(name)
     return None if spec is None else spec.unit
 
@@ -81,12 +79,10 @@ def read_heading(text: str, known: Match | None = None) -> Heading:
             return _heading(text, rest, match, None)
         if _fits(tail, expected_unit(match.name)):
             return _heading(text, rest, match, tail)
-    round_brackets = re.fullmatch(r"(.*\S)\s*\(([^()]*)\)", text)
-    if round_brackets:
-        rest, tail = round_brackets.groups()
+    if brackets := _ROUND_BRACKETS.fullmatch(text):
+        rest, tail = brackets.groups()
         match = known or find(rest)
-        unit = spelled(tail, None)
-        if unit is not None and (match is not None or is_common(tail)):
+        if spelled(tail, None) is not None and (match is not None or is_common(tail)):
             return _heading(text, rest, match, tail)
     return _heading(text, text, known or whole, None)
 
@@ -102,9 +98,8 @@ def _in_square_brackets(text: str) -> tuple[str, str | None]:
 
 def _splits(text: str) -> Iterator[tuple[str, str]]:
     """Name and what may be its unit or symbol, the surest way of writing first."""
-    found = re.fullmatch(r"(.*\S)\s*\(([^()]*)\)", text)
-    if found:
-        yield found[1], found[2].strip()
+    if brackets := _ROUND_BRACKETS.fullmatch(text):
+        yield brackets[1], brackets[2].strip()
     for separator in _AT_THE_END:
         parts = re.split(separator, text)
         if len(parts) > 1 and all(parts):
@@ -153,7 +148,7 @@ def mapped_heading(text: str, ours: str) -> Heading:
 
 def meant(heading: Heading) -> str | None:
     """The quantity that a header of none nearly names: `sinkge_mm` or `sinkage (foo)`."""
-    brackets = re.fullmatch(r"(.*\S)\s*\([^()]*\)", heading.name)
+    brackets = _ROUND_BRACKETS.fullmatch(heading.name)
     match = find(brackets[1]) if brackets else None
     if match is not None:
         return match.name
@@ -204,49 +199,37 @@ def match_columns(
 
 def _mapped(layout: Layout, mapping: Mapping[str, str], problems: Problems) -> dict[int, str]:
     """Our name by the position of the column that the user says it is."""
-    wanted: dict[int, str] = {}
+    headers, wanted = layout.headers, dict[int, str]()
+    alike = [plain(text) for text in headers]
+    without_unit = [plain(text.partition("[")[0].partition("(")[0]) for text in headers]
     for ours, theirs in mapping.items():
-        near = None
+        option = f"--map {clipped(ours)}={clipped(theirs)}"
         try:
             heading = read_heading(ours)
-            near = meant(heading) if heading.rank == UNKNOWN and ours != theirs else None
         except UnitsError as error:
-            problems.add(f"--map {clipped(ours)}={clipped(theirs)}: {error}")
+            problems.add(f"{option}: {error}")
             continue
+        near = meant(heading) if heading.rank == UNKNOWN and ours != theirs else None
         if near is not None:
-            problems.add(
-                f"--map {clipped(ours)}={clipped(theirs)}: '{clipped(ours)}' is nearly '{near}'"
-            )
+            problems.add(f"{option}: '{clipped(ours)}' is nearly '{near}'")
             continue
-        at = [i for i, text in enumerate(layout.headers) if text == theirs.strip()]
-        at = at or [i for i, text in enumerate(layout.headers) if plain(text) == plain(theirs)]
-        at = at or [
-            i for i, text in enumerate(layout.headers) if _without_unit(text) == plain(theirs)
-        ]
+        at = [i for i, text in enumerate(headers) if text == theirs.strip()]
+        at = at or [i for i, text in enumerate(alike) if text == plain(theirs)]
+        at = at or [i for i, text in enumerate(without_unit) if text == plain(theirs)]
         if len(at) == 1 and at[0] not in wanted:
             wanted[at[0]] = ours
         else:
             what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
-            problems.add(
-                f"--map {clipped(ours)}={clipped(theirs)}: {what} '{clipped(theirs)}'. "
-                f"There is: {listed(layout.headers)}"
-            )
+            problems.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(headers)}")
     return wanted
-
-
-def _without_unit(text: str) -> str:
-    return plain(text.partition("[")[0].partition("(")[0])
 
 
 def _with_unit(heading: Heading, unit: str | None, problems: Problems) -> Heading:
     """The heading with the unit of the unit row, if it has none of its own."""
-    if unit is None or (
-        heading.unit is None and unit == DIMENSIONLESS and heading.name not in COLUMNS
-    ):
-        return heading
-    if heading.unit is None:
-        return heading._replace(unit=unit)
-    if heading.unit != unit:
+    if unit is not None and heading.unit is None:
+        pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
+        return heading if pure else heading._replace(unit=unit)
+    if unit is not None and heading.unit != unit:
         problems.add(
             f"header '{clipped(heading.text)}' and the row of units below it ({unit}) differ"
         )

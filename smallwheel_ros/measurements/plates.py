@@ -170,32 +170,26 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = contact != ROLLING
-    keep = np.ones(pushed.size, dtype=bool)
     if sinkage is None or not pushed.any():
-        return keep
-    touches = (load >= COLUMNS["load"].low) & ~(sinkage < 0.0)
-    early = pushed & ~touches
+        return np.ones(pushed.size, dtype=bool)
+    early = pushed & ~((load >= COLUMNS["load"].low) & ~(sinkage < 0.0))
     if early.any():
-        columns.understood.append(
-            f"{int(early.sum())} rows of plates or pressed wheels are left out: load or sinkage is not "
-            f"over 0 there (first in {columns.place} {columns.lines[np.flatnonzero(early)[0]]})"
-        )
-    keep &= ~early
+        what = "rows of plates or pressed wheels are left out: load or sinkage is not over 0 there"
+        columns.understood.append(columns.count(early, what))
     off = np.zeros(pushed.size, dtype=bool)
     for name in dict.fromkeys(run[pushed].tolist()):
-        rows = np.flatnonzero((run == name) & pushed & keep)
+        rows = np.flatnonzero((run == name) & pushed & ~early)
         if rows.size >= _FEWEST:
             off[rows] = _unloaded(load[rows], sinkage[rows])
             _say_odd_load(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
     if off.any():
-        columns.understood.append(
-            f"{int(off.sum())} rows of curves are left out: the load was taken off or put on again there "
-            f"(first in {columns.place} {columns.lines[np.flatnonzero(off)[0]]})"
-        )
-    return keep & ~off
+        what = "rows of curves are left out: the load was taken off or put on again there"
+        columns.understood.append(columns.count(off, what))
+    return np.asarray(~(early | off))
 
 
-def _rank_correlation(one: NDArray[Any], other: Array) -> float:
+def _ranks(one: NDArray[Any], other: Array) -> float:
+    """Spearman's rank correlation."""
     from scipy.stats import spearmanr  # slow to import, and few tables have curves
 
     return float(spearmanr(one, other)[0])
@@ -203,14 +197,10 @@ def _rank_correlation(one: NDArray[Any], other: Array) -> float:
 
 def _unloaded(load: Array, sinkage: Array) -> Mask:
     """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
-    nothing = np.zeros(load.size, dtype=bool)
-    if np.isnan(sinkage).all():
-        return nothing
-    end = int(np.nanargmax(sinkage))
-    if end < _FEWEST or np.ptp(sinkage[: end + 1]) == 0.0:
-        return nothing
-    if not _rank_correlation(np.arange(end + 1), sinkage[: end + 1]) > _IN_ORDER:
-        return nothing
+    end = 0 if np.isnan(sinkage).all() else int(np.nanargmax(sinkage))
+    down = sinkage[: end + 1]
+    if end < _FEWEST or np.ptp(down) == 0.0 or not _ranks(np.arange(end + 1), down) > _IN_ORDER:
+        return np.zeros(load.size, dtype=bool)
     reached, deepest = np.maximum.accumulate(load), np.fmax.accumulate(sinkage)
     back = sinkage < deepest - _REBOUND * sinkage[end]
     return np.asarray((load < _UNLOADED * reached) & back)
@@ -228,7 +218,7 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
                 "alike there: is it the load at that depth, or that of the whole test?"
             )
         return
-    if _rank_correlation(load[known], sinkage[known]) < 0.0:
+    if _ranks(load[known], sinkage[known]) < 0.0:
         columns.warnings.append(
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"

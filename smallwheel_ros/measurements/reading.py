@@ -98,6 +98,11 @@ class Columns:
             found = self.found(name, values, int(np.argmax(rows)))
             self.problem(f"{clipped(name)} is {found}, expected {wanted}", name, rows)
 
+    def count(self, rows: Mask, what: str) -> str:
+        """How many rows these are, what of them is said, and where the first is."""
+        first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
+        return f"{int(rows.sum())} {what} (first in {first})"
+
     def found(self, name: str, values: Array, row: int) -> str:
         """Show a value as it stands in the file, and converted where the file has another unit."""
         cell, unit = shown(self.cells[name][row]), self.headings[name].unit

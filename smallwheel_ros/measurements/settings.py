@@ -102,9 +102,7 @@ def varies(column: Array) -> bool:
 
 def varied_settings(measurements: Measurements) -> dict[str, Array]:
     """The settings that were varied, by name, shape (rows,)."""
-    return {
-        name: column for name, column in setting_columns(measurements).items() if varies(column)
-    }
+    return {n: column for n, column in setting_columns(measurements).items() if varies(column)}
 
 
 def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
@@ -163,17 +161,10 @@ def cluster(values: Array, tolerance: float) -> Index:
 
 def _combined(columns: list[Index]) -> Index:
     """One code for each combination, numbered in the order in which they first appear."""
-    codes = np.zeros(columns[0].size, dtype=np.int64)
+    codes: Index = np.zeros(columns[0].size, dtype=np.intp)
     for column in columns:
-        wide = column - column.min(initial=0)
-        count = int(wide.max(initial=0)) + 1
-        if int(codes.max(initial=0)) + 1 > np.iinfo(np.int64).max // count:
-            codes = np.unique(codes, return_inverse=True)[1].reshape(-1).astype(np.int64)
-        codes = codes * count + wide
-    _, first, index = np.unique(codes, return_index=True, return_inverse=True)
-    rank = np.empty(first.size, dtype=np.intp)
-    rank[np.argsort(first)] = np.arange(first.size)
-    return np.asarray(rank[index.reshape(-1)], dtype=np.intp)
+        codes = codes_of(codes * (int(column.max(initial=0)) + 2) + column + 1)[1]
+    return codes
 
 
 def settings_of_rows(measurements: Measurements) -> Index:
@@ -196,9 +187,10 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
     """
     if measurements.runs_given:
         names, codes = codes_of(measurements.run)
-        return tuple(names), codes
-    codes = setting_codes(measurements)
-    return tuple(f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)), codes
+    else:
+        codes = setting_codes(measurements)
+        names = [f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)]
+    return tuple(names), codes
 
 
 def setting_codes(measurements: Measurements) -> Index:
@@ -218,14 +210,11 @@ def _set_points(values: Array, tolerance: float) -> Index:
     order = known[np.argsort(values[known])]
     gaps = np.diff(values[order])
     apart = gaps > tolerance
-    if apart.any():
-        first = np.concatenate([[True], apart])
-        last = np.concatenate([apart, [True]])
+    if order.size:
+        first, last = np.append(True, apart), np.append(apart, True)
         widest = np.max(values[order[last]] - values[order[first]])
-        if widest > tolerance or np.min(gaps[apart]) <= _APART * widest:
+        if widest > tolerance or np.min(gaps[apart], initial=np.inf) <= _APART * widest:
             apart = gaps > _EXACT * np.max(np.abs(values[order]))
-    elif gaps.sum() > tolerance:
-        apart = gaps > _EXACT * np.max(np.abs(values[order]))
     codes = np.full(values.size, -1, dtype=np.intp)
     codes[order] = np.concatenate([[0], np.cumsum(apart)])[: order.size]
     return codes

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.display import column_display, display, number
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.columns import CHANNELS, is_response, unit_of
-from smallwheel_ros.measurements.settings import varied_settings
+from smallwheel_ros.measurements.settings import codes_of, varied_settings
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
 from smallwheel_ros.physics.soil import nearest
@@ -159,8 +159,7 @@ class Measurements(Result):
     @property
     def runs(self) -> NDArray[np.str_]:
         """Names of the runs in the order in which they first appear."""
-        names, first = np.unique(self.run, return_index=True)
-        return names[np.argsort(first)]
+        return np.array(codes_of(self.run)[0], dtype=np.str_)
 
     @property
     def soil(self) -> NDArray[np.str_]:

@@ -148,10 +148,8 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         gaps = np.isnan(values)
         holes = gaps & (contact == ROLLING)
         if holes.any():
-            notes.append(
-                f"column '{name}' is blank in {holes.sum()} rolling rows (first in {columns.place} "
-                f"{columns.lines[np.flatnonzero(holes)[0]]}): not used as a covariate"
-            )
+            blank = columns.count(holes, "rolling rows")
+            notes.append(f"column '{name}' is blank in {blank}: not used as a covariate")
             continue
         covariates[name] = np.where(gaps, _AT_REST.get(name, np.nan), values)
     texts, headings = columns.texts, columns.headings
@@ -262,11 +260,8 @@ def _with_repeats(data: Measurements, place: str) -> tuple[Measurements, str]:
     first = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
     count = np.bincount(codes)
     rows, repeated = int(count[count > 1].sum()), int((count > 1).sum())
-    found = (
-        f"{rows} of {len(data)} rows repeat {repeated} settings"
-        if rows
-        else "no setting is repeated"
-    )
+    repeats = f"{rows} of {len(data)} rows repeat {repeated} settings"
+    found = repeats if rows else "no setting is repeated"
     return replace(data, run=_line_names(place, data.line[first])[codes]), (
         f"no column 'run': rows of one setting count as repeats of one run, each other row as a run "
         f"of its own; {found}. Say which belong together in that column"
