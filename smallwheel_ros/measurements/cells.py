@@ -71,11 +71,6 @@ def is_blank(cell: Cell) -> bool:
     return isinstance(cell, str) and not cell.strip()
 
 
-def all_blank(cells: Sequence[Cell]) -> bool:
-    """Whether nothing stands in the column."""
-    return all(map(is_blank, cells))
-
-
 def array_of_texts(cells: Sequence[Cell]) -> NDArray[np.str_]:
     """Cells as an array of texts."""
     return np.array([c.strip() if isinstance(c, str) else shown(c) for c in cells], dtype=np.str_)

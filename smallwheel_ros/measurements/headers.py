@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from smallwheel_ros.measurements.cells import Problems, all_blank, clipped
+from smallwheel_ros.measurements.cells import Problems, clipped, is_blank
 from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, TEXTS
 from smallwheel_ros.measurements.units import (
     DIMENSIONLESS,
@@ -167,7 +167,7 @@ def match_columns(
     wanted = _mapped(layout, mapping, problems)
     found: dict[int, Heading] = {}
     for position, text in enumerate(layout.headers):
-        blank = all_blank(layout.columns[position])
+        blank = all(map(is_blank, layout.columns[position]))
         if not text or (text.startswith("Unnamed: ") and blank):
             if not blank:
                 hint = " (a pandas index? write with index=False)" if position == 0 else ""

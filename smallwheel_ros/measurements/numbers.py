@@ -68,10 +68,10 @@ class Numbers:
 
 def read_numbers(columns: Sequence[Sequence[Cell]], semicolons: bool) -> list[Numbers]:
     """Numbers of all columns of a table; semicolons: a comma can be nothing but a decimal mark."""
-    texts = [[cell for cell in cells if isinstance(cell, str)] for cells in columns]
-    if not any("," in "".join(column) for column in texts):
+    if not any("," in _text(cells) for cells in columns):
         return [_column(cells, {"."}) for cells in columns]
-    kinds = [{s.kind for s in map(_spelling, set(column)) if s is not None} for column in texts]
+    texts = [{cell for cell in cells if isinstance(cell, str)} for cells in columns]
+    kinds = [{s.kind for s in map(_spelling, column) if s is not None} for column in texts]
     # a column of both marks is wrong already, and says nothing of the others
     all_kinds = set[str]().union(*(k for k in kinds if not k >= _BOTH))
     table = all_kinds & _BOTH
@@ -83,9 +83,13 @@ def read_numbers(columns: Sequence[Sequence[Cell]], semicolons: bool) -> list[Nu
     return [_column(cells, own & _BOTH or table) for cells, own in pairs]
 
 
+def _text(cells: Sequence[Cell]) -> str:
+    return "".join([cell for cell in cells if isinstance(cell, str)])
+
+
 def _plain_numbers(cells: Sequence[Cell], mark: str) -> Numbers | None:
     """A column of nothing but finite numbers with that decimal mark, many times quicker; else None."""
-    texts = "".join([cell for cell in cells if isinstance(cell, str)])
+    texts = _text(cells)
     if not texts.isascii() or "_" in texts or (mark == "," and "." in texts):
         return None  # Python takes 1_000 and ٣ for numbers, which they are not
     percent = np.array([isinstance(cell, Percent) for cell in cells])
