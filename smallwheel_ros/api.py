@@ -103,7 +103,7 @@ def read_test(data: Data | ShearTests, **how: Any) -> Measurements | ShearTests:
     """Read a table of any test of a lab, shear tests too. how: as in ``read``."""
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.measurements.tests import read_tests
+    from smallwheel_ros.measurements.wheels import read_tests
 
     if isinstance(data, (Measurements, ShearTests)):
         return data
@@ -158,7 +158,7 @@ def fit(
     from smallwheel_ros.fitting.parameters import part_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
-    from smallwheel_ros.measurements.joining import joined, joined_shear
+    from smallwheel_ros.measurements.table import joined, joined_shear
 
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None

@@ -15,8 +15,7 @@ from smallwheel_ros import api, cli
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.tests import read_tests
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.wheels import read_measurements, read_tests
 from smallwheel_ros.model_file import read_model
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long text file is read by columns: it says the same as its rows do in short ones."""
+"""A long text file says the same as its rows do in short ones."""
 
 from __future__ import annotations
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.measurements.repeatability import repeatability
 from smallwheel_ros.measurements.settings import (
     cluster,
+    repeatability,
     repeats_of_rows,
     runs_of_rows,
     settings_of_rows,

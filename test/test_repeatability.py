@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from smallwheel_ros.measurements.repeatability import repeatability
+from smallwheel_ros.measurements.settings import repeatability
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.physics.conditions import Conditions

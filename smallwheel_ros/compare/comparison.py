@@ -31,7 +31,7 @@ from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import CvErrors, Score, compare_cv, folds_of, rows_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
-from smallwheel_ros.measurements.parts import Part, parts
+from smallwheel_ros.measurements.settings import Part, parts
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.results import Result
 

@@ -22,8 +22,7 @@ from smallwheel_ros.fitting.held_out import (
 from smallwheel_ros.fitting.points import Points, filled
 from smallwheel_ros.fitting.runs import runs_of
 from smallwheel_ros.measurements.columns import Mask
-from smallwheel_ros.measurements.repeatability import repeatability
-from smallwheel_ros.measurements.settings import runs_of_rows
+from smallwheel_ros.measurements.settings import repeatability, runs_of_rows
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model import Model, ModelError, predict
 

@@ -18,7 +18,7 @@ from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.result import posterior_covariance
-from smallwheel_ros.measurements.repeatability import repeatability
+from smallwheel_ros.measurements.settings import repeatability
 from smallwheel_ros.tables import each
 
 Entry = dict[str, Any]

@@ -4,22 +4,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
+from smallwheel_ros.measurements.cells import Problems, clipped, is_blank
 from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, TEXTS
 from smallwheel_ros.measurements.units import (
     DIMENSIONLESS,
-    TORQUE,
     UnitsError,
     fits,
     is_common,
     spelled,
 )
-from smallwheel_ros.measurements.words import SYMBOLS, Match, find, near_miss
+from smallwheel_ros.measurements.words import SYMBOLS, Match, find, near_miss, plain
 
+if TYPE_CHECKING:
+    from smallwheel_ros.measurements.layout import Layout
+
+_MOST_NAMES = 30  # that a message lists
 MAPPED = -1  # rank of a column that the user named, before all that was understood
 UNKNOWN = 3  # rank of a column that no word is known for
+_ROUND_BRACKETS = re.compile(r"(.*\S)\s*\(([^()]*)\)")
 _PURE_NUMBERS = ("", "1", "-", "–", "—", "/")
 _AT_THE_END = (
     r"\s*[,;:]\s*",  # load, N
@@ -50,8 +55,6 @@ def expected_unit(name: str) -> str | None:
     """SI unit that the quantity must have; None where any will do."""
     if name == "radius":
         return "m"
-    if name == "torque":
-        return TORQUE
     spec = COLUMNS.get(name) or LAB_COLUMNS.get(name)
     return None if spec is None else spec.unit
 
@@ -76,12 +79,10 @@ def read_heading(text: str, known: Match | None = None) -> Heading:
             return _heading(text, rest, match, None)
         if _fits(tail, expected_unit(match.name)):
             return _heading(text, rest, match, tail)
-    round_brackets = re.fullmatch(r"(.*\S)\s*\(([^()]*)\)", text)
-    if round_brackets:
-        rest, tail = round_brackets.groups()
+    if brackets := _ROUND_BRACKETS.fullmatch(text):
+        rest, tail = brackets.groups()
         match = known or find(rest)
-        unit = spelled(tail, None)
-        if unit is not None and (match is not None or is_common(tail)):
+        if spelled(tail, None) is not None and (match is not None or is_common(tail)):
             return _heading(text, rest, match, tail)
     return _heading(text, text, known or whole, None)
 
@@ -97,9 +98,8 @@ def _in_square_brackets(text: str) -> tuple[str, str | None]:
 
 def _splits(text: str) -> Iterator[tuple[str, str]]:
     """Name and what may be its unit or symbol, the surest way of writing first."""
-    found = re.fullmatch(r"(.*\S)\s*\(([^()]*)\)", text)
-    if found:
-        yield found[1], found[2].strip()
+    if brackets := _ROUND_BRACKETS.fullmatch(text):
+        yield brackets[1], brackets[2].strip()
     for separator in _AT_THE_END:
         parts = re.split(separator, text)
         if len(parts) > 1 and all(parts):
@@ -148,9 +148,118 @@ def mapped_heading(text: str, ours: str) -> Heading:
 
 def meant(heading: Heading) -> str | None:
     """The quantity that a header of none nearly names: `sinkge_mm` or `sinkage (foo)`."""
-    brackets = re.fullmatch(r"(.*\S)\s*\([^()]*\)", heading.name)
+    brackets = _ROUND_BRACKETS.fullmatch(heading.name)
     match = find(brackets[1]) if brackets else None
     if match is not None:
         return match.name
     names = [heading.name, *(rest for rest, tail in _splits(heading.text) if is_common(tail))]
     return next((near for name in names if (near := near_miss(name)) is not None), None)
+
+
+def match_columns(
+    layout: Layout, mapping: Mapping[str, str], problems: Problems
+) -> dict[int, Heading]:
+    """The heading of each column, by its position; what is wrong is added to the problems.
+
+    Of several columns of one quantity the one that the user mapped is it, else the one that has
+    our own name; the others stay columns of their own.
+    """
+    wanted = _mapped(layout, mapping, problems)
+    found: dict[int, Heading] = {}
+    for position, text in enumerate(layout.headers):
+        blank = all(map(is_blank, layout.columns[position]))
+        if not text or (text.startswith("Unnamed: ") and blank):
+            if not blank:
+                hint = " (a pandas index? write with index=False)" if position == 0 else ""
+                problems.add(f"column {position + 1} has no name{hint}")
+            continue
+        try:
+            ours = wanted.get(position)
+            heading = read_heading(text) if ours is None else mapped_heading(text, ours)
+        except UnitsError as error:
+            problems.add(f"header '{clipped(text)}': {error}")
+            continue
+        if not heading.name:
+            problems.add(f"column {position + 1} has no name")
+            continue
+        found[position] = _with_unit(heading, layout.units.get(position), problems)
+    _settle(found, problems)
+    names = {heading.name for heading in found.values()}
+    for heading in found.values():
+        near = meant(heading) if heading.rank == UNKNOWN else None
+        near = "diameter" if near == "radius" else near
+        text = clipped(heading.text)
+        if near is not None and near not in names:
+            problems.add(
+                f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
+                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
+            )
+    return found
+
+
+def _mapped(layout: Layout, mapping: Mapping[str, str], problems: Problems) -> dict[int, str]:
+    """Our name by the position of the column that the user says it is."""
+    headers, wanted = layout.headers, dict[int, str]()
+    alike = [plain(text) for text in headers]
+    without_unit = [plain(text.partition("[")[0].partition("(")[0]) for text in headers]
+    for ours, theirs in mapping.items():
+        option = f"--map {clipped(ours)}={clipped(theirs)}"
+        try:
+            heading = read_heading(ours)
+        except UnitsError as error:
+            problems.add(f"{option}: {error}")
+            continue
+        near = meant(heading) if heading.rank == UNKNOWN and ours != theirs else None
+        if near is not None:
+            problems.add(f"{option}: '{clipped(ours)}' is nearly '{near}'")
+            continue
+        at = [i for i, text in enumerate(headers) if text == theirs.strip()]
+        at = at or [i for i, text in enumerate(alike) if text == plain(theirs)]
+        at = at or [i for i, text in enumerate(without_unit) if text == plain(theirs)]
+        if len(at) == 1 and at[0] not in wanted:
+            wanted[at[0]] = ours
+        else:
+            what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
+            problems.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(headers)}")
+    return wanted
+
+
+def _with_unit(heading: Heading, unit: str | None, problems: Problems) -> Heading:
+    """The heading with the unit of the unit row, if it has none of its own."""
+    if unit is not None and heading.unit is None:
+        pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
+        return heading if pure else heading._replace(unit=unit)
+    if unit is not None and heading.unit != unit:
+        problems.add(
+            f"header '{clipped(heading.text)}' and the row of units below it ({unit}) differ"
+        )
+    return heading
+
+
+def _settle(found: dict[int, Heading], problems: Problems) -> None:
+    """Leave one column of each quantity, and give the others their own names."""
+    by_name: dict[str, list[int]] = {}
+    for position, heading in found.items():
+        by_name.setdefault(heading.name, []).append(position)
+    for name, positions in by_name.items():
+        best = min(found[i].rank for i in positions)
+        first, *others = [i for i in positions if found[i].rank == best]
+        if others:
+            problems.add(
+                f"two columns are named '{clipped(name)}' ('{clipped(found[first].text)}' and "
+                f"'{clipped(found[others[0]].text)}'), expected one: remove or rename the other, or say "
+                f"which with --map {clipped(name)}='{clipped(found[first].text)}'"
+            )
+        for i in positions:
+            if i != first:
+                own = found[i].text.partition("[")[0].strip()
+                taken = {heading.name for heading in found.values()}
+                own = found[i].text if own in taken else own
+                found[i] = found[i]._replace(name=own, rank=UNKNOWN, factor=1.0)
+
+
+def listed(names: list[str]) -> str:
+    """Names as a message lists them."""
+    shown = ", ".join(clipped(name) for name in names[:_MOST_NAMES])
+    more = len(names) - _MOST_NAMES
+    return f"{shown} and {more} more" if more > 0 else shown

@@ -25,7 +25,6 @@ from smallwheel_ros.measurements.words import find
 SEARCHED = 40  # rows among which the header is: titles and remarks of a trial fill less than a page
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
-_BLANK = frozenset(("", " "))
 
 
 @dataclass
@@ -45,6 +44,11 @@ class Layout:
     ragged: dict[int, int]
     said: list[str]
 
+    def keep(self, rows: NDArray[np.intp]) -> None:
+        """Keep these rows."""
+        self.columns = [[column[row] for row in rows.tolist()] for column in self.columns]
+        self.numbers = self.numbers[rows]
+
 
 @lru_cache(maxsize=10_000)
 def _is_known(text: str) -> bool:
@@ -56,105 +60,72 @@ def _is_known(text: str) -> bool:
 
 def known_cells(row: Sequence[Cell]) -> int:
     """How many cells of a row name a quantity."""
-    return sum(
-        isinstance(cell, str)
-        and len(cell) < _LONGEST_HEADER
-        and any(c.isalpha() or c == "Ø" for c in cell)
-        and _is_known(cell.strip().lstrip("#").strip())
-        for cell in row
-    )
+    texts = [cell for cell in row if isinstance(cell, str) and len(cell) < _LONGEST_HEADER]
+    named = [text for text in texts if any(c.isalpha() or c == "Ø" for c in text)]
+    return sum(_is_known(text.strip().lstrip("#").strip()) for text in named)
 
 
 def find_layout(grid: Grid) -> Layout:
     """Find the table. Raises MeasurementsError where there is none."""
-    # The first cell of most rows is filled: look at the others only where it is not.
-    rows = [
-        i
-        for i, row in enumerate(grid.rows)
-        if row and (row[0] not in _BLANK or not all(map(is_blank, row)))
-    ]
+    rows = [i for i, row in enumerate(grid.rows) if not all(map(is_blank, row))]
     said = list(grid.said)
-    if grid.header is not None:
-        headers, header_line = list(grid.header), None
-    else:
+    headers, header_line = grid.header, None
+    if headers is None:
         if not rows:
             raise MeasurementsError(
                 f"{grid.source}: nothing but empty cells, expected a header and rows"
             )
         at = _header(grid, rows)
-        if at:
-            said.append(f"{at} rows above the header are left out")
+        said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
         headers = [shown(cell).strip() for cell in grid.rows[rows[at]]]
-        if headers and headers[0].startswith("#"):
+        if headers[0].startswith("#"):
             headers[0] = headers[0].lstrip("# ")
         rows = rows[at + 1 :]
-    comments = [i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)]
+    comments = {i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)}
     if comments:
-        left_out = set(comments)
-        rows = [i for i in rows if i not in left_out]
+        rows = [i for i in rows if i not in comments]
         said.append(f"{len(comments)} lines of comments are left out")
-    units, below = _units(grid, rows[:2], headers, said)
-    rows = rows[below:]
+    units: dict[int, str] = {}
+    for i in rows[:2]:
+        if found := _unit_row(grid.rows[i], headers):
+            units = found
+            said.append(f"units in {grid.place} {grid.numbers[i]}")
+        elif not _is_symbol_row(grid.rows[i], headers):
+            break
+        rows = rows[1:]
     if not rows:
         raise MeasurementsError(f"{grid.source}: no rows below the header")
-    between = grid.numbers[rows[-1]] - grid.numbers[rows[0]] + 1
-    blank = between - len(rows) - sum(rows[0] < i < rows[-1] for i in comments)
+    numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
+    inner = sum(rows[0] < i < rows[-1] for i in comments)
+    blank = int(numbers[-1] - numbers[0]) + 1 - len(rows) - inner
     if blank > 0 and rows[-1] - rows[0] + 1 - len(rows) + (grid.place == "row") > 0:
         said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
     refuse_many_cells(grid.source, len(rows) + (grid.header is None), width)
-    numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
-    columns: list[Sequence[Cell]]
-    if grid.long is None:
-        body = [grid.rows[i] for i in rows]
-        body = [row if len(row) == width else _fitted(row, width) for row in body]
-        columns = list(zip(*body, strict=True))
-    else:
-        columns = [*(grid.long.columns(rows[0]) or [])]
-        if len(columns) != width or rows != list(range(rows[0], len(grid.rows))):
-            assert grid.whole is not None
-            return find_layout(grid.whole())
-        numbers = np.arange(numbers[0], numbers[0] + len(columns[0]))
+    body = [_fitted(grid.rows[i], width) for i in rows]
     headers = [*headers[:width], *[""] * (width - len(headers))]
-    return Layout(headers, columns, units, numbers, header_line, ragged, said)
+    columns = list(zip(*body, strict=True))
+    return Layout(headers, [*columns], units, numbers, header_line, ragged, said)
 
 
 def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
-    known = [known_cells(grid.rows[i]) for i in rows[:SEARCHED]]
-    first = [grid.rows[i][0] for i in rows[:SEARCHED]]
-    if len(rows) <= SEARCHED and known_cells(first) > max(2, *known):
+    first = [grid.rows[i] for i in rows[:SEARCHED]]
+    known = [known_cells(row) for row in first]
+    if len(rows) <= SEARCHED and known_cells([row[0] for row in first]) > max(2, *known):
         raise MeasurementsError(
             f"{grid.source}: names of quantities stand in the first column, expected them in one row: "
             "turn the table (in a spreadsheet: copy, paste special, transpose)"
         )
     if max(known) > 0:
         return known.index(max(known))
-    filled = [sum(not is_blank(cell) for cell in grid.rows[i]) for i in rows[:SEARCHED]]
-    texts = [
-        n > 1 and not str(grid.rows[i][0]).startswith(_COMMENTS)
-        for i, n in zip(rows, filled, strict=False)
-    ]
-    return texts.index(True) if any(texts) else 0
-
-
-def _units(
-    grid: Grid, rows: list[int], headers: list[str], said: list[str]
-) -> tuple[dict[int, str], int]:
-    """Units in a row of their own below the header, and how many rows are no measurements there."""
-    below = 0
-    units: dict[int, str] = {}
-    for i in rows:
-        row = grid.rows[i]
-        found = _unit_row(row, headers)
-        if found:
-            units = found
-            said.append(f"units in {grid.place} {grid.numbers[i]}")
-        elif not _is_symbol_row(row, headers):
-            break
-        below += 1
-    return units, below
+    texts = (
+        i
+        for i, row in enumerate(first)
+        if sum(not is_blank(cell) for cell in row) > 1 and not str(row[0]).startswith(_COMMENTS)
+    )
+    return next(texts, 0)
 
 
 def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
@@ -169,39 +140,27 @@ def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
         if text[0] + text[-1] in ("[]", "()"):
             text = text[1:-1].strip()
         try:
-            heading = read_heading(header)
+            expected = expected_unit(read_heading(header).name)
         except UnitsError:
             return None
-        expected = expected_unit(heading.name)
         if text in ("", "-", "1", "–", "/"):
             units[position] = DIMENSIONLESS
             continue
         unit = spelled(text, expected)
         if unit is not None and (expected is None or fits(unit, expected)):
             units[position] = unit
-        elif expected is not None or _is_number(text):
+        elif expected is not None or text.replace(",", ".").lstrip("+-").replace(".", "").isdigit():
             return None
     return units if any(unit != DIMENSIONLESS for unit in units.values()) else None
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
 def _is_symbol_row(row: Sequence[Cell], headers: list[str]) -> bool:
     """Whether a row repeats what the columns are, in other words: W and z below load and sinkage."""
-    pairs = [
-        (find(cell.strip()), find(header))
-        for cell, header in zip(row, headers, strict=False)
-        if isinstance(cell, str) and not is_blank(cell)
-    ]
-    texts = all(isinstance(cell, str) for cell in row)
-    same = [a is not None and b is not None and a.name == b.name for a, b in pairs]
-    return texts and len(same) > 1 and all(same)
+    filled = [(c, h) for c, h in zip(row, headers, strict=False) if not is_blank(c)]
+    if len(filled) < 2 or not all(isinstance(cell, str) for cell in row):
+        return False
+    pairs = [(find(str(cell).strip()), find(header)) for cell, header in filled]
+    return all(a is not None and b is not None and a.name == b.name for a, b in pairs)
 
 
 def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[int, int]]:
@@ -210,19 +169,18 @@ def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[i
     Empty columns at the end are none. In a text file every row has as many cells as the header.
     """
     headed = max((i + 1 for i, header in enumerate(headers) if header), default=0)
-    lengths = {i: _filled(grid.rows[i]) for i in rows if len(grid.rows[i]) > headed}
+    lengths = {p: len(grid.rows[i]) for p, i in enumerate(rows) if len(grid.rows[i]) != headed}
+    for p, n in lengths.items():
+        row = grid.rows[rows[p]]
+        while n > headed and is_blank(row[n - 1]):
+            n -= 1
+        lengths[p] = n
     if grid.place == "row":
         return max(headed, *lengths.values(), 0), {}
     width = max((n for n in lengths.values() if n <= len(headers)), default=headed)
     width = max(width, headed)
-    ragged = {i: n for i, n in lengths.items() if n > width}
-    ragged |= {i: len(grid.rows[i]) for i in rows if len(grid.rows[i]) < headed}
-    return width, {p: ragged[i] for p, i in enumerate(rows) if i in ragged}
-
-
-def _filled(row: Sequence[Cell]) -> int:
-    return max((k + 1 for k, cell in enumerate(row) if not is_blank(cell)), default=0)
+    return width, {p: n for p, n in lengths.items() if n > width or n < headed}
 
 
 def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
-    return row[:width] if len(row) > width else [*row, *[""] * (width - len(row))]
+    return row if len(row) == width else [*row[:width], *[""] * (width - len(row))]

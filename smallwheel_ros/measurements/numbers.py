@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Cell, Percent, is_blank
-from smallwheel_ros.measurements.long_text import LongColumn
+from smallwheel_ros.measurements.cells import Cell, Percent
 from smallwheel_ros.measurements.words import MISSING
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TWO_WAYS = (
     "can be read in two ways, with a decimal mark or a mark of thousands: write the column "
@@ -33,7 +31,7 @@ _NUMBER = re.compile(
     r"[-+]?(?:(?P<int>[0-9]*)|(?P<groups>[0-9]{1,3}(?:(?P<sep>[ '’.,])[0-9]{3})(?:(?P=sep)[0-9]{3})*))"
     r"(?:(?P<mark>[.,])(?P<part>[0-9]*))?(?:[eE][-+]?[0-9]{1,4})?"
 )
-_MARKS = {".", ","}
+_BOTH = {".", ","}
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
 # Minus signs and blanks of other kinds, as spreadsheets and typesetters write them.
 _PLAIN = str.maketrans(dict.fromkeys("−‒–", "-") | dict.fromkeys("\u00a0\u202f\u2009\u2007", " "))
@@ -43,13 +41,12 @@ class Spelling(NamedTuple):
     """A text that is a number.
 
     kind: the decimal mark that it shows: ".", ",", "" for none, "?." or "?," for one of two.
+    sep: the mark of thousands.
     """
 
-    match: re.Match[str]
+    text: str
     kind: str
-
-
-Spellings = Mapping[str, Spelling | None]  # by text; None where it is no number
+    sep: str | None
 
 
 @dataclass
@@ -58,89 +55,85 @@ class Numbers:
 
     values: NaN where blank or no number. blank: nothing was measured. percent: shares that the cell
     gives in per cent. faults: by row, why the cell is no number, "" where it is any other text.
-    missing: texts that mean blank. comma, point: whether decimal commas, points were read.
+    missing: texts that mean blank. comma: whether decimal commas were read.
     """
 
     values: Array
-    blank: Mask
-    percent: Mask
+    blank: NDArray[np.bool_]
+    percent: NDArray[np.bool_]
     faults: dict[int, str] = field(default_factory=dict)
     missing: set[str] = field(default_factory=set)
     comma: bool = False
-    point: bool = False
 
 
 def read_numbers(columns: Sequence[Sequence[Cell]], semicolons: bool) -> list[Numbers]:
     """Numbers of all columns of a table; semicolons: a comma can be nothing but a decimal mark."""
-    found = []
-    spelled: list[Spellings] = []
-    left: list[list[int]] = []  # rows to be read cell by cell
-    for cells in columns:
-        numbers, rows = _plain_numbers(cells)
-        found.append(numbers)
-        left.append(rows)
-        spelled.append(_spellings(cells, rows))
-    kinds = _kinds(spelled)
-    commas = any(numbers.comma for numbers in found) or bool(kinds & {",", "?,"})
-    points = any(numbers.point for numbers in found) or "." in kinds
-    only_commas = commas and not points and (semicolons or _has_sure_comma(columns))
-    if commas and not only_commas:
-        # Only in such a table a point may be no decimal point, and a comma no decimal comma.
-        for i, cells in enumerate(columns):
-            if found[i].comma or found[i].point:
-                left[i] = [row for row, cell in enumerate(cells) if isinstance(cell, str)]
-                spelled[i] = _spellings(cells, left[i])
-        # a column of both is wrong already, and says nothing of the others
-        kinds = _kinds([texts for texts in spelled if not _kinds([texts]) >= _MARKS])
-    table = kinds & _MARKS or ({","} if only_commas else set() if commas else {"."})
-    for cells, numbers, rows, texts in zip(columns, found, left, spelled, strict=True):
-        _read_cells(numbers, cells, rows, texts, table)
-    return found
+    if not any("," in _text(cells) for cells in columns):
+        return [_column(cells, {"."}) for cells in columns]
+    texts = [{cell for cell in cells if isinstance(cell, str)} for cells in columns]
+    kinds = [{s.kind for s in map(_spelling, column) if s is not None} for column in texts]
+    # a column of both marks is wrong already, and says nothing of the others
+    all_kinds = set[str]().union(*(k for k in kinds if not k >= _BOTH))
+    table = all_kinds & _BOTH
+    if not table and "?," not in all_kinds:
+        table = {"."}
+    elif not table and semicolons and "?." not in all_kinds:
+        table = {","}
+    pairs = zip(columns, kinds, strict=True)
+    return [_column(cells, own & _BOTH or table) for cells, own in pairs]
 
 
-def _kinds(spelled: Sequence[Spellings]) -> set[str]:
-    """Kinds of the marks in these columns."""
-    return {found.kind for texts in spelled for found in texts.values() if found is not None}
+def _text(cells: Sequence[Cell]) -> str:
+    return "".join([cell for cell in cells if isinstance(cell, str)])
 
 
-def _has_sure_comma(columns: Sequence[Sequence[Cell]]) -> bool:
-    """Whether a cell shows a decimal comma beyond doubt."""
-    texts = (cell for cells in columns for cell in cells if isinstance(cell, str) and "," in cell)
-    return any((found := _spelling(text)) is not None and found.kind == "," for text in texts)
-
-
-def _plain_numbers(cells: Sequence[Cell]) -> tuple[Numbers, list[int]]:
-    """The column's cells that are numbers or blank beyond doubt, and the rows of all others."""
-    if isinstance(cells, LongColumn):
-        none = np.zeros(len(cells), dtype=bool)
-        numbers = Numbers(cells.values.copy(), cells.blank.copy(), none, comma=cells.comma)
-        return numbers, np.flatnonzero(cells.left).tolist()
-    values = [_plain_number(cell) for cell in cells]
-    blank = np.array([is_blank(cell) for cell in cells])
+def _plain_numbers(cells: Sequence[Cell], mark: str) -> Numbers | None:
+    """A column of nothing but finite numbers with that decimal mark, many times quicker; else None."""
+    texts = _text(cells)
+    if not texts.isascii() or "_" in texts or (mark == "," and "." in texts):
+        return None  # Python takes 1_000 and ٣ for numbers, which they are not
     percent = np.array([isinstance(cell, Percent) for cell in cells])
-    left = [row for row, value in enumerate(values) if value is None and not blank[row]]
-    known = np.array([np.nan if value is None else value for value in values])
-    point = any(isinstance(cell, str) and "." in cell for cell in cells)
-    return Numbers(known, blank, percent, point=point), left
-
-
-def _plain_number(cell: Cell) -> float | None:
-    """A number with a decimal point, or None. Python takes 1_000 and ٣ for numbers, which they are not."""
-    if not isinstance(cell, str):
-        return cell
-    if not cell.isascii() or "_" in cell:
-        return None
+    if mark == ",":
+        cells = [cell.replace(",", ".") if isinstance(cell, str) else cell for cell in cells]
     try:
-        value = float(cell)
+        values = np.array(list(map(float, cells)))
     except ValueError:
         return None
-    return value if np.isfinite(value) else None
+    if not np.isfinite(values).all():
+        return None
+    return Numbers(values, np.zeros(values.size, bool), percent, comma=mark == "," and "," in texts)
 
 
-def _spellings(cells: Sequence[Cell], rows: Sequence[int]) -> Spellings:
-    """How the texts of these rows are written."""
-    texts = {cell for row in rows if isinstance(cell := cells[row], str)}
-    return {text: _spelling(text) for text in texts}
+def _column(cells: Sequence[Cell], marks: set[str]) -> Numbers:
+    """The numbers of a column. marks: the decimal marks by which it is read."""
+    if len(marks) == 1 and (plain := _plain_numbers(cells, *marks)) is not None:
+        return plain
+    size = len(cells)
+    result = Numbers(np.full(size, np.nan), np.zeros(size, bool), np.zeros(size, bool))
+    spelled = {cell: _spelling(cell) for cell in cells if isinstance(cell, str)}
+    rare = _rare(cells, spelled) if marks == _BOTH else set[str]()
+    other = {",": ".", ".": ","}[next(iter(marks))] if len(marks) == 1 else None
+    groups = any(s is not None and other and s.sep == other for s in spelled.values())
+    for row, cell in enumerate(cells):
+        if not isinstance(cell, str):
+            result.values[row], result.percent[row] = cell, isinstance(cell, Percent)
+            continue
+        found = spelled[cell]
+        text = cell.strip()
+        if not text or cell.replace(" ", "").lower() in MISSING:
+            result.blank[row] = True
+            result.missing |= {text} if text else set()
+        elif _NOT_FINITE.fullmatch(text):
+            result.values[row] = float(text)
+        elif found is None or found.kind in rare:
+            result.faults[row] = "" if found is None else MIXED
+        elif (value := _value(found, marks, groups)) is None:
+            result.faults[row] = TWO_WAYS
+        else:
+            result.percent[row] = text.endswith("%")
+            result.values[row] = value / 100.0 if text.endswith("%") else value
+            result.comma |= found.kind == "," or (found.kind == "?," and marks == {","})
+    return result
 
 
 def _spelling(cell: str) -> Spelling | None:
@@ -148,82 +141,23 @@ def _spelling(cell: str) -> Spelling | None:
     found = _NUMBER.fullmatch(text)
     if found is None or not any(found[name] for name in ("int", "groups", "part")):
         return None  # no digit before an exponent
-    if found["sep"] is not None and found["sep"] == found["mark"]:
+    mark, sep, whole, part = found["mark"], found["sep"], found["int"] or "", found["part"]
+    if sep is not None and sep == mark:
         return None
-    return Spelling(found, _kind(found))
-
-
-def _kind(found: re.Match[str]) -> str:
-    """The decimal mark that the cell shows: ".", ",", "" for none, "?." or "?," for one of two."""
-    mark, sep = found["mark"], found["sep"]
     if sep in (".", ","):
-        return "," if sep == "." else "."
-    if mark is None:
-        return ""
-    whole, part = found["int"] or "", found["part"]
-    if sep is None and len(part) == 3 and 1 <= len(whole) <= 3 and not whole.startswith("0"):
-        return f"?{mark}"
-    return str(mark)
+        return Spelling(text, "," if sep == "." else ".", sep)
+    either = sep is None and mark and len(part) == 3 and 1 <= len(whole) <= 3 and whole[0] != "0"
+    return Spelling(text, f"?{mark}" if either else mark or "", sep)
 
 
-def _read_cells(
-    result: Numbers, cells: Sequence[Cell], rows: Sequence[int], texts: Spellings, table: set[str]
-) -> None:
-    """Read these rows cell by cell. table: the marks by which a column is read that does not show one."""
-    shown = _kinds([texts]) & _MARKS
-    marks = shown or table
-    rare = _rare_marks(cells, rows, texts) if shown == _MARKS else set()
-    groups = _has_groups(texts, marks)
-    for row in rows:
-        cell = cells[row]
-        if not isinstance(cell, str):
-            continue
-        found = texts[cell]
-        result.values[row] = np.nan
-        if is_blank(cell):
-            result.blank[row] = True
-        elif cell.replace(" ", "").lower() in MISSING:
-            result.blank[row] = True
-            result.missing.add(cell.strip())
-        elif _NOT_FINITE.fullmatch(cell.strip()):
-            result.values[row] = float(cell)
-        elif found is None:
-            result.faults[row] = ""
-        elif found.kind in rare:
-            result.faults[row] = MIXED
-        else:
-            value = _value(found, marks, groups)
-            if value is None:
-                result.faults[row] = TWO_WAYS
-                continue
-            share = cell.rstrip().endswith("%")
-            result.percent[row] = share
-            result.values[row] = value / 100.0 if share else value
-            result.comma |= found.kind == "," or (found.kind == "?," and marks == {","})
-
-
-def _rare_marks(cells: Sequence[Cell], rows: Sequence[int], texts: Spellings) -> set[str]:
+def _rare(cells: Sequence[Cell], spelled: dict[str, Spelling | None]) -> set[str]:
     """Of the two marks of a column that of fewer cells, most likely the slip; both where they tie."""
-    kinds = Counter(found.kind for row in rows if (found := texts.get(str(cells[row]))) is not None)
-    fewest = min(kinds[mark] for mark in _MARKS)
-    return {mark for mark in _MARKS if kinds[mark] == fewest}
-
-
-def _has_groups(texts: Spellings, marks: set[str]) -> bool:
-    """Whether marks of thousands are shown beyond doubt: 1.234,5 or 1.234.567 by its decimal comma."""
-    other = {",": ".", ".": ","}.get(next(iter(marks), "")) if len(marks) == 1 else None
-    return any(
-        found is not None and other and found.match["sep"] == other for found in texts.values()
-    )
+    count = Counter(s.kind for cell in cells if (s := spelled.get(str(cell))) is not None)
+    return {mark for mark in _BOTH if count[mark] == min(count[m] for m in _BOTH)}
 
 
 def _value(found: Spelling, marks: set[str], groups: bool) -> float | None:
-    text, kind = found.match[0], found.kind
-    if kind.startswith("?"):
-        mark = kind[1]
-        if marks == {mark}:
-            return float(text.replace(mark, "."))
-        return float(text.replace(mark, "")) if groups and len(marks) == 1 else None
-    if found.match["sep"] is not None:
-        text = text.replace(found.match["sep"], "")
+    text = found.text if found.sep is None else found.text.replace(found.sep, "")
+    if found.kind.startswith("?") and marks != {found.kind[1]}:
+        return float(text.replace(found.kind[1], "")) if groups and len(marks) == 1 else None
     return float(text.replace(",", "."))

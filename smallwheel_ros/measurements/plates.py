@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS
-from smallwheel_ros.measurements.reading import Columns, outside
+from smallwheel_ros.measurements.reading import Columns, check_range
 from smallwheel_ros.measurements.settings import curves_of_rows
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
@@ -70,7 +70,7 @@ def take_plates(columns: Columns, contact: NDArray[np.str_], compliance: float |
     _take_pressure(columns, plate)
     for name in ("load", "sinkage"):
         if name in columns.numbers and name in columns.headings:
-            outside(columns, name, COLUMNS[name], columns.numbers[name], contact == ROLLING)
+            check_range(columns, name, COLUMNS[name], columns.numbers[name], contact == ROLLING)
     if compliance is not None:
         _take_compliance(columns, contact == ROLLING, compliance)
 
@@ -80,44 +80,38 @@ def _take_sizes(columns: Columns, plate: Mask) -> None:
     if not plate.any():
         return
     blank = np.full(plate.size, np.nan)
-    diameter, width = (columns.numbers.get(name, blank).copy() for name in ("diameter", "width"))
+    diameter, width = (columns.numbers.get(name, blank) for name in ("diameter", "width"))
+    rectangular = np.zeros(plate.size, dtype=bool)
     if _known(columns, "length"):
         length = columns.numbers.pop("length")
         rectangular = plate & np.isfinite(length)
-        both = rectangular & np.isfinite(diameter)
-        if both.any():
-            columns.problem("a plate with a diameter too, expected one of the two: round or "
-                            "rectangular", "length", both)  # fmt: skip
+        columns.problem(
+            "a plate with a diameter too, expected one of the two: round or rectangular",
+            "length",
+            rectangular & np.isfinite(diameter),
+        )
         lacking = rectangular & np.isnan(width)
-        if lacking.any():
-            columns.problem("a plate's length without its width", "length", lacking)
-        sides = np.minimum(width, length)
+        columns.problem("a plate's length without its width", "length", lacking)
         diameter = np.where(rectangular, equivalent_diameter(width, length), diameter)
-        width = np.where(rectangular, sides, np.where(plate, np.nan, width))
+        width = np.where(rectangular, np.minimum(width, length), width)
         columns.understood.append(
             f"rectangular plates in {int(rectangular.sum())} rows: b is the smaller side, D of the round "
             "plate of the same area"
         )
-    else:
-        width = np.where(plate, np.nan, width)
     if np.isfinite(diameter).any():
         columns.numbers["diameter"], columns.units["diameter"] = diameter, "m"
     if "width" in columns.numbers:
-        columns.numbers["width"] = width
+        columns.numbers["width"] = np.where(plate & ~rectangular, np.nan, width)
 
 
 def _take_pressure(columns: Columns, plate: Mask) -> None:
     """Load from pressure, where a plate's area is known."""
-    if not _known(columns, "pressure"):
-        return
     load = columns.numbers.get("load", np.full(plate.size, np.nan))
     wanted = np.isnan(load)
-    if not wanted.any():
+    if not _known(columns, "pressure") or not wanted.any():
         return  # a column beside the load: a covariate, as any other
     pressure = columns.numbers.pop("pressure")
-    wheels = wanted & ~plate & np.isfinite(pressure)
-    if wheels.any():
-        columns.problem(_NO_AREA, "pressure", wheels)
+    columns.problem(_NO_AREA, "pressure", wanted & ~plate & np.isfinite(pressure))
     diameter = columns.numbers.get("diameter", np.full(plate.size, np.nan))
     borne = pressure * plate_area(diameter)
     columns.numbers["load"] = np.where(wanted & plate, borne, load)
@@ -134,11 +128,11 @@ def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None
         )
     elif load is not None and sinkage is not None:
         soil = sinkage - compliance * load
-        if (rolling & (soil < 0.0)).any():
-            columns.problem(
-                f"sinkage less {compliance:g} m/N x load is under 0: is the compliance right?",
-                "sinkage", rolling & (soil < 0.0),
-            )  # fmt: skip
+        columns.problem(
+            f"sinkage less {compliance:g} m/N x load is under 0: is the compliance right?",
+            "sinkage",
+            rolling & (soil < 0.0),
+        )
         columns.numbers["sinkage"] = soil
         most = 1e3 * compliance * float(np.nanmax(load))
         columns.understood.append(
@@ -176,32 +170,26 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = contact != ROLLING
-    keep = np.ones(pushed.size, dtype=bool)
     if sinkage is None or not pushed.any():
-        return keep
-    touches = (load >= COLUMNS["load"].low) & ~(sinkage < 0.0)
-    early = pushed & ~touches
+        return np.ones(pushed.size, dtype=bool)
+    early = pushed & ~((load >= COLUMNS["load"].low) & ~(sinkage < 0.0))
     if early.any():
-        columns.understood.append(
-            f"{int(early.sum())} rows of plates or pressed wheels are left out: load or sinkage is not "
-            f"over 0 there (first in {columns.place} {columns.lines[np.flatnonzero(early)[0]]})"
-        )
-    keep &= ~early
+        what = "rows of plates or pressed wheels are left out: load or sinkage is not over 0 there"
+        columns.understood.append(columns.count(early, what))
     off = np.zeros(pushed.size, dtype=bool)
     for name in dict.fromkeys(run[pushed].tolist()):
-        rows = np.flatnonzero((run == name) & pushed & keep)
+        rows = np.flatnonzero((run == name) & pushed & ~early)
         if rows.size >= _FEWEST:
             off[rows] = _unloaded(load[rows], sinkage[rows])
             _say_odd_load(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
     if off.any():
-        columns.understood.append(
-            f"{int(off.sum())} rows of curves are left out: the load was taken off or put on again there "
-            f"(first in {columns.place} {columns.lines[np.flatnonzero(off)[0]]})"
-        )
-    return keep & ~off
+        what = "rows of curves are left out: the load was taken off or put on again there"
+        columns.understood.append(columns.count(off, what))
+    return np.asarray(~(early | off))
 
 
-def _rank_correlation(one: NDArray[Any], other: Array) -> float:
+def _ranks(one: NDArray[Any], other: Array) -> float:
+    """Spearman's rank correlation."""
     from scipy.stats import spearmanr  # slow to import, and few tables have curves
 
     return float(spearmanr(one, other)[0])
@@ -209,14 +197,10 @@ def _rank_correlation(one: NDArray[Any], other: Array) -> float:
 
 def _unloaded(load: Array, sinkage: Array) -> Mask:
     """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
-    nothing = np.zeros(load.size, dtype=bool)
-    if np.isnan(sinkage).all():
-        return nothing
-    end = int(np.nanargmax(sinkage))
-    if end < _FEWEST or np.ptp(sinkage[: end + 1]) == 0.0:
-        return nothing
-    if not _rank_correlation(np.arange(end + 1), sinkage[: end + 1]) > _IN_ORDER:
-        return nothing
+    end = 0 if np.isnan(sinkage).all() else int(np.nanargmax(sinkage))
+    down = sinkage[: end + 1]
+    if end < _FEWEST or np.ptp(down) == 0.0 or not _ranks(np.arange(end + 1), down) > _IN_ORDER:
+        return np.zeros(load.size, dtype=bool)
     reached, deepest = np.maximum.accumulate(load), np.fmax.accumulate(sinkage)
     back = sinkage < deepest - _REBOUND * sinkage[end]
     return np.asarray((load < _UNLOADED * reached) & back)
@@ -234,7 +218,7 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
                 "alike there: is it the load at that depth, or that of the whole test?"
             )
         return
-    if _rank_correlation(load[known], sinkage[known]) < 0.0:
+    if _ranks(load[known], sinkage[known]) < 0.0:
         columns.warnings.append(
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"

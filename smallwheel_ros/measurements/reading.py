@@ -15,9 +15,9 @@ from smallwheel_ros.measurements.cells import (
     Problems,
     array_of_texts,
     clipped,
+    is_blank,
     refuse_long_texts,
     shown,
-    without_collection,
 )
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
@@ -29,16 +29,15 @@ from smallwheel_ros.measurements.columns import (
     ColumnSpec,
     Mask,
 )
-from smallwheel_ros.measurements.headers import UNKNOWN, Heading
+from smallwheel_ros.measurements.headers import UNKNOWN, Heading, listed, match_columns
 from smallwheel_ros.measurements.layout import Layout, find_layout
-from smallwheel_ros.measurements.long_text import only_numbers, rows_of
-from smallwheel_ros.measurements.matching import listed, match_columns
-from smallwheel_ros.measurements.not_measured import is_label, rows_not_measured, say_left_out
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
-from smallwheel_ros.measurements.words import contact_of
+from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
 
 _MOST_TEXTS = 30  # that are told apart in one column
+_MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
+_MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
 @dataclass
@@ -83,14 +82,26 @@ class Columns:
         """Keep the rows of that mask."""
         index = np.flatnonzero(rows)
         self.lines = self.lines[index]
-        self.cells = {name: rows_of(cells, index) for name, cells in self.cells.items()}
+        self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
         self.numbers = {name: values[index] for name, values in self.numbers.items()}
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
-        """Add a problem of a column, in these rows or of its header."""
+        """Add a problem of a column: of its header, or of these rows if there are any."""
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
-        self.problems.add(message, self.title(name), None if at is None else at.tolist())
+        if at is None or at.size:
+            self.problems.add(message, self.title(name), None if at is None else at.tolist())
+
+    def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
+        """Add a problem for the values of these rows, if there are any; wanted: in the first."""
+        if rows.any():
+            found = self.found(name, values, int(np.argmax(rows)))
+            self.problem(f"{clipped(name)} is {found}, expected {wanted}", name, rows)
+
+    def count(self, rows: Mask, what: str) -> str:
+        """How many rows these are, what of them is said, and where the first is."""
+        first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
+        return f"{int(rows.sum())} {what} (first in {first})"
 
     def found(self, name: str, values: Array, row: int) -> str:
         """Show a value as it stands in the file, and converted where the file has another unit."""
@@ -105,7 +116,6 @@ class Columns:
         return f"{cell} {plain}" + ("" if same else f" ({values[row]:.6g} in SI)")
 
 
-@without_collection()
 def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     """Every column of the table, checked cell by cell.
 
@@ -115,13 +125,9 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     layout = find_layout(grid)
     problems = Problems(grid.source, grid.place, layout.numbers, layout.header_line)
     named = match_columns(layout, mapping, problems)
-    texts = [
-        (layout.headers[i], cells)
-        for i, cells in enumerate(layout.columns)
-        if not only_numbers(cells) or (i in named and named[i].name in TEXTS)
-    ]
-    refuse_long_texts(texts, problems)
     parsed = _numbers(layout, named, grid.comma)
+    texts = [i for i in range(len(layout.headers)) if i not in parsed or parsed[i].faults]
+    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], problems)
     left_out = rows_not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
@@ -131,9 +137,13 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
             rows=[row for row, n in ragged.items() if n == count],
         )
-    say_left_out(layout, left_out)
+    layout.said += [
+        f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
+        for row, text in [*left_out.items()][:5]
+    ]
+    layout.said += [f"and {len(left_out) - 5} more rows like it"] if len(left_out) > 5 else []
     if left_out or ragged:
-        _keep(layout, np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
+        layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
         if not layout.numbers.size:
             problems.add("no rows of measurements are left")
             problems.raise_any()
@@ -156,9 +166,46 @@ def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[
     return dict(zip(positions, found, strict=True))
 
 
-def _keep(layout: Layout, rows: NDArray[np.intp]) -> None:
-    layout.columns = [rows_of(column, rows) for column in layout.columns]
-    layout.numbers = layout.numbers[rows]
+def rows_not_measured(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> dict[int, str]:
+    """Rows that are no measurements, by what they say.
+
+    Means and sums of others, remarks between and below the measurements, the header once more.
+    """
+    found: dict[int, str] = {}
+    for position, heading in named.items():
+        cells, rows = layout.columns[position], range(len(layout.numbers))
+        texts = [*rows]
+        if position in parsed:
+            known = heading.name in COLUMNS or position == 0
+            numeric = not (known or is_label(heading, parsed[position]))
+            texts = [] if numeric else [*parsed[position].faults][:_MOST_FAULTS]
+        elif not may_have_summary("\n".join(dict.fromkeys(map(str, cells)))):
+            continue
+        names = frozenset(map(str, cells)) if heading.name == "run" else frozenset[str]()
+        said = {i: c for i in texts if isinstance(c := cells[i], str) and is_summary(c, names)}
+        if len(said) < len(cells):  # else each row is the mean of a few, and the column says so
+            found |= said
+    nothing = np.all([numbers.blank for numbers in parsed.values()], axis=0)
+    remarks = {*np.flatnonzero(nothing).tolist()} if parsed else set(range(layout.numbers.size))
+    again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
+    again = [i for i in again if [shown(c[i]) for c in layout.columns] == layout.headers]
+    for row in {*layout.ragged, *again}:
+        # a remark may have commas: it has texts only where the table has numbers
+        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
+            remarks.add(row)
+    for row in remarks:
+        filled = (c[row] for c in layout.columns if not is_blank(c[row]))
+        found[row] = ", ".join(map(shown, filled))
+    return dict(sorted(found.items()))
+
+
+def is_label(heading: Heading, parsed: Numbers) -> bool:
+    """Whether a column of no known name is one of texts: too few of its cells are numbers."""
+    filled = int((~parsed.blank).sum())
+    texts = sum(not why for why in parsed.faults.values())
+    return heading.unit is None and filled - texts < _MOSTLY * filled
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
@@ -176,7 +223,7 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
         else:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
     elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
-        _take_numbers(columns, heading, parsed, _spec(name))
+        _take_numbers(columns, heading, parsed, (LAB_COLUMNS | COLUMNS)[name])
     elif heading.rank == UNKNOWN and is_label(heading, parsed):
         columns.texts[name] = array_of_texts(columns.cells[name])
         columns.notes.append(
@@ -184,10 +231,6 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
         )
     else:
         _take_numbers(columns, heading, parsed, OTHER)
-
-
-def _spec(name: str) -> ColumnSpec:
-    return COLUMNS.get(name) or LAB_COLUMNS[name]
 
 
 # Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
@@ -210,9 +253,8 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     if heading.unit is not None:
         values = to_base(values, heading.unit, expected)
     early = name in BEFORE_TOUCH
-    outside(
-        columns, name, spec, values, np.isfinite(parsed.values) & ~(early & (values < spec.low))
-    )
+    rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
+    check_range(columns, name, spec, values, rows)
     if len(columns.problems.found) > before:
         values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
@@ -224,21 +266,19 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
 
 
-def outside(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
+def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
     """Add a problem for values of these rows that no wheel or plate has."""
-    heading = columns.headings[name]
-    bad = spec.bad(values) & rows
-    no_unit = heading.unit is None and name in ("diameter", "width")
-    if no_unit:  # a size that no small wheel has is in another unit, and not in metres
-        bad |= (values < spec.usual[0]) | (values > spec.usual[1])
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        limits = spec.usual if no_unit and not spec.bad(values[bad]).any() else None
-        wanted = spec.expected() if limits is None else f"{limits[0]:g} to {limits[1]:g} m"
-        columns.problem(
-            f"{clipped(name)} is {columns.found(name, values, row)}, expected {wanted}"
-            f"{_hint(name, heading, spec)}", name, bad,
-        )  # fmt: skip
+    no_unit = columns.headings[name].unit is None
+    bad, wanted = spec.bad(values) & rows, spec.expected()
+    if no_unit and name in ("diameter", "width"):
+        # a size that no small wheel has is in another unit, and not in metres
+        low, high = spec.usual
+        bad |= (values < low) | (values > high)
+        wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
+    hint = f"; {spec.hint}" if spec.hint else ""
+    if spec.unit == "m" and no_unit:
+        hint = f"; without a unit it is metres: for mm the header is '{name} [mm]'"
+    columns.outside(name, values, bad, wanted + hint)
 
 
 def _in_header_unit(
@@ -272,12 +312,12 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
         columns.problem(f"'{text}' found, expected a number{words}", name, np.array(rows))
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
-    if bad.any():
-        text = shown(cells[int(np.flatnonzero(bad)[0])])
-        columns.problem(
-            f"{text} found, expected a finite number, or a blank cell where nothing was measured",
-            name, bad,
-        )  # fmt: skip
+    text = shown(cells[int(np.argmax(bad))])
+    columns.problem(
+        f"{text} found, expected a finite number, or a blank cell where nothing was measured",
+        name,
+        bad,
+    )
 
 
 def _number_hint(text: str) -> str:
@@ -294,12 +334,6 @@ def _number_hint(text: str) -> str:
     return ""
 
 
-def _hint(name: str, heading: Heading, spec: ColumnSpec) -> str:
-    if spec.unit == "m" and heading.unit is None:
-        return f"; without a unit it is metres: for mm the header is '{name} [mm]'"
-    return f"; {spec.hint}" if spec.hint else ""
-
-
 def take_size(columns: Columns, name: str, size: float | None) -> None:
     """Take a diameter or width (m) for all rows, where it is given."""
     if size is None:
@@ -310,8 +344,9 @@ def take_size(columns: Columns, name: str, size: float | None) -> None:
     elif name in columns.headings:
         columns.problem(
             f"{name} was given for all rows too, expected one of the two: leave the option or the "
-            "column out", name,
-        )  # fmt: skip
+            "column out",
+            name,
+        )
     columns.numbers[name] = np.full(columns.lines.size, size)
     columns.units[name] = spec.unit
 
@@ -322,13 +357,7 @@ def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
         if heading.rank == UNKNOWN:
             continue
         unit = "" if heading.unit in (None, DIMENSIONLESS) else f" [{heading.unit}]"
-        usual = {
-            heading.name,
-            f"{heading.name}{unit}",
-            f"{heading.name} [-]",
-            f"{heading.name} [1]",
-        }
-        if heading.text in usual:
+        if heading.text in {f"{heading.name}{usual}" for usual in ("", unit, " [-]", " [1]")}:
             continue
         weight = ", the weight of that mass" if "*g_0" in unit else ""
         twice = ", twice the radius" if heading.factor == 2.0 else ""

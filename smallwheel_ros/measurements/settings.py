@@ -19,13 +19,14 @@ is no setting.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.checks import codes_of, one_row_a_wheel
-from smallwheel_ros.measurements.columns import COLUMNS, OTHER, Array, is_bookkeeping
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER, Array, Mask, is_bookkeeping
 
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements
@@ -43,6 +44,34 @@ _EXACT = 1e-9
 # Gap between set points over the scatter of readings at one of them. With 2, no reading is nearer to
 # one of another set point than to the furthest of its own, with room for the next reading.
 _APART = 2.0
+_FEW_VALUES = 5  # a column with at most so many different values is split by value
+_PARTS = 4  # otherwise into so many parts of about as many rows
+_FEWEST = 3  # degrees of freedom below which a spread says nothing
+
+
+def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
+    """The different values in the order in which they first appear, and each row's index into them.
+
+    Equal neighbours are one value to look up, and a table of values is many times quicker than sorting
+    texts, as `np.unique` does.
+    """
+    begins = np.concatenate([[True], column[1:] != column[:-1]])[: column.size]
+    rows = column[begins].tolist()
+    names = list(dict.fromkeys(rows))
+    number = dict(zip(names, range(len(names)), strict=True))
+    codes = np.fromiter(map(number.__getitem__, rows), np.intp, len(rows))
+    return names, codes[np.cumsum(begins) - 1]
+
+
+def one_row_a_wheel(data: Measurements) -> bool:
+    """Whether runs are of several wheels that the table names, each with one row: a vehicle's.
+
+    So are the runs of a drive that `replay` makes a table of: one stretch of way.
+    """
+    if not data.wheels_given:
+        return False
+    pairs = set(zip(data.run.tolist(), data.wheel.tolist(), strict=True))
+    return len(pairs) == len(data) > len({run for run, _ in pairs})
 
 
 def set_columns(measurements: Measurements) -> tuple[str, ...]:
@@ -73,9 +102,7 @@ def varies(column: Array) -> bool:
 
 def varied_settings(measurements: Measurements) -> dict[str, Array]:
     """The settings that were varied, by name, shape (rows,)."""
-    return {
-        name: column for name, column in setting_columns(measurements).items() if varies(column)
-    }
+    return {n: column for n, column in setting_columns(measurements).items() if varies(column)}
 
 
 def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
@@ -134,17 +161,10 @@ def cluster(values: Array, tolerance: float) -> Index:
 
 def _combined(columns: list[Index]) -> Index:
     """One code for each combination, numbered in the order in which they first appear."""
-    codes = np.zeros(columns[0].size, dtype=np.int64)
+    codes: Index = np.zeros(columns[0].size, dtype=np.intp)
     for column in columns:
-        wide = column - column.min(initial=0)
-        count = int(wide.max(initial=0)) + 1
-        if int(codes.max(initial=0)) + 1 > np.iinfo(np.int64).max // count:
-            codes = np.unique(codes, return_inverse=True)[1].reshape(-1).astype(np.int64)
-        codes = codes * count + wide
-    _, first, index = np.unique(codes, return_index=True, return_inverse=True)
-    rank = np.empty(first.size, dtype=np.intp)
-    rank[np.argsort(first)] = np.arange(first.size)
-    return np.asarray(rank[index.reshape(-1)], dtype=np.intp)
+        codes = codes_of(codes * (int(column.max(initial=0)) + 2) + column + 1)[1]
+    return codes
 
 
 def settings_of_rows(measurements: Measurements) -> Index:
@@ -167,9 +187,10 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
     """
     if measurements.runs_given:
         names, codes = codes_of(measurements.run)
-        return tuple(names), codes
-    codes = setting_codes(measurements)
-    return tuple(f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)), codes
+    else:
+        codes = setting_codes(measurements)
+        names = [f"setting {i + 1}" for i in range(int(codes.max(initial=-1)) + 1)]
+    return tuple(names), codes
 
 
 def setting_codes(measurements: Measurements) -> Index:
@@ -189,17 +210,22 @@ def _set_points(values: Array, tolerance: float) -> Index:
     order = known[np.argsort(values[known])]
     gaps = np.diff(values[order])
     apart = gaps > tolerance
-    if apart.any():
-        first = np.concatenate([[True], apart])
-        last = np.concatenate([apart, [True]])
+    if order.size:
+        first, last = np.append(True, apart), np.append(apart, True)
         widest = np.max(values[order[last]] - values[order[first]])
-        if widest > tolerance or np.min(gaps[apart]) <= _APART * widest:
+        if widest > tolerance or np.min(gaps[apart], initial=np.inf) <= _APART * widest:
             apart = gaps > _EXACT * np.max(np.abs(values[order]))
-    elif gaps.sum() > tolerance:
-        apart = gaps > _EXACT * np.max(np.abs(values[order]))
     codes = np.full(values.size, -1, dtype=np.intp)
     codes[order] = np.concatenate([[0], np.cumsum(apart)])[: order.size]
     return codes
+
+
+def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
+    """Least and largest value of each run, shape (count,), NaN left out; of none inf and -inf."""
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.fmin.at(low, run, values)
+    np.fmax.at(high, run, values)
+    return low, high
 
 
 def repeats_of_rows(measurements: Measurements) -> Index:
@@ -214,9 +240,7 @@ def repeats_of_rows(measurements: Measurements) -> Index:
     columns = [*_tolerances(measurements)]
     columns += [(codes.astype(float), 0.0) for codes in _texts(measurements, wheels)]
     for values, tolerance in columns:
-        low, high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
-        np.fmin.at(low, run, values)
-        np.fmax.at(high, run, values)
+        low, high = ends_of_runs(values, run, len(names))
         same &= ~(high - low > tolerance)  # all blank: -inf
     return np.where(same[run], run, -1)
 
@@ -238,3 +262,96 @@ def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -
             reached = [max(x, most) for x, most in zip(now, reached, strict=True)]
         curve[i] = curve[i - 1] + (first == i)
     return curve
+
+
+def repeatability(measurements: Measurements) -> dict[str, float]:
+    """Standard deviation of repeats of one run by channel (SI), of the channels that have repeats.
+
+    What they differ by is noise, "pure error" in the words of regression, the error that no model can
+    go below, pooled:
+
+        sigma^2 = sum over runs, rows of (y - mean of the run)^2 / sum over runs of (rows - 1)
+
+    What differs from run to run (the soil was prepared anew) is not in it, so the held-out error of
+    even the true model stays somewhat above it.
+    """
+    index = repeats_of_rows(measurements)
+    found = {}
+    for name in measurements.channels:
+        rows = measurements.channel_rows(name)
+        rows = rows[index[rows] >= 0]
+        value, run = measurements.channels[name][rows], index[rows]
+        count = np.bincount(run)
+        mean = np.bincount(run, value) / np.maximum(count, 1)
+        freedom = int(np.maximum(count - 1, 0).sum())
+        squares = float(np.sum((value - mean[run]) ** 2))
+        if freedom >= _FEWEST and squares > 0.0:
+            found[name] = float(np.sqrt(squares / freedom))
+    return found
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some of the rows, named: by which column ("slip") and which of its values ("0.2 to 0.4").
+
+    range: smallest and largest value of a numeric column, in SI; empty for a text.
+    """
+
+    by: str
+    label: str
+    rows: Mask
+    range: tuple[float, ...] = ()
+
+
+def parts(measurements: Measurements) -> list[Part]:
+    """The rows split by soil, wheel, contact and each setting that was varied."""
+    texts = {
+        "soil": measurements.soil,
+        "wheel": _wheels(measurements),
+        "contact": measurements.conditions.contact,
+    }
+    found: list[Part] = []
+    for by, names in texts.items():
+        kinds = np.unique(names)
+        if kinds.size > 1:
+            found += [Part(by, str(kind) or "not named", names == kind) for kind in kinds]
+    for by, values in varied_settings(measurements).items():
+        found += _by_value(by, values)
+    return found
+
+
+def _wheels(measurements: Measurements) -> NDArray[np.str_]:
+    """Names of the wheels; with the size where wheels of several sizes share one name."""
+    size = measurements.conditions.diameter
+    names = measurements.wheel
+    shared = any(np.unique(np.round(size[names == n], 6)).size > 1 for n in np.unique(names))
+    if not shared:
+        return names
+    return np.array([f"{n} {1e3 * d:.4g} mm" for n, d in zip(names, size, strict=True)])
+
+
+def levels(values: Array) -> Array | None:
+    """The different values of a column that has few, else None."""
+    known = values[np.isfinite(values)]
+    code = cluster(known, OF_RANGE * float(np.ptp(known)))
+    if code.max() >= _FEW_VALUES:
+        return None
+    return np.asarray(np.bincount(code, known) / np.bincount(code), dtype=float)
+
+
+def _by_value(by: str, values: Array) -> list[Part]:
+    known = np.isfinite(values)
+    few = levels(values)
+    if few is not None:
+        nearest = np.abs(values[:, None] - few).argmin(axis=1)
+        return [
+            Part(by, f"{level:.4g}", known & (nearest == i), (float(level),))
+            for i, level in enumerate(few)
+        ]
+    edges = np.unique(np.quantile(values[known], np.linspace(0, 1, _PARTS + 1)))
+    number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
+    found = [
+        Part(by, f"{low:.3g} to {high:.3g}", known & (number == i), (float(low), float(high)))
+        for i, (low, high) in enumerate(pairwise(edges))
+    ]
+    return [part for part in found if part.rows.any()]

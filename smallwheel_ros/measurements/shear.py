@@ -69,11 +69,8 @@ def shear_tests(columns: Columns) -> ShearTests:
     for name in (n for n in _NEEDED if n not in columns.numbers):
         columns.problem("the whole column is blank", name)
     columns.problems.raise_any()
-    bad = columns.numbers["normal_stress"] <= 0.0
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        found = columns.found("normal_stress", columns.numbers["normal_stress"], row)
-        columns.problem(f"normal_stress is {found}, expected over 0", "normal_stress", bad)
+    sigma = columns.numbers["normal_stress"]
+    columns.outside("normal_stress", sigma, sigma <= 0.0, "over 0")
     columns.problems.raise_any()
     blank = np.any([np.isnan(columns.numbers[name]) for name in _NEEDED], axis=0)
     if blank.any():

@@ -6,17 +6,23 @@ One row is one steady measurement of one wheel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.display import column_display, display, number
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.columns import CHANNELS, is_response
+from smallwheel_ros.measurements.columns import CHANNELS, is_response, unit_of
+from smallwheel_ros.measurements.settings import codes_of, varied_settings
+from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
-from smallwheel_ros.results import Result, Writer, axes_or_new, picture_writers
+from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.results import Result, ResultError, Writer, axes_or_new, picture_writers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,32 +80,77 @@ class Measurements(Result):
         count = f"{len(self)} rows, {self.runs.size} runs of {', '.join(self.channels)}"
         return f"{self.source}: {count}" if self.source else count
 
+    def _columns(self) -> dict[str, Any]:
+        """Every column by name, SI units, shape (rows,): settings first, then what was measured."""
+        c = self.conditions
+        found: dict[str, Any] = {"run": self.run, "wheel": self.wheel}
+        found |= {} if c.soil is None else {"soil": c.soil}
+        found |= {name: c[name] for name in ("load", "diameter", "width", *c.covariates)}
+        return found | dict(self.channels)
+
     def text(self) -> str:
         """A line for each column, and what was understood, assumed and is suspicious."""
-        from smallwheel_ros.measurements.shown import table_text
-
-        return table_text(self)
+        lines = [self.headline()]
+        for name, values in self._columns().items():
+            if np.asarray(values).dtype.kind != "f" or not np.isfinite(values).any():
+                continue
+            scale, label = (1e3, f"{name} [mm]") if name == "sinkage" else (1.0, f"{name} [N]")
+            if name not in self.channels:
+                shown = column_display(self, name)
+                scale, label = shown.scale, shown.label
+            ends = f"{number(scale * np.nanmin(values))} to {number(scale * np.nanmax(values))}"
+            lines.append(f"  {label}: {ends}")
+        lines += [f"understood: {text}" for text in self.understood]
+        lines += [f"warning: {text}" for text in self.warnings]
+        return "\n".join([*lines, *(f"note: {text}" for text in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """What the table is: columns with units and ranges, not its rows."""
-        from smallwheel_ros.measurements.shown import table_document
-
-        return table_document(self)
+        numbers = {n: c for n, c in self._columns().items() if np.asarray(c).dtype.kind == "f"}
+        return {
+            "schema": 1,
+            "source": self.source,
+            "sha256": self.sha256,
+            "rows": len(self),
+            "runs": int(self.runs.size),
+            "runs_given": self.runs_given,
+            "columns": {
+                name: {
+                    "unit": self.units.get(name, unit_of(name)),
+                    "from": float(np.nanmin(values)) if np.isfinite(values).any() else None,
+                    "to": float(np.nanmax(values)) if np.isfinite(values).any() else None,
+                }
+                for name, values in numbers.items()
+            },
+            "understood": list(self.understood),
+            "warnings": list(self.warnings),
+            "notes": list(self.notes),
+        }
 
     def rows(self) -> list[dict[str, Any]]:
         """One mapping for each row, SI units; None where nothing was measured."""
-        from smallwheel_ros.measurements.shown import table_rows
-
-        return table_rows(self)
+        lists = {name: column.tolist() for name, column in self._columns().items()}
+        return [
+            {n: None if v != v else v for n, v in zip(lists, row, strict=True)}
+            for row in zip(*lists.values(), strict=True)
+        ]
 
     def plot(
         self, ax: Axes | None = None, channel: str | None = None, over: str | None = None
     ) -> Axes:
-        """Draw a channel (the first) over a setting (load)."""
-        from smallwheel_ros.measurements.shown import draw_table
+        """Draw a channel (the first) over a setting (load); ResultError where there is none."""
+        from smallwheel_ros.pictures.house import COLOURS, plain, style
 
         axes = axes_or_new(ax)
-        draw_table(axes, self, channel, over)
+        settings = {"load": self.conditions.load} | dict(varied_settings(self))
+        channel, over = channel or next(iter(self.channels)), over or next(iter(settings))
+        for name, known in ((channel, self.channels), (over, settings)):
+            if name not in known:
+                raise ResultError(f"no column '{name}' to draw: {nearest(name, list(known))}")
+        across, shown = column_display(self, over), display(channel, unit_of(channel))
+        x, y = settings[over] * across.scale, self.channels[channel] * shown.scale
+        axes.scatter(x, y, s=12, alpha=0.65, linewidth=0, color=COLOURS[2])
+        style(axes, plain(across.label), shown.label)
         return axes
 
     def _writers(self) -> dict[str, Writer]:
@@ -108,8 +159,7 @@ class Measurements(Result):
     @property
     def runs(self) -> NDArray[np.str_]:
         """Names of the runs in the order in which they first appear."""
-        names, first = np.unique(self.run, return_index=True)
-        return names[np.argsort(first)]
+        return np.array(codes_of(self.run)[0], dtype=np.str_)
 
     @property
     def soil(self) -> NDArray[np.str_]:
@@ -152,6 +202,84 @@ class Measurements(Result):
             declared_std={name: values[rows] for name, values in self.declared_std.items()},
             labels={name: values[rows] for name, values in self.labels.items()},
         )
+
+
+def joined(tables: Sequence[Measurements]) -> Measurements:
+    """The rows of several tables of one lab (a file for each plate, one for the wheel), in order.
+
+    A covariate that a table lacks is left out where that table has rolling wheels, and unknown in its
+    other rows. Runs of one name in two files are different runs.
+    """
+    if len(tables) == 1:
+        return tables[0]
+
+    def column(of: Callable[[Measurements], Array | None]) -> Array:
+        pairs = [(len(table), of(table)) for table in tables]
+        return np.concatenate([np.full(n, np.nan) if c is None else c for n, c in pairs])
+
+    def all_columns(of: Callable[[Measurements], Mapping[str, Array]]) -> dict[str, Array]:
+        names = dict.fromkeys(name for table in tables for name in of(table))
+        return {name: column(lambda t, name=name: of(t).get(name)) for name in names}  # type: ignore[misc]
+
+    covariates, notes = all_columns(lambda t: t.conditions.covariates), _notes(tables)
+    for name in list(covariates):
+        lacking = [t for t in tables if name not in t.conditions.covariates]
+        if any(t.conditions.rolling.any() for t in lacking):
+            notes.append(f"column '{name}' is left out: {lacking[0].source} does not have it")
+            del covariates[name]
+    # The soil of a table that names none has the name that a fit gives it.
+    named = any(t.conditions.soil is not None for t in tables)
+    soils = [np.full(len(t), "soil") if t.conditions.soil is None else t.soil for t in tables]
+    return replace(
+        tables[0],
+        **_joined_rows(tables),
+        conditions=Conditions(
+            column(lambda t: t.conditions.load),
+            column(lambda t: t.conditions.diameter),
+            column(lambda t: t.conditions.width),
+            np.concatenate([t.conditions.contact for t in tables]),
+            np.concatenate(soils) if named else None,
+            covariates,
+        ),
+        channels=all_columns(lambda t: t.channels),
+        wheel=np.concatenate([t.wheel for t in tables]),
+        declared_std=all_columns(lambda t: t.declared_std),
+        labels={},
+        units={name: unit for table in tables for name, unit in table.units.items()},
+        runs_given=all(t.runs_given for t in tables),
+        wheels_given=all(t.wheels_given for t in tables),
+        warnings=tuple(w for t in tables for w in t.warnings),
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def joined_shear(tables: Sequence[ShearTests]) -> ShearTests:
+    """The rows of several tables of shear tests, in order."""
+    if len(tables) == 1:
+        return tables[0]
+    names = ("normal_stress", "shear_stress", "displacement", "soil")
+    found = {name: np.concatenate([getattr(t, name) for t in tables]) for name in names}
+    return replace(tables[0], **_joined_rows(tables), **found, notes=tuple(_notes(tables)))
+
+
+def _notes(tables: Sequence[Measurements | ShearTests]) -> list[str]:
+    return [note for table in tables for note in table.notes]
+
+
+def _joined_rows(tables: Sequence[Measurements | ShearTests]) -> dict[str, Any]:
+    """Which rows they are: run, line, source; runs of one name in several tables told apart."""
+    names = [name for table in tables for name in set(table.run.tolist())]
+    run = [table.run for table in tables]
+    if len(set(names)) < len(names):
+        stems = [Path(table.source).stem for table in tables]
+        stems = stems if len(set(stems)) == len(stems) else [str(i + 1) for i in range(len(stems))]
+        run = [np.char.add(f"{stem} ", part) for stem, part in zip(stems, run, strict=True)]
+    return {
+        "run": np.concatenate(run),
+        "line": np.concatenate([table.line for table in tables]),
+        "source": ", ".join(table.source for table in tables),
+        "sha256": hashlib.sha256(" ".join(t.sha256 for t in tables).encode()).hexdigest(),
+    }
 
 
 def over_half(sinkage: Array, diameter: Array) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import clipped
-from smallwheel_ros.measurements.checks import codes_of, one_row_a_wheel, suspicions
-from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS
-from smallwheel_ros.measurements.files import read_grid
+from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
 from smallwheel_ros.measurements.plates import (
     contact_of_rows,
@@ -23,10 +21,19 @@ from smallwheel_ros.measurements.plates import (
     take_plates,
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
-from smallwheel_ros.measurements.settings import order_columns, set_columns, setting_codes
-from smallwheel_ros.measurements.shear import is_shear
+from smallwheel_ros.measurements.settings import (
+    codes_of,
+    ends_of_runs,
+    one_row_a_wheel,
+    order_columns,
+    set_columns,
+    setting_codes,
+)
+from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
+from smallwheel_ros.measurements.sheets import read_grid
 from smallwheel_ros.measurements.table import Measurements, over_half
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
+from smallwheel_ros.physics.stresses import mean_place
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,6 +51,11 @@ _SHEAR = (
     "a table of shear tests: they are fitted by `smallwheel fit`, beside a table of load and sinkage or "
     "with --model"
 )
+_SLIP_LIMIT = 0.95
+_SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
+_STRONGEST = np.radians(45.0)  # friction angle: no sand under wheels is stronger
+_STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
+_OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _BLANK = "the cell is blank, expected a value"
 _ANSWERS = "taken as what the wheel answers, not as settings: {}"
 
@@ -68,11 +80,27 @@ def read_measurements(
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
-    grid = read_grid(source, None if sheet is None else str(sheet))
-    columns = read_columns(grid, map or {})
+    columns = read_columns(read_grid(source, sheet), map or {})
     if is_shear(columns):
         columns.problems.add(_SHEAR)
         columns.problems.raise_any()
+    return measurements_of(columns, diameter, width, contact, compliance)
+
+
+def read_tests(
+    source: str | Path | pd.DataFrame,
+    *,
+    diameter: float | None = None,
+    width: float | None = None,
+    contact: str | None = None,
+    compliance: float | None = None,
+    map: Mapping[str, str] | None = None,
+    sheet: str | int | None = None,
+) -> Measurements | ShearTests:
+    """Read a table of wheels and plates, as `read_measurements`, or one of shear tests."""
+    columns = read_columns(read_grid(source, sheet), map or {})
+    if is_shear(columns):
+        return shear_tests(columns)
     return measurements_of(columns, diameter, width, contact, compliance)
 
 
@@ -90,8 +118,7 @@ def measurements_of(
     take_plates(columns, contact, compliance)
     _check_there(columns, contact)
     _check_blanks(columns, contact)
-    _check_depth(columns, contact)
-    _check_lugs(columns)
+    _check_heights(columns, contact)
     columns.problems.raise_any()
     name_curves(columns, contact)
     if (contact != ROLLING).any():
@@ -104,51 +131,46 @@ def measurements_of(
     return _measurements(columns, contact)
 
 
-def _own_columns(columns: Columns, data: Measurements) -> list[str]:
-    """What becomes of the columns that no standard one is meant by."""
-    mine = [h.name for h in columns.headings.values() if h.rank == UNKNOWN]
-    uses = {
-        "columns of your own, used as covariates": set_columns(data),
-        "order of the runs, for drifts": order_columns(data),
-    }
-    lists = {use: [clipped(name) for name in mine if name in names] for use, names in uses.items()}
-    return [f"{use}: {', '.join(names[:30])}" for use, names in lists.items() if names]
-
-
 def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
     """The table of columns in which nothing is wrong."""
-    numbers, rows = dict(columns.numbers), columns.lines.size
+    numbers, rows, notes = dict(columns.numbers), columns.lines.size, columns.notes
     channels = {name: numbers.pop(name) for name in CHANNELS if name in numbers}
-    declared = _declared_std(columns, channels, numbers)
+    declared: dict[str, Array] = {}
+    for name in CHANNELS:
+        values = numbers.pop(f"{name}_std", None)
+        if values is not None and name in channels:
+            declared[name] = values
+        elif values is not None:
+            notes.append(f"column '{name}_std' is left out: there is no '{name}'")
     load, d, b = (numbers.pop(n, np.full(rows, np.nan)) for n in ("load", "diameter", "width"))
-    rolling = contact == ROLLING
-    tried = {name: _covariate(columns, name, values, rolling) for name, values in numbers.items()}
-    covariates = {name: values for name, values in tried.items() if values is not None}
-    conditions = Conditions(load, d, b, contact, columns.texts.get("soil"), covariates)
-    runs_given = bool((columns.texts.get("run", np.array([""])) != "").any())
+    covariates: dict[str, Array] = {}
+    for name, values in numbers.items():
+        gaps = np.isnan(values)
+        holes = gaps & (contact == ROLLING)
+        if holes.any():
+            blank = columns.count(holes, "rolling rows")
+            notes.append(f"column '{name}' is blank in {blank}: not used as a covariate")
+            continue
+        covariates[name] = np.where(gaps, _AT_REST.get(name, np.nan), values)
+    texts, headings = columns.texts, columns.headings
+    conditions = Conditions(load, d, b, contact, texts.get("soil"), covariates)
+    runs_given = bool((texts.get("run", np.array([""])) != "").any())
     data = Measurements(
         conditions,
         channels,
         _runs(columns) if runs_given else np.full(rows, ""),
-        _wheels(columns, conditions),
+        texts["wheel"] if "wheel" in texts else _wheels(conditions),
         columns.lines,
         declared,
-        {name: text for name, text in columns.texts.items() if name not in TEXTS},
+        {name: text for name, text in texts.items() if name not in TEXTS},
         columns.units,
         runs_given,
-        "wheel" in columns.texts,
-        headers={name: heading.text for name, heading in columns.headings.items()},
-        understood=tuple(columns.understood),
+        "wheel" in texts,
+        headers={name: heading.text for name, heading in headings.items()},
         source=columns.source,
         sha256=columns.sha256,
-        written_units={
-            name: heading.unit
-            for name, heading in columns.headings.items()
-            if heading.unit is not None
-        },
+        written_units={n: h.unit for n, h in headings.items() if h.unit is not None},
     )
-    data = replace(data, understood=(*data.understood, *_own_columns(columns, data)))
-    notes = list(columns.notes)
     if not runs_given:
         data, found = _with_repeats(data, columns.place)
         notes.append(found)
@@ -156,8 +178,19 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         notes.append(_ANSWERS.format(", ".join(data.responses)))
     if one_row_a_wheel(data):
         notes.append(_VEHICLE)
-    warnings = (*columns.warnings, *suspicions(data, columns.place))
-    return replace(data, notes=tuple(notes), warnings=warnings)
+    own = [heading.name for heading in headings.values() if heading.rank == UNKNOWN]
+    for use, names in (
+        ("columns of your own, used as covariates", set_columns(data)),
+        ("order of the runs, for drifts", order_columns(data)),
+    ):
+        listed = ", ".join([clipped(name) for name in own if name in names][:30])
+        columns.understood += [f"{use}: {listed}"] if listed else []
+    return replace(
+        data,
+        notes=tuple(notes),
+        understood=tuple(columns.understood),
+        warnings=(*columns.warnings, *suspicions(data, columns.place)),
+    )
 
 
 def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:
@@ -186,54 +219,22 @@ def _check_blanks(columns: Columns, contact: NDArray[np.str_]) -> None:
         if name in columns.numbers and name not in faulty:
             blank = np.isnan(columns.numbers[name])
             blank &= (contact != PLATE) if name == "width" else True
-            if blank.any():
-                columns.problem(_BLANK, name, blank)
+            columns.problem(_BLANK, name, blank)
     for name in ("soil", "wheel"):
         texts = columns.texts.get(name)
         if texts is not None and (texts == "").all():
             del columns.texts[name]
-        elif texts is not None and (texts == "").any():
+        elif texts is not None:
             columns.problem(f"{_BLANK}; merged cells have to be filled", name, texts == "")
     for name in SETTINGS:
         if name in columns.numbers and name not in faulty:
             holes = np.isnan(columns.numbers[name]) & (contact == ROLLING)
-            if holes.any():
-                columns.problem(
-                    "the cell is blank in a rolling row, expected a value (a whole column may be "
-                    "left out, and a pressed or plate row may leave it blank)",
-                    name,
-                    holes,
-                )
-
-
-def _declared_std(
-    columns: Columns, channels: dict[str, Array], numbers: dict[str, Array]
-) -> dict[str, Array]:
-    declared: dict[str, Array] = {}
-    for name in CHANNELS:
-        values = numbers.pop(f"{name}_std", None)
-        if values is None:
-            continue
-        if name in channels:
-            declared[name] = values
-        else:
-            columns.notes.append(f"column '{name}_std' is left out: there is no '{name}'")
-    return declared
-
-
-def _covariate(
-    columns: Columns, name: str, values: Array, rolling: NDArray[np.bool_]
-) -> Array | None:
-    """Give the column with every rolling row filled, or None (and a note) if it has gaps."""
-    gaps = np.isnan(values)
-    holes = gaps & rolling
-    if holes.any():
-        columns.notes.append(
-            f"column '{name}' is blank in {holes.sum()} rolling rows (first in {columns.place} "
-            f"{columns.lines[np.flatnonzero(holes)[0]]}): not used as a covariate"
-        )
-        return None
-    return np.where(gaps, _AT_REST[name], values) if name in _AT_REST and gaps.any() else values
+            columns.problem(
+                "the cell is blank in a rolling row, expected a value (a whole column may be "
+                "left out, and a pressed or plate row may leave it blank)",
+                name,
+                holes,
+            )
 
 
 def _runs(columns: Columns) -> NDArray[np.str_]:
@@ -259,62 +260,154 @@ def _with_repeats(data: Measurements, place: str) -> tuple[Measurements, str]:
     first = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
     count = np.bincount(codes)
     rows, repeated = int(count[count > 1].sum()), int((count > 1).sum())
-    found = (
-        f"{rows} of {len(data)} rows repeat {repeated} settings"
-        if rows
-        else "no setting is repeated"
-    )
+    repeats = f"{rows} of {len(data)} rows repeat {repeated} settings"
+    found = repeats if rows else "no setting is repeated"
     return replace(data, run=_line_names(place, data.line[first])[codes]), (
         f"no column 'run': rows of one setting count as repeats of one run, each other row as a run "
         f"of its own; {found}. Say which belong together in that column"
     )
 
 
-def _wheels(columns: Columns, conditions: Conditions) -> NDArray[np.str_]:
+def _wheels(conditions: Conditions) -> NDArray[np.str_]:
+    """A name for each size of wheel."""
     # a pair of numbers as a complex one
     sizes, index = codes_of(conditions.diameter + 1j * np.nan_to_num(conditions.width))
     names = [
         f"{1e3 * s.real:.4g} mm" + (f" x {1e3 * s.imag:.4g} mm" if s.imag else "") for s in sizes
     ]
-    made = np.array(names, dtype=np.str_)[index]
-    return columns.texts.get("wheel", made)
+    return np.array(names, dtype=np.str_)[index]
 
 
-def _check_depth(columns: Columns, contact: NDArray[np.str_]) -> None:
-    """Add a problem for a rolling or pressed wheel that is deeper than its axle.
+def _check_heights(columns: Columns, contact: NDArray[np.str_]) -> None:
+    """Add a problem for a wheel that is deeper than its axle, and for lugs higher than its radius.
 
     It carries by its lower half, so that is a mistake. A wheel dragged across its plane is ploughed
     in rather than rolled, and does get there: such rows are kept, marked by
     `Measurements.sunk_to_axle`.
     """
-    z, d = columns.numbers.get("sinkage"), columns.numbers.get("diameter")
-    if z is None or d is None:
+    d = columns.numbers.get("diameter")
+    if d is None:
         return
-    deep = over_half(z, d) & (contact != PLATE)
-    if "slip_angle" in columns.numbers:
-        deep &= np.abs(columns.numbers["slip_angle"]) <= _PLOUGHED
-    if not deep.any():
-        return
-    row = int(np.flatnonzero(deep)[0])
-    heading = columns.headings["sinkage"]
-    hint = "; without a unit it is metres: for mm the header is 'sinkage [mm]'"
-    columns.problem(
-        f"sinkage is {columns.found('sinkage', z, row)}, expected at most {0.5 * d[row]:.6g} m, half "
-        f"the diameter{hint if heading.unit is None else ''}",
-        "sinkage",
-        deep,
-    )
+    angle = columns.numbers.get("slip_angle", np.zeros(d.size))
+    rolled = (contact != PLATE) & (np.abs(angle) <= _PLOUGHED)
+    unit = "; without a unit it is metres: for mm the header is 'sinkage [mm]'"
+    for name, where, words in (
+        ("sinkage", rolled, "half the diameter"),
+        ("grouser_height", np.ones(d.size, dtype=bool), "the wheel's radius: is the unit right?"),
+    ):
+        if name not in columns.numbers:
+            continue
+        values = columns.numbers[name]
+        over = over_half(values, d) & where
+        hint = unit if name == "sinkage" and columns.headings[name].unit is None else ""
+        half = 0.5 * d[int(np.argmax(over))]
+        columns.outside(name, values, over, f"at most {half:.6g} m, {words}{hint}")
 
 
-def _check_lugs(columns: Columns) -> None:
-    """Add a problem for lugs that are higher than the wheel's radius."""
-    lugs, d = columns.numbers.get("grouser_height"), columns.numbers.get("diameter")
-    if lugs is None or d is None or not (high := lugs > 0.5 * d).any():
+def suspicions(data: Measurements, place: str) -> Iterator[str]:
+    """Yield one sentence for each thing that deserves a second look."""
+    yield from _sizes(data, place)
+    yield from _odd_rows(data, place)
+    yield from _pulls(data, place)
+    if data.runs_given:
+        yield from _odd_runs(data)
+
+
+def _where(data: Measurements, rows: Mask, place: str) -> str:
+    count = int(rows.sum())
+    first = f"{place} {data.line[np.flatnonzero(rows)[0]]}"
+    return f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
+
+
+def _sizes(data: Measurements, place: str) -> Iterator[str]:
+    """Values that no small wheel has: most likely in another unit."""
+    for name, spec in COLUMNS.items():
+        if name not in data.conditions:
+            continue
+        values = data.conditions[name]
+        for odd, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
+            if odd.any():
+                value = values[np.flatnonzero(odd)[0]]
+                yield (
+                    f"{name} is {value:.4g} {spec.unit} {_where(data, odd, place)}, {word} than "
+                    f"expected of a small wheel: is the unit right? A header names it, like "
+                    f"'{name} [{_OTHER_UNIT[spec.unit]}]'"
+                )
+
+
+def _odd_rows(data: Measurements, place: str) -> Iterator[str]:
+    """Rows outside of what the models are of, each kind with what is to say of it."""
+    c, nothing = data.conditions, np.zeros(len(data), dtype=bool)
+    z = data.channels.get("sinkage", np.full(len(data), np.nan))
+    plate, sunk = c.contact == PLATE, data.sunk_to_axle
+    percent = data.written_units.get("slip") == "%"
+    slip = np.abs(c["slip"]) if "slip" in c else np.zeros(len(data))
+    most = float(np.nanmax(slip, initial=0.0))
+    blank = np.all([np.isnan(values) for values in data.channels.values()], axis=0)
+    found = [
+        (sunk, "sinkage is over half the diameter {}, where the wheel is dragged across its plane: "
+         "deeper than any model of a rolling wheel holds"),
+        ((z > c.diameter / 3) & ~plate & ~sunk, "sinkage is over a third of the diameter {}"),
+        ((z > c.diameter) & plate, "sinkage of a plate is over its diameter {}"),
+        (blank, "nothing was measured {}"),
+        (percent & (0.0 < most <= _SHARES) & ~nothing,
+         f"slip is {100.0 * most:.3g} % at most: if the numbers are shares and not per cent, the "
+         "header is 'slip'"),
+        (slip > _SLIP_LIMIT, f"slip is beyond ±{_SLIP_LIMIT} {{}}: a wheel that spins on the spot or "
+         "is dragged locked, outside the range of the models"),
+        (c["speed"] == 0.0 if "speed" in c else nothing,
+         "speed is 0 {}: effects of speed have no value there"),
+        (data.channels.get("resistance", nothing) < 0,
+         "resistance is negative {}: it is positive against the direction of travel"),
+    ]  # fmt: skip
+    return (text.format(_where(data, rows, place)) for rows, text in found if rows.any())
+
+
+def _pulls(data: Measurements, place: str) -> Iterator[str]:
+    """Pulls of driven wheels that no sand gives, by the balance of stresses in its closed form.
+
+    DP = W tan(delta - kappa t1) with cos t1 = 1 - 2 z/D (`physics.stresses.closed_form_forces`), kappa for
+    n = 1. Where sinkage was not measured the wheel is taken not to sink.
+    """
+    if "drawbar_pull" not in data.channels:
         return
-    row = int(np.flatnonzero(high)[0])
-    columns.problem(
-        f"grouser_height is {columns.found('grouser_height', lugs, row)}, expected at most "
-        f"{0.5 * d[row]:.6g} m, the wheel's radius: is the unit right?",
-        "grouser_height",
-        high,
-    )
+    c, pull = data.conditions, data.channels["drawbar_pull"]
+    z = np.nan_to_num(data.channels.get("sinkage", np.zeros(len(data))))
+    entry = np.arccos(np.clip(1.0 - 2.0 * z / c.diameter, -1.0, 1.0))
+    limit = c.load * np.tan(_STRONGEST - mean_place(1.0).mean * entry)
+    driven = c["slip"] >= 0.0 if "slip" in c else np.ones(len(data), dtype=bool)
+    over = (pull > limit) & driven & (c.contact == ROLLING) & ~data.sunk_to_axle
+    if over.any():
+        row = int(np.flatnonzero(over)[0])
+        yield (
+            f"drawbar_pull is {pull[row]:.4g} N {_where(data, over, place)}, more than the "
+            f"{limit[row]:.4g} N that a wheel of this load and sinkage can pull on the strongest sand "
+            "(friction angle 45 deg): check load, pull and the zero of the sinkage"
+        )
+
+
+def _odd_runs(data: Measurements) -> Iterator[str]:
+    names, index = codes_of(data.run)
+    vehicle = one_row_a_wheel(data)
+    for what, column in (("wheels", data.wheel), ("soils", data.soil)):
+        if what == "wheels" and vehicle:
+            continue
+        low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
+        if (low < high).any():
+            run = names[np.flatnonzero(low < high)[0]]
+            yield (
+                f"run '{run}' has rows of several {what}: rows of one run are repeats of one "
+                "setting. If runs are numbered anew for each, give each a name of its own"
+            )
+    if vehicle:
+        return  # its wheels carry different loads, each one load
+    low, high = ends_of_runs(data.conditions.load, index, len(names))
+    rolling = np.bincount(index, data.conditions.rolling) > 0  # what is pressed in is a curve
+    wide = rolling & (high > _STEADY_LOAD * low)
+    if wide.any():
+        first = int(np.flatnonzero(wide)[0])
+        yield (
+            f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[first]}': "
+            f"{low[first]:.4g} to {high[first]:.4g} N): a curve, not repeats. Its rows stay "
+            "together in every split, and say nothing of the repeatability"
+        )

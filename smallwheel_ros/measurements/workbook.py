@@ -11,9 +11,9 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from smallwheel_ros.measurements.cells import (
@@ -59,7 +59,7 @@ def workbook_grid(data: bytes, source: str, digest: str, sheet: str | None) -> G
         ) from None
     if not rows:
         raise MeasurementsError(f"{source}: sheet '{clipped(name)}' is empty")
-    said = [f"sheet '{clipped(name)}'"] if len(sheets) > 1 else []
+    said = [f"sheet '{clipped(name)}'"] if len(sheets.names) > 1 else []
     if sheets.hidden and sheet is None:
         hidden = ", ".join(f"'{clipped(name)}'" for name in sheets.hidden[:5])
         said.append(f"hidden sheets are left out: {hidden}")
@@ -95,18 +95,12 @@ def _refuse_bombs(archive: zipfile.ZipFile, source: str) -> None:
         raise MeasurementsError(f"{source}: expected at most {_MOST_TAGS // 4} cells: {SMALLER}")
 
 
-class _Sheets:
-    """Names of the sheets of a workbook, and their rows: line and cells."""
+class _Sheets(NamedTuple):
+    """Names of the sheets of a workbook, and the rows of the one of a name: line and cells."""
 
-    def __init__(self, names: list[str], rows: Any, hidden: Sequence[str] = ()) -> None:
-        self.names, self.hidden = names, hidden
-        self._rows = rows
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def rows(self, name: str) -> Iterator[tuple[int, Row]]:
-        return iter(self._rows(name))
+    names: list[str]
+    rows: Callable[[str], Iterator[tuple[int, Row]]]
+    hidden: Sequence[str] = ()
 
 
 def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list[Row], list[int]]:
@@ -114,20 +108,20 @@ def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list
     if not sheets.names:
         raise MeasurementsError(f"{source}: no sheet with cells in it")
     if wanted is not None:
-        name = _named(sheets.names, wanted)
-        if name is None:
+        called = {str(i): name for i, name in enumerate(sheets.names, start=1)}
+        called |= {name.casefold(): name for name in reversed(sheets.names)}
+        if wanted.strip().casefold() not in called:
             raise MeasurementsError(f"{source}: no sheet '{clipped(wanted)}', there is: {listed}")
-    elif len(sheets) == 1:
+        name = called[wanted.strip().casefold()]
+    elif len(sheets.names) == 1:
         name = sheets.names[0]
     else:
-        known = {
-            name: max(
-                (known_cells(row) for _, row in islice(sheets.rows(name), SEARCHED)), default=0
-            )
+        tables = [
+            name
             for name in sheets.names
             if name not in sheets.hidden
-        }
-        tables = [name for name, most in known.items() if most > 1]
+            and any(known_cells(row) > 1 for _, row in islice(sheets.rows(name), SEARCHED))
+        ]
         if len(tables) != 1:
             what = "several sheets have tables" if tables else "no sheet has a header that is known"
             raise MeasurementsError(
@@ -147,21 +141,6 @@ def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list
     return name, rows, numbers
 
 
-def _named(names: list[str], wanted: str) -> str | None:
-    for name in names:
-        if name.casefold() == wanted.strip().casefold():
-            return name
-    if wanted.strip().isdecimal() and 1 <= int(wanted) <= len(names):
-        return names[int(wanted) - 1]
-    return None
-
-
-def _trimmed(row: list[Cell]) -> list[Cell]:
-    while row and row[-1] == "":
-        row.pop()
-    return row
-
-
 def _xlsx_sheets(data: bytes, source: str) -> _Sheets:
     try:
         import openpyxl
@@ -176,7 +155,9 @@ def _xlsx_sheets(data: bytes, source: str) -> _Sheets:
         sheet = sheets[name]
         sheet.reset_dimensions()  # what the file says of them need not be true
         for number, cells in enumerate(sheet.iter_rows(), start=1):
-            row = _trimmed([_xlsx_cell(cell) for cell in cells])
+            row = [_xlsx_cell(cell) for cell in cells]
+            while row and row[-1] == "":
+                row.pop()
             if row:
                 yield number, row
 
@@ -202,27 +183,27 @@ _TEXT = "{urn:oasis:names:tc:opendocument:xmlns:text:1.0}"
 
 def _ods_sheets(archive: zipfile.ZipFile, source: str) -> _Sheets:
     content = archive.read("content.xml")
-    names = [str(element.get(f"{_TABLE}name")) for element in _elements(content, f"{_TABLE}table")]
+    names = [
+        str(element.get(f"{_TABLE}name"))
+        for event, element in _elements(content)
+        if event == "start" and element.tag == f"{_TABLE}table"
+    ]
+    return _Sheets(names, lambda name: _ods_rows(content, name, source))
 
-    def rows(name: str) -> Iterator[tuple[int, Row]]:
-        return _ods_rows(content, name, source)
 
-    return _Sheets(names, rows)
-
-
-def _elements(content: bytes, tag: str) -> Iterator[ElementTree.Element]:
-    """Every element of that kind as it begins, what is inside of it not yet there."""
+def _elements(content: bytes) -> Iterator[tuple[str, ElementTree.Element]]:
+    """Every element as it begins and ends; rows and tables are emptied behind."""
+    kept = (f"{_TABLE}table-row", f"{_TABLE}table")
     for event, element in ElementTree.iterparse(io.BytesIO(content), events=("start", "end")):
-        if event == "end":
+        yield event, element
+        if event == "end" and element.tag in kept:
             element.clear()
-        elif element.tag == tag:
-            yield element
 
 
 def _ods_rows(content: bytes, name: str, source: str) -> Iterator[tuple[int, Row]]:
     inside = False
     number = 1
-    for event, element in ElementTree.iterparse(io.BytesIO(content), events=("start", "end")):
+    for event, element in _elements(content):
         if element.tag == f"{_TABLE}table":
             if inside and event == "end":
                 return
@@ -235,7 +216,6 @@ def _ods_rows(content: bytes, name: str, source: str) -> Iterator[tuple[int, Row
             if row:
                 yield from ((number + i, row) for i in range(repeated))
             number += repeated
-            element.clear()
 
 
 def _ods_row(element: ElementTree.Element) -> list[Cell]:

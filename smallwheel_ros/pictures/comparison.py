@@ -16,8 +16,7 @@ from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.display import Display, column_display, display, number, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
-from smallwheel_ros.measurements.parts import levels
-from smallwheel_ros.measurements.settings import varied_settings
+from smallwheel_ros.measurements.settings import levels, varied_settings
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Array
 from smallwheel_ros.pictures.fit import chosen_channel
