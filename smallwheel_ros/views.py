@@ -14,6 +14,7 @@ from typing import Any
 # plot the axes before it).
 VIEWS: dict[str, dict[str, str]] = {
     "text": {
+        "Measurements": "report.measured:measured_text",
         "Model": "model_file:model_text",
         "FitResult": "fitting.document:fit_text",
         "Comparison": "compare.text:comparison_text",
@@ -25,6 +26,7 @@ VIEWS: dict[str, dict[str, str]] = {
     },
     "rows": {"Model": "model_file:model_rows"},
     "plot": {
+        "Measurements": "report.measured:draw_measured",
         "FitResult": "pictures.fit:measured_over_predicted",
         "Comparison": "pictures.comparison:draw_comparison",
         "Diagnosis": "pictures.diagnosis:draw_steps",

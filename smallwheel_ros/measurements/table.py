@@ -15,14 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import column_display, display, number
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.columns import CHANNELS, is_response, unit_of
-from smallwheel_ros.measurements.settings import codes_of, varied_settings
+from smallwheel_ros.measurements.settings import codes_of
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
-from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.results import Result, ResultError, Writer, axes_or_new, picture_writers
+from smallwheel_ros.results import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +78,7 @@ class Measurements(Result):
         count = f"{len(self)} rows, {self.runs.size} runs of {', '.join(self.channels)}"
         return f"{self.source}: {count}" if self.source else count
 
-    def _columns(self) -> dict[str, Any]:
+    def columns(self) -> dict[str, Any]:
         """Every column by name, SI units, shape (rows,): settings first, then what was measured."""
         c = self.conditions
         found: dict[str, Any] = {"run": self.run, "wheel": self.wheel}
@@ -88,25 +86,9 @@ class Measurements(Result):
         found |= {name: c[name] for name in ("load", "diameter", "width", *c.covariates)}
         return found | dict(self.channels)
 
-    def text(self) -> str:
-        """A line for each column, and what was understood, assumed and is suspicious."""
-        lines = [self.headline()]
-        for name, values in self._columns().items():
-            if np.asarray(values).dtype.kind != "f" or not np.isfinite(values).any():
-                continue
-            scale, label = (1e3, f"{name} [mm]") if name == "sinkage" else (1.0, f"{name} [N]")
-            if name not in self.channels:
-                shown = column_display(self, name)
-                scale, label = shown.scale, shown.label
-            ends = f"{number(scale * np.nanmin(values))} to {number(scale * np.nanmax(values))}"
-            lines.append(f"  {label}: {ends}")
-        lines += [f"understood: {text}" for text in self.understood]
-        lines += [f"warning: {text}" for text in self.warnings]
-        return "\n".join([*lines, *(f"note: {text}" for text in self.notes)])
-
     def to_dict(self) -> dict[str, Any]:
         """What the table is: columns with units and ranges, not its rows."""
-        numbers = {n: c for n, c in self._columns().items() if np.asarray(c).dtype.kind == "f"}
+        numbers = {n: c for n, c in self.columns().items() if np.asarray(c).dtype.kind == "f"}
         return {
             "schema": 1,
             "source": self.source,
@@ -129,7 +111,7 @@ class Measurements(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """One mapping for each row, SI units; None where nothing was measured."""
-        lists = {name: column.tolist() for name, column in self._columns().items()}
+        lists = {name: column.tolist() for name, column in self.columns().items()}
         return [
             {n: None if v != v else v for n, v in zip(lists, row, strict=True)}
             for row in zip(*lists.values(), strict=True)
@@ -139,22 +121,7 @@ class Measurements(Result):
         self, ax: Axes | None = None, channel: str | None = None, over: str | None = None
     ) -> Axes:
         """Draw a channel (the first) over a setting (load); ResultError where there is none."""
-        from smallwheel_ros.pictures.house import COLOURS, plain, style
-
-        axes = axes_or_new(ax)
-        settings = {"load": self.conditions.load} | dict(varied_settings(self))
-        channel, over = channel or next(iter(self.channels)), over or next(iter(settings))
-        for name, known in ((channel, self.channels), (over, settings)):
-            if name not in known:
-                raise ResultError(f"no column '{name}' to draw: {nearest(name, list(known))}")
-        across, shown = column_display(self, over), display(channel, unit_of(channel))
-        x, y = settings[over] * across.scale, self.channels[channel] * shown.scale
-        axes.scatter(x, y, s=12, alpha=0.65, linewidth=0, color=COLOURS[2])
-        style(axes, plain(across.label), shown.label)
-        return axes
-
-    def _writers(self) -> dict[str, Writer]:
-        return picture_writers(self.plot)
+        return self._drawn(ax, channel, over)
 
     @property
     def runs(self) -> NDArray[np.str_]:

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table of measurements as people see it, before anything is made of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from smallwheel_ros.display import column_display, display, number
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.measurements.settings import varied_settings
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.results import ResultError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def measured_text(data: Measurements) -> str:
+    """A line for each column, and what was understood, assumed and is suspicious."""
+    lines = [data.headline()]
+    for name, values in data.columns().items():
+        if np.asarray(values).dtype.kind != "f" or not np.isfinite(values).any():
+            continue
+        of_channel = name in data.channels
+        shown = display(name, unit_of(name)) if of_channel else column_display(data, name)
+        # A channel keeps its name, as the table has it.
+        label = f"{name} [{shown.unit}]" if of_channel else shown.label
+        low, high = (number(shown.scale * end(values)) for end in (np.nanmin, np.nanmax))
+        lines.append(f"  {label}: {low} to {high}")
+    lines += [f"understood: {text}" for text in data.understood]
+    lines += [f"warning: {text}" for text in data.warnings]
+    return "\n".join([*lines, *(f"note: {text}" for text in data.notes)])
+
+
+def draw_measured(
+    axes: Axes, data: Measurements, channel: str | None = None, over: str | None = None
+) -> None:
+    """A channel (the first) over a setting (load). Raises ResultError where there is none."""
+    from smallwheel_ros.pictures.house import COLOURS, plain, style
+
+    settings = {"load": data.conditions.load} | dict(varied_settings(data))
+    channel, over = channel or next(iter(data.channels)), over or next(iter(settings))
+    for name, known in ((channel, data.channels), (over, settings)):
+        if name not in known:
+            raise ResultError(f"no column '{name}' to draw: {nearest(name, list(known))}")
+    across, shown = column_display(data, over), display(channel, unit_of(channel))
+    x, y = settings[over] * across.scale, data.channels[channel] * shown.scale
+    axes.scatter(x, y, s=12, alpha=0.65, linewidth=0, color=COLOURS[2])
+    style(axes, plain(across.label), shown.label)
