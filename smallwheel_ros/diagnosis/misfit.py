@@ -33,9 +33,6 @@ Index = NDArray[np.intp]
 _PLATEAU = 4  # values at least
 _DRAWS = 999
 _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
-_FAR_OFF = (
-    2.0  # of what the law of pull is usually off by, from which it is wrong where it was measured
-)
 
 # By component of the scatter: what is usual, and what is said of much more.
 _UNUSUAL = {
