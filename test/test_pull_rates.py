@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.pull_rates import DESIGNS, TRUTHS, rows_of, run, sand_of, table
 from smallwheel_ros.diagnosis.pipeline import diagnose
+from smallwheel_ros.explore.session import Session
 from smallwheel_ros.measurements.wheels import read_measurements
 
 RIGS = [(truth, list(DESIGNS)[i % len(DESIGNS)], i) for i, truth in enumerate(TRUTHS)]
@@ -59,3 +60,12 @@ def test_torque_and_pull_name_a_zero_that_no_sinkage_of_one_load_could_tell() ->
 
 def test_without_a_zero_none_is_named() -> None:
     assert "sinkage_offset" not in diagnose(rig(0.0)).missing_effects  # type: ignore[arg-type]
+
+
+def test_what_pull_and_torque_named_can_be_unset_in_a_session() -> None:
+    found = diagnose(rig(-0.0277))  # type: ignore[arg-type]
+    session = Session(found)
+    assert session.chosen == ("sinkage_offset",)
+    errors = [view.after.rmse()["torque"] for view in map(session.view, ((), session.chosen))]
+    steps = [step["held_out_rmse"]["torque"] for step in found.document["steps"][:2]]
+    assert errors == pytest.approx(steps, rel=1e-5)

@@ -157,7 +157,8 @@ class Session:
     def _diagnosed(self) -> dict[Names, int]:
         """Effects of each step of the diagnosis: its fits and errors are shown, not others."""
         found: dict[Names, int] = {}
-        names = set(self.chosen)
+        # What pull and torque named is in the base that was searched, and not in the first step.
+        names = set(self.chosen) - {step.added for step in self.diagnosis.steps}
         for i, step in enumerate(self.diagnosis.steps):
             if step.added is not None:
                 if step.added not in self.forms:
