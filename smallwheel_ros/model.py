@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -40,6 +39,7 @@ from smallwheel_ros.physics.traction import (
 )
 from smallwheel_ros.results import Result
 from smallwheel_ros.stages import Stages, guarded
+from smallwheel_ros.views import READ_MODEL, function
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]
@@ -109,8 +109,7 @@ class Model(Result):
         effects: those of your own that the file names (`smallwheel_ros.effects.load`). Raises
         ModelFileError naming file, key, what was found and what was expected.
         """
-        read = import_module("smallwheel_ros.model_file").read_model
-        return cast(CalibratedModel, read(Path(path), effects))
+        return cast(CalibratedModel, function(READ_MODEL)(Path(path), effects))
 
     from_file = load
 

@@ -43,6 +43,7 @@ VIEWS: dict[str, dict[str, str]] = {
     },
     "model": {"Model": "model_file:write_model"},
 }
+READ_MODEL = "model_file:read_model"
 
 
 def view_of(kind: str, result: object) -> Callable[..., Any]:
@@ -51,8 +52,13 @@ def view_of(kind: str, result: object) -> Callable[..., Any]:
     name = next((cls.__name__ for cls in type(result).__mro__ if cls.__name__ in known), None)
     if name is None:
         raise NotImplementedError(f"a {type(result).__name__} has no {kind}")
-    module, _, function = known[name].partition(":")
-    found: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), function)
+    return function(known[name])
+
+
+def function(name: str) -> Callable[..., Any]:
+    """The function of that name, `module:function` of this package."""
+    module, _, of_it = name.partition(":")
+    found: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), of_it)
     return found
 
 
