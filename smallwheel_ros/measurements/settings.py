@@ -21,15 +21,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, Array, Mask, is_bookkeeping
-
-if TYPE_CHECKING:
-    from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.table import Measurements, codes_of
 
 Index = NDArray[np.intp]
 
@@ -47,20 +44,6 @@ _APART = 2.0
 _FEW_VALUES = 5  # a column with at most so many different values is split by value
 _PARTS = 4  # otherwise into so many parts of about as many rows
 _FEWEST = 3  # degrees of freedom below which a spread says nothing
-
-
-def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
-    """The different values in the order in which they first appear, and each row's index into them.
-
-    Equal neighbours are one value to look up, and a table of values is many times quicker than sorting
-    texts, as `np.unique` does.
-    """
-    begins = np.concatenate([[True], column[1:] != column[:-1]])[: column.size]
-    rows = column[begins].tolist()
-    names = list(dict.fromkeys(rows))
-    number = dict(zip(names, range(len(names)), strict=True))
-    codes = np.fromiter(map(number.__getitem__, rows), np.intp, len(rows))
-    return names, codes[np.cumsum(begins) - 1]
 
 
 def one_row_a_wheel(data: Measurements) -> bool:

@@ -22,7 +22,6 @@ from smallwheel_ros.measurements.plates import (
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
-    codes_of,
     ends_of_runs,
     one_row_a_wheel,
     order_columns,
@@ -31,7 +30,7 @@ from smallwheel_ros.measurements.settings import (
 )
 from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
 from smallwheel_ros.measurements.sheets import read_grid
-from smallwheel_ros.measurements.table import Measurements, over_half
+from smallwheel_ros.measurements.table import Measurements, codes_of, over_half
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 from smallwheel_ros.physics.stresses import mean_place
 
