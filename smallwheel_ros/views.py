@@ -17,12 +17,12 @@ VIEWS: dict[str, dict[str, str]] = {
         "Measurements": "report.measured:measured_text",
         "Model": "model_file:model_text",
         "FitResult": "fitting.document:fit_text",
-        "Comparison": "compare.text:comparison_text",
+        "Comparison": "compare.shown:comparison_text",
     },
     "document": {
         "Model": "model_file:model_document",
         "FitResult": "fitting.document:fit_document",
-        "Comparison": "compare.document:comparison_document",
+        "Comparison": "compare.shown:comparison_document",
     },
     "rows": {"Model": "model_file:model_rows"},
     "plot": {

@@ -12,8 +12,7 @@ import pytest
 from smallwheel_ros import fit
 from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
-from smallwheel_ros.compare.document import comparison_document
-from smallwheel_ros.compare.text import comparison_text
+from smallwheel_ros.compare.shown import comparison_document, comparison_text
 from smallwheel_ros.diagnosis import diagnose
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem

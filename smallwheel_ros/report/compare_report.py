@@ -10,7 +10,7 @@ import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import ModelResult
-from smallwheel_ros.compare.text import against_best
+from smallwheel_ros.compare.shown import against_best
 from smallwheel_ros.display import brief, column_display, display, number, shown_value, words
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
