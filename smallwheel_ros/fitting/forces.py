@@ -37,7 +37,7 @@ def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, boo
     share = error / of_load(conditions, channel)
     known = np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)
-    if beyond.all() or not (known & ~beyond).any():
+    if not (known & ~beyond).any():
         beyond = np.zeros_like(known)
     judged = known & ~beyond
     law = constants.FORCE_LAW**2 + wheel_discrepancy(conditions)[judged] ** 2

@@ -253,7 +253,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     deviations = fit.scatter.as_dict(fitter.variance)
     scatter = {"ln k": deviations["tau"]}
     scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
-    kept = covariance[np.ix_(used, used)]
+    kept, errors = covariance[np.ix_(used, used)], in_sample(points, model)
     return FitResult(
         model,
         points.measurements,
@@ -262,10 +262,10 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         kept,
         dict(fitter.repeats.channels),
         scatter,
-        in_sample(points, model),
+        errors,
         outliers,
         fit.evidence,
-        tuple(_notes(points, parameters, fit, kept, used, outliers)),
+        tuple(_notes(points, parameters, fit, kept, used, outliers, errors)),
     )
 
 
@@ -302,6 +302,7 @@ def _notes(
     covariance: Array,
     used: list[int],
     outliers: NDArray[np.intp],
+    errors: CvErrors,
 ) -> list[str]:
     notes = list(points.notes)
     for p in parameters:
@@ -331,9 +332,7 @@ def _notes(
         few = "1 row lies" if outliers.size == 1 else f"{outliers.size} rows lie"
         notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
     for name in points.forces:
-        said, far = off_by(
-            in_sample(points, fit.model).error[name], points.measurements.conditions, name
-        )
+        said, far = off_by(errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {said}"] if far else []
     notes += fit.model.cautions(points.conditions)
     if not settings_repeated(points):

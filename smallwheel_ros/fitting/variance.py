@@ -96,21 +96,27 @@ class VarianceModel:
             self._add("along", constants.CURVE_CORRELATED)
         links = [points.run, np.where(points.swept, points.channel, -1)]
         links += [points.setting] if repeated else []
+        wheels = _wheels(points)
         for name in () if working else points.forces:
-            links.append(np.where(points.of_channel(name), _wheels(points), -1))
+            links.append(np.where(points.of_channel(name), wheels, -1))
         self.blocks = blocks_of(links)
         pairs = [_Pairs(index) for index in self.blocks]
         pure = pure + (_RESOLUTION * level) ** 2
-        self._base = [np.eye(p.size) * pure[p.index][:, :, None] + self._laws(p) for p in pairs]
+        self._base = [
+            np.eye(p.size) * pure[p.index][:, :, None] + self._laws(p, wheels) for p in pairs
+        ]
         self._parts = [np.array([self._kernel(n, p, stated) for n in self.names]) for p in pairs]
         self._gap = [p.apart(points.path) for p in pairs]
 
-    def _laws(self, pairs: _Pairs) -> Array:
-        """Covariance of what a law of thrust and a curve's power of depth get wrong."""
+    def _laws(self, pairs: _Pairs, wheels: Index) -> Array:
+        """Covariance of what a law of thrust and a curve's power of depth get wrong.
+
+        wheels: code of each value's wheel, shape (values,).
+        """
         points, sizes = self.points, pairs.product(self.level)
         found = np.zeros_like(sizes)
         for name in () if self._working else points.forces:
-            mine = pairs.product(points.of_channel(name)) * pairs.same(_wheels(points))
+            mine = pairs.product(points.of_channel(name)) * pairs.same(wheels)
             near = np.exp(-pairs.apart(points.column("slip")) / constants.FORCE_SLIP)
             own = pairs.product(wheel_discrepancy(points.conditions)[points.row])
             found += sizes * mine * (constants.FORCE_LAW**2 * near + own)
