@@ -39,7 +39,7 @@ from benchmarks.worlds import WORLDS, matching
 from smallwheel_ros.diagnosis import diagnose
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.simulate import write_table
 
 Trial = dict[str, Any]

@@ -27,7 +27,7 @@ from smallwheel_ros.learn.law import Law
 from smallwheel_ros.learn.verdict import VAULT_FROM
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 
 ROWS = {"repeats": 3, "settings": 4, "curve": 12}  # of a run, by what they are
 GROUPS = {

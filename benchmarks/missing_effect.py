@@ -24,7 +24,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import effect, effect_class
 from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.pictures.innovations import Innovations, innovations_picture
+from smallwheel_ros.replay.innovations_picture import Innovations, innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form

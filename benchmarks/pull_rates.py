@@ -31,11 +31,11 @@ from smallwheel_ros.fitting import Base, Problem, fit_model
 from smallwheel_ros.fitting.forces import of_load
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
-from smallwheel_ros.prediction import predict_conditions
+from smallwheel_ros.prediction.prediction import predict_conditions
 
 Array = NDArray[np.float64]
 FORCES = ("drawbar_pull", "torque")

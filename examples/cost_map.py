@@ -19,16 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import Grid, grid_of
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.node_process import config_file
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.pictures.costmap import draw_cost
+from smallwheel_ros.ros.node_process import config_file
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure

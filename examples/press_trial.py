@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from smallwheel_ros.demo import recorded
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.node_process import config_file
-from smallwheel_ros.trial import Trial, TrialSettings, read_trial, write_trial
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.demo.demo import recorded
+from smallwheel_ros.replay.trial import Trial, TrialSettings, read_trial, write_trial
+from smallwheel_ros.ros.node_process import config_file
 
 Array = NDArray[np.float64]
 

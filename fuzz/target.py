@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 ROOT = Path(__file__).resolve().parent.parent
 NUMBERS = (b"1e308", b"-1e308", b"1e-320", b"nan", b"inf", b"-0", b"0", b"99999999999999999999")

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fuzz.target import NUMBERS, ROOT, Target
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.estimator.saved_state import read_state
 from smallwheel_ros.estimator.soil_estimator import (
     SinkageMeasurement,
@@ -17,12 +18,11 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilPrior,
 )
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model_file import read_model
+from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.urdf import Urdf
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml
 
 PRIOR = SoilPrior.from_soil(soil("dry_sand"))
 YAML_WORDS = (
@@ -150,8 +150,8 @@ class ModelFile(Target):
 
     def make_seeds(self) -> list[bytes]:
         from smallwheel_ros.effects.slip import Exponential
-        from smallwheel_ros.model import Model
-        from smallwheel_ros.model_file import CalibratedModel, parameter_names, write_model
+        from smallwheel_ros.model.model import Model
+        from smallwheel_ros.model.model_file import CalibratedModel, parameter_names, write_model
 
         model = Model(soil("dry_sand")) + Exponential()
         names = parameter_names(model.soils, model.effects)

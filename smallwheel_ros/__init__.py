@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from smallwheel_ros import effects
     from smallwheel_ros.api import add, compare, diagnose, fit, learn, predict, read, replay
-    from smallwheel_ros.errors import SmallwheelError as Error
+    from smallwheel_ros.common.errors import SmallwheelError as Error
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.model import Model
+    from smallwheel_ros.model.model import Model
     from smallwheel_ros.physics.soil import Soil, soil
 
 # The generated message modules are installed in site-packages. When Python is started in the
@@ -42,9 +42,9 @@ _PUBLIC = {
     "effects": ("smallwheel_ros.effects", ""),
     "soil": ("smallwheel_ros.physics.soil", "soil"),
     "Soil": ("smallwheel_ros.physics.soil", "Soil"),
-    "Model": ("smallwheel_ros.model", "Model"),
+    "Model": ("smallwheel_ros.model.model", "Model"),
     "Measurements": ("smallwheel_ros.measurements.table", "Measurements"),
-    "Error": ("smallwheel_ros.errors", "SmallwheelError"),
+    "Error": ("smallwheel_ros.common.errors", "SmallwheelError"),
 }
 
 __all__ = [

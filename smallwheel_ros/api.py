@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from smallwheel_ros.learn.learning import Learnt
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.model import Geometry
-    from smallwheel_ros.prediction import PredictionTable
+    from smallwheel_ros.model.model import Geometry
+    from smallwheel_ros.prediction.prediction import PredictionTable
     from smallwheel_ros.replay.result import Replayed
     from smallwheel_ros.replay.spec import Copy
 
@@ -417,7 +417,7 @@ def predict(
     >>> [f"{1e3 * row['sinkage']:.1f} mm" for row in table.rows()]
     ['6.7 mm', '11.5 mm']
     """
-    from smallwheel_ros.prediction import on_one_soil, predict_table
+    from smallwheel_ros.prediction.prediction import on_one_soil, predict_table
 
     given = {"load": load, "diameter": diameter, "width": width}
     given |= {} if slip is None else {"slip": slip}

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from smallwheel_ros.fitting import FitResult
     from smallwheel_ros.lab.lab import LabFit
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.model import Model
-    from smallwheel_ros.model_file import CalibratedModel
+    from smallwheel_ros.model.model import Model
+    from smallwheel_ros.model.model_file import CalibratedModel
     from smallwheel_ros.physics.soil import Soil
 
     Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
@@ -74,9 +74,10 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
     Raises ArgumentError, ModelFileError.
     """
-    from smallwheel_ros.model import Model
-    from smallwheel_ros.model_file import CalibratedModel, as_calibrated, read_model
-    from smallwheel_ros.physics.soil import Soil, nearest, soil
+    from smallwheel_ros.common.errors import nearest
+    from smallwheel_ros.model.model import Model
+    from smallwheel_ros.model.model_file import CalibratedModel, as_calibrated, read_model
+    from smallwheel_ros.physics.soil import Soil, soil
 
     of_result = getattr(given, "model", None)
     if isinstance(of_result, CalibratedModel):
@@ -134,7 +135,7 @@ def contenders_of(
 ) -> list[Contender]:
     """One contender for each model, each under a name of its own."""
     from smallwheel_ros.compare.contenders import STANDARD, Contender
-    from smallwheel_ros.model import Model
+    from smallwheel_ros.model.model import Model
     from smallwheel_ros.physics.soil import Soil
 
     if isinstance(models, Mapping):

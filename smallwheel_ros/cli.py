@@ -14,7 +14,7 @@ import click
 
 import smallwheel_ros
 from smallwheel_ros import __version__
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 # name: (where it is, what `smallwheel --help` says of it)
 COMMANDS = {
@@ -45,21 +45,21 @@ COMMANDS = {
     ),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
     "init": (
-        "commands.init:init",
+        "init.command:init",
         "A rover's parameter file, from a bag, a URDF or a number of wheels.",
     ),
     "replay": (
-        "commands.replay:replay",
+        "replay.command:replay",
         "The node's estimator over recorded drives, without ROS.",
     ),
     "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),
     "demo": (
-        "commands.drive:demo",
+        "demo.command:demo",
         "Play a simulated drive into the node over DDS, draw what it finds.",
     ),
-    "play": ("commands.drive:play", "Publish a bag over DDS."),
+    "play": ("demo.command:play", "Publish a bag over DDS."),
     "convert-trial": (
-        "commands.drive:convert_trial",
+        "demo.command:convert_trial",
         "Turn a recorded indentation trial into a bag.",
     ),
 }
@@ -107,7 +107,7 @@ class LazyGroup(click.Group):
         """As click does, but an unknown name is answered with the nearest one."""
         known = self.list_commands(ctx)
         if args and not args[0].startswith("-") and args[0] not in known:
-            from smallwheel_ros.physics.soil import nearest
+            from smallwheel_ros.common.errors import nearest
 
             ctx.fail(f"no command '{args[0]}': {nearest(args[0], known)}")
         return super().resolve_command(ctx, args)

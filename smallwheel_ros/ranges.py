@@ -8,7 +8,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.measurements.units import UnitsError, to_base
 
 Array = NDArray[np.float64]

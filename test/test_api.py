@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 import smallwheel_ros as sw
 from smallwheel_ros import api
 from smallwheel_ros.cli import main
-from smallwheel_ros.results import Result
+from smallwheel_ros.common.results import Result
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag

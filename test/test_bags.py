@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.bags import BagError, BagReader, BagWriter, message_type
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 _kinds = importlib.util.spec_from_file_location(
     "bag_kinds", Path(__file__).with_name("bag_kinds.py")

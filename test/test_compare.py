@@ -21,7 +21,7 @@ from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table

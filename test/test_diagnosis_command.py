@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smallwheel_ros.cli import main
-from smallwheel_ros.model_file import read_model
+from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 OWN = """

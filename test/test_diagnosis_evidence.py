@@ -18,7 +18,7 @@ from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.fitting import fit_model
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import predict
+from smallwheel_ros.model.model import predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 

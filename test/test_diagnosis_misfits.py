@@ -30,7 +30,7 @@ from smallwheel_ros.fitting.constants import ALARM
 from smallwheel_ros.fitting.runs import MOST_POINTS
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.simulate import write_table

@@ -13,7 +13,7 @@ import pytest
 from benchmarks._rates_table import document, marks, rate
 from benchmarks.diagnosis_rates import fresh_errors, main, read, stored, trial
 from benchmarks.worlds import WORLDS, matching
-from smallwheel_ros.model import Model
+from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.display import brief, display, number, sentence, words
+from smallwheel_ros.measurements.display import brief, display, number, sentence, words
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 import smallwheel_ros.effects
 from smallwheel_ros.effects.base import STAGES, Effect, EffectError, WheelState
 from smallwheel_ros.effects.registry import covariate, effect, families
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 

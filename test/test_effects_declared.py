@@ -14,7 +14,7 @@ from random_examples import examples
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect, EffectError, WheelState, parameter
 from smallwheel_ros.effects.registry import covariate, effect_class, families, load_effects
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 

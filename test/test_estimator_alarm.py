@@ -19,7 +19,7 @@ from smallwheel_ros.estimator.robust_regression import robust_fit
 from smallwheel_ros.estimator.segment_changes import SegmentChanges
 from smallwheel_ros.estimator.soil_estimator import MissingEffect, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.pictures.innovations import innovations_picture
+from smallwheel_ros.replay.innovations_picture import innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]

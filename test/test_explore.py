@@ -27,14 +27,14 @@ from click.testing import CliRunner
 from smallwheel_ros import cli
 from smallwheel_ros.diagnosis import Base, base_of
 from smallwheel_ros.diagnosis.text import diagnosis_text
-from smallwheel_ros.display import shown_value
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.explore import ExploreError, ExploreServer, Session
 from smallwheel_ros.explore.data import SessionData
 from smallwheel_ros.explore.session import View
 from smallwheel_ros.fitting.held_out import Comparison
+from smallwheel_ros.measurements.display import shown_value
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model_file import read_model
+from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 EVIL = '<img src=x onerror="document.title=1"> $x^{ "&\''

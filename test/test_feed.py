@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.bags import message_type
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from

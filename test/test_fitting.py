@@ -16,9 +16,9 @@ from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model_file import read_model, write_model
+from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.prediction import predict_table
+from smallwheel_ros.prediction.prediction import predict_table
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
 

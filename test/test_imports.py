@@ -24,7 +24,7 @@ def rooms() -> list[str]:
 
 
 def room_of(module: str) -> str:
-    """`smallwheel_ros.fitting.fit` is in fitting, `smallwheel_ros.model` in model."""
+    """`smallwheel_ros.fitting.fit` is in fitting, `smallwheel_ros.model.model` in model."""
     return module.split(".")[1] if "." in module else "__init__"
 
 

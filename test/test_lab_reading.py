@@ -16,7 +16,7 @@ from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements, read_tests
-from smallwheel_ros.model_file import read_model
+from smallwheel_ros.model.model_file import read_model
 
 
 def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:

@@ -25,12 +25,12 @@ from smallwheel_ros.lab.strength import (
     with_strength,
 )
 from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel, read_model, write_model
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel, read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.shear import peaked_share, rising_share
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.uncertainty import predict_with_uncertainty
+from smallwheel_ros.prediction.uncertainty import predict_with_uncertainty
 
 
 def strength(tests: ShearTests) -> Strength:

@@ -38,8 +38,8 @@ from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.learn.verdict import SURE, chance
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model, predict
-from smallwheel_ros.model_file import write_model
+from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.onboard.parameters import read_models
 from smallwheel_ros.physics.conditions import Conditions
 

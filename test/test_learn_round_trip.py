@@ -14,8 +14,8 @@ import pytest
 from click.testing import CliRunner
 
 from smallwheel_ros.cli import main
-from smallwheel_ros.model_file import read_model
-from smallwheel_ros.node_process import NodeProcess
+from smallwheel_ros.model.model_file import read_model
+from smallwheel_ros.ros.node_process import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.rig import RigSettings, simulate_rig

@@ -17,7 +17,7 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.estimator.traction_samples import WheelStep
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.onboard.mobility import (
     SCATTER,
     MobilityError,

@@ -13,7 +13,7 @@ from random_examples import examples
 
 from smallwheel_ros.effects.base import Array, Effect, EffectError
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.model import Model, ModelError, predict
+from smallwheel_ros.model.model import Model, ModelError, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage, plate_sinkage

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
+from smallwheel_ros.common.files import OutputError
 from smallwheel_ros.effects.registry import covariate, effect, families, load
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel, ModelFileError, read_model, write_model
-from smallwheel_ros.output import OutputError
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel, ModelFileError, read_model, write_model
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
 
 NAMES = (

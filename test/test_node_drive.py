@@ -21,11 +21,11 @@ from readings import Given as Onboard
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.node_process import NodeProcess
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.ros.node_process import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -314,7 +314,7 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
     """At twice its speed: the drive to where it is stuck takes half as long."""
     import pandas as pd
 
-    from smallwheel_ros import demo
+    from smallwheel_ros.demo import demo
 
     monkeypatch.setattr(demo, "DriveSettings", partial(DriveSettings, speed=1.0))
     monkeypatch.setattr(demo, "_BARE_SECONDS", 12.0)

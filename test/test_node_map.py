@@ -17,7 +17,7 @@ import pytest
 from node_peer import SECOND, Peer
 from scipy.special import ndtr
 
-from smallwheel_ros.node_process import NodeProcess
+from smallwheel_ros.ros.node_process import NodeProcess
 
 pytestmark = pytest.mark.dds
 FAST = {

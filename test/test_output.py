@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from smallwheel_ros.output import OutputError, write_bytes, write_whole
+from smallwheel_ros.common.files import OutputError, write_bytes, write_whole
 
 
 def test_a_pipe_stays_a_pipe(tmp_path: Path) -> None:

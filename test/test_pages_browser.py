@@ -17,10 +17,10 @@ from click.testing import CliRunner
 from smallwheel_ros import cli
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.diagnosis import Base
-from smallwheel_ros.display import shown_value
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.explore import ExploreServer, Session
 from smallwheel_ros.explore.report import diagnosis_page
+from smallwheel_ros.measurements.display import shown_value
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.report.page import write_page
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from smallwheel_ros.paper import (
+from smallwheel_ros.physics.paper import (
     BEKKER,
     LOADS,
     MEIRION_GRIFFITH_SPENKO,

@@ -13,8 +13,8 @@ from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel, write_model
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel, write_model
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 from smallwheel_ros.onboard.parameters import (

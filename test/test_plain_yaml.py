@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from smallwheel_ros.cli import main
-from smallwheel_ros.plain_yaml import PlainYamlError, parse_yaml, read_yaml, write_yaml
-from smallwheel_ros.text_file import LARGEST
+from smallwheel_ros.common.files import LARGEST
+from smallwheel_ros.common.plain_yaml import PlainYamlError, parse_yaml, read_yaml, write_yaml
 
 BOMB = "a0: &a0 [x]\n" + "".join(
     f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 10)

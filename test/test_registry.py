@@ -20,7 +20,7 @@ from smallwheel_ros.effects.registry import (
     forms,
     load_effects,
 )
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 

@@ -21,17 +21,17 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
-from smallwheel_ros.map_file import read_map
+from smallwheel_ros.costmap.map_file import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.replay.drive_data import read_courses, with_gaps
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.replay_report import write_replay_report
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
-from smallwheel_ros.report.drive_data import read_courses, with_gaps
-from smallwheel_ros.report.replay_report import write_replay_report
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

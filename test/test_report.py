@@ -16,16 +16,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from smallwheel_ros.common.files import OutputError
 from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
-from smallwheel_ros.display import effect_words
 from smallwheel_ros.effects.registry import default_registry
+from smallwheel_ros.measurements.display import effect_words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model import Model, predict
-from smallwheel_ros.output import OutputError
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.pictures.comparison import measured_against_predicted, residuals

@@ -50,4 +50,4 @@ def test_what_is_shared_does_not_use_the_model_either():
 
 def test_this_test_sees_imports():
     source = "from smallwheel_ros import model\nimport smallwheel_ros.physics.soil as s\n"
-    assert imported(source) >= {"smallwheel_ros.model", "smallwheel_ros.physics.soil"}
+    assert imported(source) >= {"smallwheel_ros.model.model", "smallwheel_ros.physics.soil"}

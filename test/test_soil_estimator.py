@@ -21,7 +21,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilPrior,
 )
 from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
 from smallwheel_ros.physics.soil import SOILS, Soil, soil

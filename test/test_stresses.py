@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 from scipy.integrate import quad
 
-from smallwheel_ros.model import Model, ModelError, predict
+from smallwheel_ros.model.model import Model, ModelError, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, soil
 from smallwheel_ros.physics.stresses import (

@@ -16,7 +16,7 @@ from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
 from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.trial import Trial, TrialError, TrialSettings, read_trial, write_trial
+from smallwheel_ros.replay.trial import Trial, TrialError, TrialSettings, read_trial, write_trial
 
 START = 1_700_000_000 * 10**9
 RIG = TrialSettings(log_behind=14400.0, start=6.42, end=19.8)

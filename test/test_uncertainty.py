@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.model import Model, ModelError, predict
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model.model import Model, ModelError, predict
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.uncertainty import QUANTITIES, predict_with_uncertainty, with_parameter
+from smallwheel_ros.prediction.uncertainty import (
+    QUANTITIES,
+    predict_with_uncertainty,
+    with_parameter,
+)
 
 SAND = replace(soil("dry_sand"), cohesion=300.0)
 MODEL = Model(SAND) + effect("slip_sinkage", a=0.8) + effect("bulldozing", scale=1.0)

@@ -7,8 +7,8 @@ ROS 2 Jazzy and of this package are used.
 
 from __future__ import annotations
 
-from smallwheel_ros.bag_files import BagError, BagMessage, BagTopic, RawMessage
 from smallwheel_ros.bags.definitions import DefinitionError
+from smallwheel_ros.bags.files import BagError, BagMessage, BagTopic, RawMessage
 from smallwheel_ros.bags.reader import BagReader
 from smallwheel_ros.bags.types import message_type, typestore
 from smallwheel_ros.bags.writer import BagWriter, Channel

@@ -16,10 +16,10 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 from rosbags.typesys.store import Typestore
 
-from smallwheel_ros.bag_files import reason
+from smallwheel_ros.bags.files import reason
 from smallwheel_ros.bags.storage import StoredTopic
 from smallwheel_ros.bags.types import Fields, store_with, typestore
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 # Characters of a definition with all that it refers to; MoveIt's largest has 60 kB.
 _MOST_CHARACTERS = 128 << 10

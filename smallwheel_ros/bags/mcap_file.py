@@ -20,7 +20,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 
-from smallwheel_ros.bag_files import RawMessage, reason
+from smallwheel_ros.bags.files import RawMessage, reason
 from smallwheel_ros.bags.storage import Key, StorageFile, StoredTopic
 from smallwheel_ros.bags.types import qos_of
 from smallwheel_ros.bags.unpack import Unpacker, UnpackError

@@ -12,7 +12,8 @@ from typing import Any
 
 import yaml
 
-from smallwheel_ros.bag_files import (
+from smallwheel_ros.bags.definitions import DefinitionError, Definitions
+from smallwheel_ros.bags.files import (
     REPAIR,
     BagError,
     BagMessage,
@@ -22,7 +23,6 @@ from smallwheel_ros.bag_files import (
     reason,
     storage_kind,
 )
-from smallwheel_ros.bags.definitions import DefinitionError, Definitions
 from smallwheel_ros.bags.mcap_file import McapFile
 from smallwheel_ros.bags.ros1_file import Ros1File
 from smallwheel_ros.bags.sqlite_file import SqliteFile

@@ -9,7 +9,7 @@ from pathlib import Path
 from rosbags.interfaces import ConnectionExtRosbag1
 from rosbags.rosbag1 import Reader
 
-from smallwheel_ros.bag_files import RawMessage, reason
+from smallwheel_ros.bags.files import RawMessage, reason
 from smallwheel_ros.bags.storage import Key, StorageFile, StoredTopic
 from smallwheel_ros.bags.types import LATCHED
 from smallwheel_ros.bags.unpack import Unpacker

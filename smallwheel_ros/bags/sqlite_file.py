@@ -7,11 +7,11 @@ import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from smallwheel_ros.bag_files import RawMessage, reason
+from smallwheel_ros.bags.files import RawMessage, reason
 from smallwheel_ros.bags.storage import Key, StorageFile, StoredTopic
 from smallwheel_ros.bags.types import qos_of
 from smallwheel_ros.bags.unpack import Unpacker
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 _ALL = "SELECT id, topic_id, timestamp, data FROM messages "
 # rosbag2 has an index of times; a damaged file is read row by row instead.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rosbags.interfaces import Qos
 
-from smallwheel_ros.bag_files import RawMessage
+from smallwheel_ros.bags.files import RawMessage
 from smallwheel_ros.bags.unpack import Unpacker, UnpackError
 
 Key = tuple[str, str]  # topic and type

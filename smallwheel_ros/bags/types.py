@@ -20,8 +20,8 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.interfaces import message_definitions
+from smallwheel_ros.bags.interfaces import message_definitions
+from smallwheel_ros.common.errors import SmallwheelError
 
 Fields = dict[str, tuple[Any, Any]]  # of types: constants, and names and kinds of fields
 _LONGEST_QOS = 100_000  # characters, of some hundred publishers

@@ -11,7 +11,7 @@ from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys.store import Typestore
 
-from smallwheel_ros.bag_files import STORAGES, BagError, Storage, check_new_bag, reason
+from smallwheel_ros.bags.files import STORAGES, BagError, Storage, check_new_bag, reason
 from smallwheel_ros.bags.types import LATCHED, typestore
 
 

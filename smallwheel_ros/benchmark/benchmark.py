@@ -16,12 +16,12 @@ import numpy as np
 
 from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, errors_of
 from smallwheel_ros.benchmark.parts import Task, tasks_of
-from smallwheel_ros.display import display, number, sentence, words
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, CHANNELS
+from smallwheel_ros.measurements.display import display, number, sentence, words
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.results import Result
-from smallwheel_ros.tables import text_table
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
 _TABLES = (".csv", ".tsv", ".xlsx", ".ods", ".parquet")

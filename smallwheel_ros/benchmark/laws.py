@@ -23,7 +23,7 @@ from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, left_out, reference_size
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.contact import AXLE_RATIO
 from smallwheel_ros.physics.plates import BERNSTEIN_GORIATCHKIN, LAWS, PlateLaw
 

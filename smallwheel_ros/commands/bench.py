@@ -13,7 +13,6 @@ from smallwheel_ros.commands.inputs import (
     CAN,
     DATA,
     HTML,
-    JSON,
     MODEL,
     OWN,
     WITHOUT,
@@ -24,13 +23,13 @@ from smallwheel_ros.commands.inputs import (
     progress_of_steps,
     read_table,
     read_test,
-    show,
     table_options,
 )
-from smallwheel_ros.output import check_folder_target, check_targets
+from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.files import check_folder_target, check_targets
 
 if TYPE_CHECKING:
-    from smallwheel_ros.model import Geometry
+    from smallwheel_ros.model.model import Geometry
 
 _PATH = click.Path(path_type=Path)
 _PLOTS = click.option("--plots", type=_PATH, metavar="DIR",

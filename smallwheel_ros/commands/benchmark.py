@@ -9,8 +9,8 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.benchmark.benchmark import benchmark
-from smallwheel_ros.commands.inputs import JSON, show
-from smallwheel_ros.output import check_targets
+from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.files import check_targets
 
 
 @click.command(

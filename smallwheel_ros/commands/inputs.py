@@ -13,21 +13,18 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from smallwheel_ros import api
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 # `--help` of a command needs none of what the command computes with.
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.results import Result
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _PATH = click.Path(path_type=Path)
 _STEPS = 5  # that a diagnosis tells of
 
 DATA = click.argument("data", type=_PATH)
-JSON = click.option("--json", "json_file", metavar="FILE",
-                    help="Write the result as JSON, - for standard output.")  # fmt: skip
 HTML = click.option("--html", type=_PATH, metavar="FILE", help="Write a self-contained report.")
 OWN = click.option("--effects", "own", type=_PATH, metavar="FILE",
                    help="A Python file with effects of your own. It is run: name only files that "
@@ -117,18 +114,6 @@ def _say(understood: Sequence[str], warnings: Sequence[str]) -> None:
         click.echo(f"warning: {warning}", err=True)
 
 
-def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) -> None:
-    """Write the result's JSON; print its text and what was written, unless JSON is printed."""
-    from smallwheel_ros.tables import write_json
-
-    if json_file is not None:
-        write_json(json_file, result.to_dict())
-    if json_file != "-":
-        click.echo(str(result))
-        if written:
-            click.echo(f"written: {', '.join(str(path) for path in written)}")
-
-
 @contextmanager
 def progress_of_fits() -> Iterator[Callable[[int, int], None]]:
     """A bar of fits that are done, on a terminal."""
@@ -164,7 +149,7 @@ def names_of(text: str) -> list[str]:
 
 def levels_of(given: tuple[str, ...], measurements: Measurements) -> dict[str, list[float]]:
     """Levels by setting of --can NAME=A..B or NAME=A,B,C. Raises BenchError where one is neither."""
-    from smallwheel_ros.physics.soil import nearest
+    from smallwheel_ros.common.errors import nearest
 
     found = {}
     known = ("load", "diameter", "width", *measurements.conditions.covariates)

@@ -14,18 +14,17 @@ from smallwheel_ros.commands.inputs import (
     CAN,
     DATA,
     HTML,
-    JSON,
     MODEL,
     OWN,
     BenchError,
     levels_of,
     names_of,
     read_table,
-    show,
     table_options,
 )
+from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.files import check_folder_target, check_targets
 from smallwheel_ros.learn.learning import Learnt
-from smallwheel_ros.output import check_folder_target, check_targets
 
 _PATH = click.Path(path_type=Path)
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from smallwheel_ros import api
-from smallwheel_ros.commands.inputs import show
-from smallwheel_ros.output import check_folder_target, check_targets
+from smallwheel_ros.common.console import show
+from smallwheel_ros.common.files import check_folder_target, check_targets
 from smallwheel_ros.physics.soil import SOILS
 
 # `--help` of a command needs none of what the command computes and draws with.
 if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
-    from smallwheel_ros.model import Model
+    from smallwheel_ros.model.model import Model
 
 _JSON = click.option(
     "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
@@ -76,7 +76,7 @@ def predict(
 
     smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand
     """
-    from smallwheel_ros.model import Model
+    from smallwheel_ros.model.model import Model
 
     if soil_name is None and model_file is None:
         raise click.UsageError("give --soil or --model")
@@ -118,8 +118,8 @@ def effects(
     effect: str | None, effects_file: Path | None, json_file: str | None, plot: Path | None
 ) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
+    from smallwheel_ros.common.tables import text_table, write_json
     from smallwheel_ros.effects.registry import families, forms, load_effects
-    from smallwheel_ros.tables import text_table, write_json
 
     check_targets([plot, json_file], [effects_file])
     user = load_effects(effects_file) if effects_file else None
@@ -180,8 +180,8 @@ def _described(form: type[Effect]) -> dict[str, object]:
 
 
 def _explained(family: tuple[type[Effect], ...]) -> str:
-    from smallwheel_ros.effect_curves import effect_curves
-    from smallwheel_ros.tables import sparkline
+    from smallwheel_ros.common.tables import sparkline
+    from smallwheel_ros.pictures.effect_curves import effect_curves
 
     first = family[0]
     needed = ", ".join(first.needs) or "nothing beyond load, diameter and width"
@@ -225,8 +225,8 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
 @click.option("--plots", type=click.Path(path_type=Path), help="Folder to draw figures into.")
 def paper(json_file: str | None, plots: Path | None) -> None:
     """Compute the numbers that the paper prints, and say which of them reproduce."""
-    from smallwheel_ros.paper import paper_lines
-    from smallwheel_ros.tables import write_json
+    from smallwheel_ros.common.tables import write_json
+    from smallwheel_ros.physics.paper import paper_lines
 
     check_targets([json_file])
     check_folder_target(plots)

@@ -12,7 +12,6 @@ from smallwheel_ros import api
 from smallwheel_ros.arguments import registry_of
 from smallwheel_ros.commands.inputs import (
     DATA,
-    JSON,
     MODEL,
     OWN,
     progress_of_fits,
@@ -20,12 +19,13 @@ from smallwheel_ros.commands.inputs import (
     read_table,
     table_options,
 )
+from smallwheel_ros.common.console import JSON
+from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.diagnosis import Diagnosis
 from smallwheel_ros.explore.report import diagnosis_page
 from smallwheel_ros.explore.session import ExploreError, Session
-from smallwheel_ros.output import check_targets
 from smallwheel_ros.report.page import write_page
-from smallwheel_ros.tables import write_json
 
 
 @click.command("report", short_help="The whole story of a table of measurements in one HTML page.")

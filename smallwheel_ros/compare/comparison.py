@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from smallwheel_ros.common.results import Result
 from smallwheel_ros.compare.contenders import Constant, Contender, standard_contenders
 from smallwheel_ros.compare.results import (
     Floor,
@@ -25,15 +26,14 @@ from smallwheel_ros.compare.results import (
     floors_of,
     results_of,
 )
-from smallwheel_ros.display import shown_value, words
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import CvErrors, Score, compare_cv, folds_of, rows_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
+from smallwheel_ros.measurements.display import shown_value, words
 from smallwheel_ros.measurements.settings import Part, parts
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.results import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import one_diameter, soil_names
-from smallwheel_ros.model import Model
+from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.conditions import PLATE
 
 # Names of the standard contenders; the fit of the last tells what a true model would leave.

@@ -24,7 +24,7 @@ from smallwheel_ros.fitting.runs import runs_of
 from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.measurements.settings import repeatability, runs_of_rows
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model, ModelError, predict
+from smallwheel_ros.model.model import Model, ModelError, predict
 
 Index = NDArray[np.intp]
 Reasons = tuple[tuple[str, Index], ...]

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, changed, refit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose, learnt_here
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.settings import SETTINGS
-from smallwheel_ros.display import number, shown_value, words
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
@@ -30,16 +32,14 @@ from smallwheel_ros.fitting.held_out import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
+from smallwheel_ros.measurements.display import number, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model
-from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.results import Result, Writer
-from smallwheel_ros.tables import plain
+from smallwheel_ros.model.model import Model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from smallwheel_ros.model_file import CalibratedModel
+    from smallwheel_ros.model.model_file import CalibratedModel
 
 Forms = Sequence[tuple[Competitor, NDArray[np.float64]]]  # each with where its numbers start
 

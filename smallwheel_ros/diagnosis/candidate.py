@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.diagnosis.curves import Span
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.parameters import EffectPart, ParameterVector
-from smallwheel_ros.model import Geometry
+from smallwheel_ros.model.model import Geometry
 
 Array = NDArray[np.float64]
 Kind = Literal["soil", "instrument", "unknown"]

@@ -27,7 +27,6 @@ from smallwheel_ros.diagnosis.curves import (
     spans_of,
 )
 from smallwheel_ros.diagnosis.settings import SETTINGS, independent
-from smallwheel_ros.display import setting_words
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import DRIFTS, Registry, is_of_column
 from smallwheel_ros.fitting.constants import (
@@ -38,8 +37,9 @@ from smallwheel_ros.fitting.constants import (
 from smallwheel_ros.fitting.parameters import part_of, with_values
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.prior import Prior
+from smallwheel_ros.measurements.display import setting_words
 from smallwheel_ros.measurements.settings import varies
-from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.model.model import Geometry, Model
 
 Array = NDArray[np.float64]
 

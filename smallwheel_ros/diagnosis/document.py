@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from smallwheel_ros.common.tables import each
 from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor
 from smallwheel_ros.diagnosis.competitors import Field
 from smallwheel_ros.diagnosis.screen import Screen
@@ -19,7 +20,6 @@ from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.settings import repeatability
-from smallwheel_ros.tables import each
 
 Entry = dict[str, Any]
 

@@ -12,7 +12,7 @@ from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.model import Model
+from smallwheel_ros.model.model import Model
 
 _SHORTLIST = 4  # models of the whole search that a fold chooses from
 

@@ -13,7 +13,6 @@ from scipy.stats import f as f_law
 from smallwheel_ros.diagnosis.residuals import setting_of
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.display import number, p_text, percent, shown_value, words
 from smallwheel_ros.fitting.constants import (
     ALARM,
     CHANNEL_SCATTER,
@@ -26,6 +25,7 @@ from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.forces import off_by
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.measurements.columns import FORCES
+from smallwheel_ros.measurements.display import number, p_text, percent, shown_value, words
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.candidate import CandidateFit
 from smallwheel_ros.diagnosis.competitors import field_of
@@ -28,7 +29,6 @@ from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted, no_help
 from smallwheel_ros.diagnosis.zero import Witness, witness
-from smallwheel_ros.display import listed, number, words
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.bad_runs import BadRun, bad_runs, most_bad
@@ -41,13 +41,13 @@ from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import expected_error
+from smallwheel_ros.measurements.display import listed, number, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.results import Result, Writer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from smallwheel_ros.model_file import CalibratedModel
+    from smallwheel_ros.model.model_file import CalibratedModel
 
 _LISTED = 5  # families whose held-out error is worked out for the ranking
 

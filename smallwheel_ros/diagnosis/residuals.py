@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import column_display, percent, setting_words, words
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.display import column_display, percent, setting_words, words
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from smallwheel_ros.display import (
+from smallwheel_ros.measurements.display import (
     LAW,
     brief,
     listed,

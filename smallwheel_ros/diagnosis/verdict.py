@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, Key
 from smallwheel_ros.diagnosis.search import Search, exchanged
-from smallwheel_ros.display import listed, percent
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
     ALARM,
@@ -34,6 +33,7 @@ from smallwheel_ros.fitting.constants import (
     TOGETHER,
     USEFUL,
 )
+from smallwheel_ros.measurements.display import listed, percent
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from smallwheel_ros import effects as package
+from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.column import (
     ColumnLaw,
@@ -29,7 +30,6 @@ from smallwheel_ros.effects.column import (
     ResistanceDrift,
     SinkageDrift,
 )
-from smallwheel_ros.physics.soil import nearest
 
 Forms = tuple[type[Effect], ...]
 Families = Mapping[str, Forms]

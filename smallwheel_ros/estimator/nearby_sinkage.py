@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import ContactSinkage, contact_sinkage
 from smallwheel_ros.physics.sinkage import loads_by_depth
 from smallwheel_ros.physics.soil import Soil
-from smallwheel_ros.stages import Stages
 
 Array = NDArray[np.float64]
 

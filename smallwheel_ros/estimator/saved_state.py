@@ -22,11 +22,11 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.files import read_text_file
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.law_model import WHEELS
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
-from smallwheel_ros.text_file import read_text_file
 
 Array = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.point_sinkage import Law, Slopes, WheelSinkage, static_sinkage
-from smallwheel_ros.model import Model, Prediction, predict
+from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
-from smallwheel_ros.stages import Stages
 
 Array = NDArray[np.float64]
 Shear = tuple[()] | tuple[float, float, float]

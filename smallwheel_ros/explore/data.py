@@ -7,7 +7,10 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.display import (
+from smallwheel_ros.explore.session import Names, Session, View
+from smallwheel_ros.fitting import FittedParameter
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import (
     brief,
     display,
     listed,
@@ -17,9 +20,6 @@ from smallwheel_ros.display import (
     shown_value,
     words,
 )
-from smallwheel_ros.explore.session import Names, Session, View
-from smallwheel_ros.fitting import FittedParameter
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.report.effect_meaning import Meaning, meaning_of
 from smallwheel_ros.report.effects_section import EffectsPage, Label
 from smallwheel_ros.report.table_data import TableData

@@ -12,21 +12,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.diagnosis import Base, Diagnosis, diagnose
 from smallwheel_ros.diagnosis.apply import Grown
 from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.held_out import with_forces
-from smallwheel_ros.display import number, shown_value, words
 from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
 from smallwheel_ros.learn.learning import Learnt, learn
+from smallwheel_ros.measurements.display import number, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model_file import write_model
-from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.model.model_file import write_model
 
 Names = tuple[str, ...]
 Progress = Callable[[str], None]

@@ -12,7 +12,7 @@ from smallwheel_ros.fitting.prior import SoilPrior
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.fitting.result import FitResult, FittedParameter
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Geometry
+from smallwheel_ros.model.model import Geometry
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 

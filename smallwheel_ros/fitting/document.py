@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.display import LAW, number, shown_value, words
+from smallwheel_ros.measurements.display import LAW, number, shown_value, words
 
 if TYPE_CHECKING:
     from smallwheel_ros.fitting.result import FitResult

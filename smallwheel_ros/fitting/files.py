@@ -13,8 +13,8 @@ from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, Prior, SoilPrior
 from smallwheel_ros.fitting.problem import Base
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]

@@ -25,14 +25,14 @@ from scipy.linalg import cho_solve
 from scipy.special import ndtr
 from threadpoolctl import ThreadpoolController
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.fitting.covariance import Covariance
 from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.fitting.variance import Scatter, VarianceModel
-from smallwheel_ros.model import Model
+from smallwheel_ros.model.model import Model
 
 Array = NDArray[np.float64]
 

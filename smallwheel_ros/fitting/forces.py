@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import percent
 from smallwheel_ros.fitting import constants
+from smallwheel_ros.measurements.display import percent
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
 from smallwheel_ros.fitting.points import Points, filled
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

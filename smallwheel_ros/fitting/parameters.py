@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.prior import Prior, soil_from
-from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.model.model import Geometry, Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 

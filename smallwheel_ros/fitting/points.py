@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import FEWEST_VALUES
 from smallwheel_ros.fitting.runs import Group, groups_of, runs_of
 from smallwheel_ros.measurements.columns import FORCES

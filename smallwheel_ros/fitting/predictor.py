@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.model import Prediction, predict
+from smallwheel_ros.model.model import Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]

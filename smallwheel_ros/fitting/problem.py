@@ -31,7 +31,7 @@ from smallwheel_ros.fitting.prior import (
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Geometry, Model
+from smallwheel_ros.model.model import Geometry, Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 

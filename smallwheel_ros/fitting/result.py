@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import shown_value, words
+from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
 from smallwheel_ros.fitting.forces import off_by
@@ -21,11 +21,11 @@ from smallwheel_ros.fitting.noise import RowNoise
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, WHEEL_PARAMETERS
 from smallwheel_ros.fitting.variance import settings_repeated
+from smallwheel_ros.measurements.display import shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model, Prediction, predict
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.results import Result, Writer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,8 +6,8 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from smallwheel_ros.bag_files import BagError
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.bags.files import BagError
 from smallwheel_ros.init.names import best_match, wheels_named_by
 from smallwheel_ros.init.rover import InitError, Rover, completed, wheel_joints, with_joints
 from smallwheel_ros.onboard.parameter import Value

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.tables import plain
 from smallwheel_ros.init.names import usual_names, wheels_named_by
 from smallwheel_ros.onboard.parameter import WHEEL, Value
 from smallwheel_ros.onboard.parameter_files import written
 from smallwheel_ros.onboard.parameter_table import PARAMETERS, parameters_for
 from smallwheel_ros.onboard.robot_description import fill_silent
 from smallwheel_ros.onboard.urdf import TURNING, RobotDescriptionError, Urdf
-from smallwheel_ros.output import write_bytes
-from smallwheel_ros.results import Result, Writer
-from smallwheel_ros.tables import plain
 
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20

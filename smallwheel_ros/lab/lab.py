@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from smallwheel_ros.display import sentence
+from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.tables import plain
 from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.levels import fit_points
@@ -34,11 +35,10 @@ from smallwheel_ros.lab.strength import (
     strength_of,
     with_strength,
 )
+from smallwheel_ros.measurements.display import sentence
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model_file import CalibratedModel
-from smallwheel_ros.results import Result, Writer
-from smallwheel_ros.tables import plain
+from smallwheel_ros.model.model_file import CalibratedModel
 
 _NO_MODEL = (
     "shear tests tell cohesion, friction angle and shear modulus, and a model needs k and n too: give "

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from smallwheel_ros.display import listed, number
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.parameters import FreeParameter, ParameterVector
@@ -27,6 +26,7 @@ from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, Prior
 from smallwheel_ros.fitting.result import FittedParameter, Status, posterior_covariance
+from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.physics.plates import LAWS, PlateLaw
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 

@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from smallwheel_ros.display import listed, number
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.result import FittedParameter, Status
 from smallwheel_ros.lab.plates import percent
 from smallwheel_ros.lab.shear import FittedShearLaw, RunFit, ShearFit, normal_stresses
+from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.model import Model
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.shear import peaked_share
-from smallwheel_ros.physics.soil import Soil, nearest
+from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
 

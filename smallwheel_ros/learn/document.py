@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.document import plain
-from smallwheel_ros.display import number, sentence, shown_value, words
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, numbers_of
 from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Place, places_for
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.learn.verdict import PERMUTATIONS, Judged, Sought, agreeing, settings_in
+from smallwheel_ros.measurements.display import number, sentence, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fitter, one_thread
@@ -42,8 +44,6 @@ from smallwheel_ros.learn.verdict import (
     with_vault,
 )
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.output import write_bytes
-from smallwheel_ros.results import Result, Writer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

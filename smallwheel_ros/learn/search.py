@@ -25,7 +25,7 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.learn.grammar import Driver, Term, drivers_of, terms_of
 from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Link, Place, part_for, places_for
 from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
-from smallwheel_ros.model import Model, predict
+from smallwheel_ros.model.model import Model, predict
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -27,7 +27,7 @@ from smallwheel_ros.measurements.settings import (
     settings_of_rows,
 )
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model import Model
+from smallwheel_ros.model.model import Model
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

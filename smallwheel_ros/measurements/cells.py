@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 _SHOWN = 60  # characters of a cell or header that a message repeats
 _MOST_PROBLEMS, _MOST_ROWS = 20, 10  # that a message lists

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.results import Result
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.columns import CHANNELS, is_response, unit_of
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
-from smallwheel_ros.results import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

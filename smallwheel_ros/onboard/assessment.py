@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelSample
 from smallwheel_ros.estimator.soil_estimator import (

@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
+from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.onboard.parameter import Value
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
-from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml
 
 _SECTION = "ros__parameters"
 

@@ -10,15 +10,15 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.model_file import read_model
+from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
 from smallwheel_ros.onboard.settings import (
     DiggingInRules,
@@ -29,7 +29,7 @@ from smallwheel_ros.onboard.settings import (
     WheelInputs,
 )
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.soil import Soil, SoilError, nearest, soil
+from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 _Settings = TypeVar("_Settings")

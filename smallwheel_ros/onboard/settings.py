@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.parameter_table import PARAMETERS
 from smallwheel_ros.physics.conditions import ROLLING

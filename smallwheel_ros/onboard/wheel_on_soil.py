@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, WheelState
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.point_sinkage import Law, static_sinkage
 from smallwheel_ros.estimator.traction_samples import RollingContact
@@ -25,10 +25,10 @@ from smallwheel_ros.estimator.wheel_sinkage import (
     neighbours,
     slopes,
 )
+from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
-from smallwheel_ros.stages import Stages
 
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
 # the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, nearest
 
 Array = NDArray[np.float64]
 
@@ -119,13 +118,6 @@ def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
     kc: Pa/m^(n-1), kphi: Pa/m^n, width: b, m.
     """
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
-
-
-def nearest(name: str, known: list[str]) -> str:
-    """A clause that lists what exists, the nearest match first: for error messages."""
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'? " if close else ""
-    return f"{hint}There is: {', '.join(sorted(known))}"
 
 
 _PAPER = "Meirion-Griffith and Spenko 2011"

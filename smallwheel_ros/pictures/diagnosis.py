@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
-from smallwheel_ros.display import display, listed, words
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
+from smallwheel_ros.measurements.display import display, listed, words
 from smallwheel_ros.pictures.comparison import resistance_picture
 from smallwheel_ros.pictures.fit import error_steps
 from smallwheel_ros.pictures.house import COLOURS, GREY, new_figure, plain, style

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from smallwheel_ros.output import OutputError, write_bytes
+from smallwheel_ros.common.files import OutputError, write_bytes
 
 
 def write_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:

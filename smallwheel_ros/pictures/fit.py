@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from smallwheel_ros.display import display, number, words
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.results import ResultError
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
-from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.measurements.display import display, number, words
 from smallwheel_ros.pictures.house import COLOURS, GREY, INK, plain, style
-from smallwheel_ros.results import ResultError
 
 
 def chosen_channel(channel: str | None, known: Sequence[str]) -> str:

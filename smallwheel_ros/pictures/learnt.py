@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import display, number, words
 from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.measurements.display import display, number, words
 from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, plain, style
 from smallwheel_ros.pictures.smoothing import smooth
 

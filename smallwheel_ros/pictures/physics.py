@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.effect_curves import CHANNELS, effect_curves
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.files import OutputError, check_target
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.output import OutputError, check_target
-from smallwheel_ros.paper import (
+from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.paper import (
     BEKKER,
     DIAMETER,
     MEAN_LOAD,
@@ -23,12 +24,12 @@ from smallwheel_ros.paper import (
     WIDTH,
     sinkage,
 )
-from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage
-from smallwheel_ros.physics.soil import SOILS, effective_modulus, nearest
+from smallwheel_ros.physics.soil import SOILS, effective_modulus
 from smallwheel_ros.physics.traction import compaction_resistance
+from smallwheel_ros.pictures.effect_curves import CHANNELS, effect_curves
 from smallwheel_ros.pictures.house import COLOURS, new_figure, style
-from smallwheel_ros.prediction import SHOWN, UNITS, PredictionError, PredictionTable
+from smallwheel_ros.prediction.prediction import SHOWN, UNITS, PredictionError, PredictionTable
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import column_display, display, words
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import column_display, display, words
 from smallwheel_ros.measurements.settings import levels
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.pictures.house import COLOURS, GREY, new_figure, plain, style

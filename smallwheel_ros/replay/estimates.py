@@ -13,10 +13,10 @@ from types import SimpleNamespace as Message  # has a type's fields, as rosbags 
 from typing import Any
 
 from smallwheel_ros.bags.types import plain_fields
+from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.onboard.message_fields import VALID, mobility_fields, soil_fields
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.output import write_bytes
 from smallwheel_ros.replay.spec import ReplayError
 
 _BLOCK = 1000  # rows; a replay that is killed loses at most these

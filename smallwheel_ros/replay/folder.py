@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.output import json_text, write_bytes
+from smallwheel_ros.common.files import json_text, write_bytes
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 
 SUMMARY, ESTIMATES, MEASUREMENTS, BAG = "replay.json", "estimates", "measurements.csv", "bag"

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
 from smallwheel_ros.costmap.layers import union
+from smallwheel_ros.costmap.map_file import read_map, write_map
 from smallwheel_ros.costmap.vehicle import HERE
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.map_file import read_map, write_map
 from smallwheel_ros.replay.estimates import columns, table, write_rows
 from smallwheel_ros.replay.folder import (
     ESTIMATES,
@@ -33,7 +34,6 @@ from smallwheel_ros.replay.folder import (
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.result import SCHEMA, Replayed
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
-from smallwheel_ros.tables import text_table
 
 Report = Callable[[Replayed, Path], None]
 _DIED = "the process that replayed it died (killed, or out of memory)"

@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 from types import SimpleNamespace as Message  # has a type's fields, as rosbags needs it
 
-from smallwheel_ros.bag_files import RawMessage, Storage, storage_kind
 from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.bags.files import RawMessage, Storage, storage_kind
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.onboard.instant import Instant

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.bag_files import BagError, RawMessage, reason
 from smallwheel_ros.bags import BagReader, DefinitionError
+from smallwheel_ros.bags.files import BagError, RawMessage, reason
 from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.layers import wide
-from smallwheel_ros.map_file import write_map
+from smallwheel_ros.costmap.map_file import write_map
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
@@ -44,7 +45,6 @@ from smallwheel_ros.replay.settings import read_settings
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
-from smallwheel_ros.stop import Stop
 
 Handler = Callable[[Any, int | None], list[Result]]
 Progress = Callable[[int, int], None]

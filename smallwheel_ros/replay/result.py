@@ -8,7 +8,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.bags.storage import Key
-from smallwheel_ros.display import number
+from smallwheel_ros.common.results import Result, pandas
+from smallwheel_ros.common.tables import plain, text_table
+from smallwheel_ros.measurements.display import number
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
@@ -18,8 +20,6 @@ from smallwheel_ros.replay.inputs import Input
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
-from smallwheel_ros.results import Result, pandas
-from smallwheel_ros.tables import plain, text_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from smallwheel_ros.bag_files import reason
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.bags.files import reason
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import InitError
 from smallwheel_ros.onboard.parameter_files import read_parameters

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from smallwheel_ros import __version__
-from smallwheel_ros.bag_files import storage_kind
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.bags.files import storage_kind
+from smallwheel_ros.common.errors import SmallwheelError
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")

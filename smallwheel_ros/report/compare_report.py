@@ -11,9 +11,16 @@ import numpy as np
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.compare.shown import against_best
-from smallwheel_ros.display import brief, column_display, display, number, shown_value, words
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import (
+    brief,
+    column_display,
+    display,
+    number,
+    shown_value,
+    words,
+)
 from smallwheel_ros.measurements.settings import Part, varied_settings
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.report.data_section import data_blocks

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.display import brief, column_display, display, number, sentence
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import brief, column_display, display, number, sentence
 from smallwheel_ros.measurements.settings import setting_columns, varies
 from smallwheel_ros.report.page import Block, Callout, Details, Table, Text
 

@@ -7,7 +7,8 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from smallwheel_ros.diagnosis.text import SAID
-from smallwheel_ros.display import (
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
+from smallwheel_ros.measurements.display import (
     display,
     effect_words,
     listed,
@@ -20,7 +21,6 @@ from smallwheel_ros.display import (
     shown_value,
     words,
 )
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.report.page import Block, Callout, Details, Drawing, ReportError, Table, Text
 from smallwheel_ros.report.verdict_section import parameter_cells
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from smallwheel_ros.display import words
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.measurements.display import words
 from smallwheel_ros.report.drawings import drawing
 
 

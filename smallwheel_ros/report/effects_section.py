@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, NamedTuple
 
-from smallwheel_ros.display import words
+from smallwheel_ros.measurements.display import words
 from smallwheel_ros.report.effect_meaning import Meaning
 from smallwheel_ros.report.page import Drawing
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from smallwheel_ros.display import listed, number, sentence, shown_value, words
 from smallwheel_ros.learn.document import grows, trust
 from smallwheel_ros.learn.learning import Learnt
+from smallwheel_ros.measurements.display import listed, number, sentence, shown_value, words
 from smallwheel_ros.pictures.learnt import learnt_figure
 from smallwheel_ros.report.page import (
     Block,

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from smallwheel_ros.display import column_display, display, number
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.results import ResultError
 from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.measurements.display import column_display, display, number
 from smallwheel_ros.measurements.settings import varied_settings
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.results import ResultError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

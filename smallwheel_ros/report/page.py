@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from smallwheel_ros import __version__
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.output import write_bytes
-from smallwheel_ros.tables import each
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.tables import each
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.display import Display, column_display, display, words
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import Display, column_display, display, words
 from smallwheel_ros.measurements.settings import levels
 from smallwheel_ros.measurements.table import Measurements
 

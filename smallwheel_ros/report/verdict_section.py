@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smallwheel_ros.diagnosis.text import verdict_sentences
-from smallwheel_ros.display import brief, display, number
+from smallwheel_ros.measurements.display import brief, display, number
 from smallwheel_ros.report.page import Callout
 
 

@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND

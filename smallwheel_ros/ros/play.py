@@ -23,10 +23,10 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros.conversions import message_class, time_message
-from smallwheel_ros.stop import Stop
 
 _CLOCK_PERIOD = SECOND // 100
 # A listener that is known here may need a moment more to know of us. DDS says nothing of that: a

@@ -7,10 +7,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.costmap.map_file import read_map, write_map
 from smallwheel_ros.estimator.saved_state import check_may_replace, remove_drafts
-from smallwheel_ros.map_file import read_map, write_map
 from smallwheel_ros.onboard.message_fields import soil_fields
 from smallwheel_ros.onboard.onboard import Onboard
 

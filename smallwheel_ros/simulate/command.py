@@ -11,8 +11,8 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from smallwheel_ros.bag_files import STORAGES, Storage, check_new_bag
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.bags.files import STORAGES, Storage, check_new_bag
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.files import check_folder, check_suffix, write_json, write_table

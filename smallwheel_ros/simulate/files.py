@@ -10,8 +10,8 @@ from typing import Any
 
 import pandas as pd
 
-from smallwheel_ros.output import OutputError
-from smallwheel_ros.output import write_whole as write_in_one_step
+from smallwheel_ros.common.files import OutputError
+from smallwheel_ros.common.files import write_whole as write_in_one_step
 from smallwheel_ros.simulate.truth import SimulationError
 
 SUFFIXES = (".csv", ".parquet")

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
 
 Places = NDArray[np.intp]  # indices

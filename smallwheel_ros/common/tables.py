@@ -11,7 +11,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.output import json_text, write_bytes
+from smallwheel_ros.common.files import json_text, write_bytes
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.errors import SmallwheelError
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import effective_modulus
 

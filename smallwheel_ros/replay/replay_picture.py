@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from matplotlib.axes import Axes
 
-from smallwheel_ros.physics.soil import nearest
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.results import ResultError
 from smallwheel_ros.pictures.house import key, style, wheel_colours
 from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.results import ResultError
 
 _POINTS = 700  # of a wheel
 

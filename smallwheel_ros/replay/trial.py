@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.bag_files import Storage
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.bags.files import Storage
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
 
 Array = NDArray[np.float64]

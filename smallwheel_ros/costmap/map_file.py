@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError, Grid, check_count
-from smallwheel_ros.output import write_bytes
 
 _MODE = "raw"
 _UNKNOWN = 255

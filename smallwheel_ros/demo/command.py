@@ -9,7 +9,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from smallwheel_ros.node_process import check_ros
+from smallwheel_ros.ros.node_process import check_ros
 
 _FILE = click.Path(path_type=Path)
 _JSON = click.option(
@@ -46,8 +46,8 @@ def demo(
     played into the node mobility_estimator, which runs in a process of its own and sees only what
     sensors measure; the beginning of it once more, into a node that is given load and slip only.
     """
-    from smallwheel_ros.demo import DEFAULT_FOLDER, run_demo
-    from smallwheel_ros.demo_summary import summary
+    from smallwheel_ros.demo.demo import DEFAULT_FOLDER, run_demo
+    from smallwheel_ros.demo.summary import summary
 
     result = run_demo(
         output or DEFAULT_FOLDER,
@@ -198,9 +198,9 @@ def convert_trial(
 
     BAG holds the force sensor's messages while a wheel is pressed straight into the soil.
     """
-    from smallwheel_ros.bag_files import check_new_bag
-    from smallwheel_ros.output import check_targets
-    from smallwheel_ros.trial import TrialSettings, read_trial, write_trial
+    from smallwheel_ros.bags.files import check_new_bag
+    from smallwheel_ros.common.files import check_targets
+    from smallwheel_ros.replay.trial import TrialSettings, read_trial, write_trial
 
     check_new_bag(output)
     check_targets([json_file], [bag, zero, log])
@@ -224,7 +224,7 @@ def convert_trial(
 
 
 def _report(json_file: str | None, content: dict[str, Any], text: str) -> None:
-    from smallwheel_ros.tables import write_json
+    from smallwheel_ros.common.tables import write_json
 
     if json_file is not None:
         write_json(json_file, content)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from smallwheel_ros.costmap.grid import UNKNOWN
-from smallwheel_ros.demo import Clip, DemoResult
+from smallwheel_ros.demo.demo import Clip, DemoResult
 
 _BAND = 1.96  # standard deviations: 95 %
 _DETERMINED = ("k", "n", "m")

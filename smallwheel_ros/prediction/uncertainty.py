@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
-from smallwheel_ros.model import Model, ModelError, Prediction, predict
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError
 

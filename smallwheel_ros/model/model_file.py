@@ -15,15 +15,15 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.model import CalibratedModel as CalibratedModel
-from smallwheel_ros.model import Geometry, Model
-from smallwheel_ros.output import write_bytes
-from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError, nearest
+from smallwheel_ros.model.model import CalibratedModel as CalibratedModel
+from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
 from smallwheel_ros.physics.traction import ThrustForm
-from smallwheel_ros.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
 Array = NDArray[np.float64]
 

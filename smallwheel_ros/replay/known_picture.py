@@ -12,8 +12,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from smallwheel_ros.pictures.drive import stretch_of_time
 from smallwheel_ros.pictures.house import COLOURS, INK, band, key, new_figure, style, wheel_colours
+from smallwheel_ros.replay.drive_picture import stretch_of_time
 
 _BAND = 1.96  # standard deviations: 95 %
 _QUANTITIES = (

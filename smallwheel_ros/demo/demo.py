@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo: a simulated drive played over DDS into the node; its answers, table and picture.
 
-`smallwheel demo`, `make demo` or `python -m smallwheel_ros.demo`.
+`smallwheel demo`, `make demo` or `python -m smallwheel_ros.demo.demo`.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ import pandas as pd
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.node_process import NodeProcess, check_ros, config_file, own_ros
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.onboard.message_fields import VALID
-from smallwheel_ros.pictures.costmap import draw_cost
-from smallwheel_ros.pictures.drive import draw_drive
-from smallwheel_ros.pictures.known import draw_known
+from smallwheel_ros.replay.drive_picture import draw_drive
+from smallwheel_ros.replay.known_picture import draw_known
+from smallwheel_ros.ros.node_process import NodeProcess, check_ros, config_file, own_ros
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

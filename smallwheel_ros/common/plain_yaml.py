@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode
 
-from smallwheel_ros.text_file import read_text_file
+from smallwheel_ros.common.files import read_text_file
 
 DEEPEST = 20  # levels; parameters need five
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]{0,17})")

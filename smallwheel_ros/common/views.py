@@ -15,16 +15,16 @@ from typing import Any
 VIEWS: dict[str, dict[str, str]] = {
     "text": {
         "Measurements": "report.measured:measured_text",
-        "Model": "model_file:model_text",
+        "Model": "model.model_file:model_text",
         "FitResult": "fitting.document:fit_text",
         "Comparison": "compare.shown:comparison_text",
     },
     "document": {
-        "Model": "model_file:model_document",
+        "Model": "model.model_file:model_document",
         "FitResult": "fitting.document:fit_document",
         "Comparison": "compare.shown:comparison_document",
     },
-    "rows": {"Model": "model_file:model_rows"},
+    "rows": {"Model": "model.model_file:model_rows"},
     "plot": {
         "Measurements": "report.measured:draw_measured",
         "FitResult": "pictures.fit:measured_over_predicted",
@@ -33,17 +33,17 @@ VIEWS: dict[str, dict[str, str]] = {
         "Added": "pictures.diagnosis:draw_added",
         "Learnt": "pictures.learnt:draw_law",
         "PredictionTable": "pictures.physics:draw_table",
-        "Replayed": "pictures.replay:draw_replay",
+        "Replayed": "replay.replay_picture:draw_replay",
     },
     "page": {
         "Comparison": "report.compare_report:write_comparison",
         "Diagnosis": "explore.report:write_diagnosis",
         "Learnt": "report.learn_report:write_learnt",
-        "Replayed": "report.replay_report:write_replay_report",
+        "Replayed": "replay.replay_report:write_replay_report",
     },
-    "model": {"Model": "model_file:write_model"},
+    "model": {"Model": "model.model_file:write_model"},
 }
-READ_MODEL = "model_file:read_model"
+READ_MODEL = "model.model_file:read_model"
 
 
 def view_of(kind: str, result: object) -> Callable[..., Any]:
@@ -58,7 +58,7 @@ def view_of(kind: str, result: object) -> Callable[..., Any]:
 def function(name: str) -> Callable[..., Any]:
     """The function of that name, `module:function` of this package."""
     module, _, of_it = name.partition(":")
-    found: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), of_it)
+    found: Callable[..., Any] = getattr(import_module(f"smallwheel_ros.{module}"), of_it)
     return found
 
 

@@ -14,9 +14,10 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.tables import text_table, write_json
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.output import check_targets
 from smallwheel_ros.replay.folder import SUMMARY, claimed, read_summary
 from smallwheel_ros.replay.inputs import Input, inputs_of, proposals, read_remaps, topics_document
 from smallwheel_ros.replay.many import (
@@ -35,7 +36,6 @@ from smallwheel_ros.replay.one import replay as replay_bag
 from smallwheel_ros.replay.result import Replayed, summary_text
 from smallwheel_ros.replay.settings import check_parameters, read_settings, with_assumed_config
 from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
-from smallwheel_ros.tables import text_table, write_json
 
 _PATH = click.Path(path_type=Path)
 
@@ -111,7 +111,7 @@ def replay(
 
 def _write_report(result: Replayed, path: Path) -> None:
     """Write the page; what it needs is loaded when it comes to that."""
-    from smallwheel_ros.report.replay_report import write_replay_report
+    from smallwheel_ros.replay.replay_report import write_replay_report
 
     write_replay_report(result, path)
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 _MODULE = "smallwheel_ros.ros.mobility_estimator"
 _LOG_LINES = 3
@@ -41,7 +41,7 @@ def config_file(name: str) -> Path:
         sysconfig.get_path("data"),
     ]
     folders = [
-        Path(__file__).resolve().parent.parent,
+        Path(__file__).resolve().parents[2],
         *(Path(prefix) / "share" / "smallwheel_ros" for prefix in prefixes if prefix),
     ]
     for folder in folders:

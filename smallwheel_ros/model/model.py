@@ -16,9 +16,12 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.views import READ_MODEL, function
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.model.stages import Stages, guarded
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import (
@@ -29,7 +32,7 @@ from smallwheel_ros.physics.sinkage import (
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, nearest, soil
+from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, soil
 from smallwheel_ros.physics.stresses import ShearLaw, WheelForces, rim_friction, wheel_forces
 from smallwheel_ros.physics.traction import (
     ThrustForm,
@@ -37,9 +40,6 @@ from smallwheel_ros.physics.traction import (
     contact_length,
     thrust,
 )
-from smallwheel_ros.results import Result
-from smallwheel_ros.stages import Stages, guarded
-from smallwheel_ros.views import READ_MODEL, function
 
 Array = NDArray[np.float64]
 Geometry = Literal["contact_integral", "closed_form"]

@@ -15,11 +15,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.errors import SmallwheelError
-from smallwheel_ros.output import check_target, json_text, write_bytes, write_whole
-from smallwheel_ros.physics.soil import nearest
-from smallwheel_ros.tables import plain
-from smallwheel_ros.views import has_view, view_of
+from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.files import check_target, json_text, write_bytes, write_whole
+from smallwheel_ros.common.tables import plain
+from smallwheel_ros.common.views import has_view, view_of
 
 if TYPE_CHECKING:
     import pandas as pd

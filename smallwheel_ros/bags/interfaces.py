@@ -12,7 +12,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
 
 PACKAGE = "smallwheel_ros"
 
@@ -32,7 +32,7 @@ def message_directory() -> Path:
     module = Path(__file__)
     # With symlinked installs (colcon --symlink-install, make) this file is a link next to the
     # installed definitions; the checkout is where it leads to.
-    candidates = (module.parent / "definitions", module.resolve().parent.parent / "msg")
+    candidates = (module.parents[1] / "definitions", module.resolve().parents[2] / "msg")
     for folder in candidates:
         if any(folder.glob("*.msg")):
             return folder

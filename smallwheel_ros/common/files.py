@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write results: a file is there whole or not at all."""
+"""Write results, whole or not at all; read small texts, of files and never of a device or a pipe."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError
+
+LARGEST = 1_000_000  # bytes; a model file with the covariance of 200 parameters stays below
 
 
 class OutputError(SmallwheelError):
@@ -96,3 +100,28 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
 def json_text(document: Mapping[str, Any]) -> str:
     """Give the document as JSON text; a number that is not finite is a defect: ValueError."""
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def read_text_file(path: Path | str) -> str:
+    """Return the text (UTF-8) of a file of at most `LARGEST` bytes.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, it cannot be read, is no regular file, or is larger; `strerror`
+        says it in words.
+    UnicodeDecodeError
+        If it is not UTF-8.
+    """
+    try:
+        # A pipe that nobody writes to would block the opening.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except ValueError as error:
+        raise OSError(errno.EINVAL, f"the name is not possible ({error})") from None
+    with os.fdopen(handle, "rb") as stream:  # raises for a folder
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "it is a device or a pipe, expected a file")
+        content = stream.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise OSError(errno.EFBIG, f"it has more than {LARGEST} bytes, the most that is read")
+    return content.decode("utf-8")

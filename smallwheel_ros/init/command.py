@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from smallwheel_ros.commands.inputs import JSON, show
+from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.files import check_targets, write_bytes
 from smallwheel_ros.init.rover import (
     FILL_IN,
     InitError,
@@ -15,7 +16,6 @@ from smallwheel_ros.init.rover import (
     rover_of_description,
     rover_of_wheels,
 )
-from smallwheel_ros.output import check_targets, write_bytes
 
 _PATH = click.Path(path_type=Path)
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.display import number
+from smallwheel_ros.measurements.display import number
+from smallwheel_ros.replay.drive_data import drive_data, read_courses, stride
 from smallwheel_ros.replay.folder import FILES
 from smallwheel_ros.replay.result import Replayed, match_rates, place_text, share
-from smallwheel_ros.report.drive_data import drive_data, read_courses, stride
 from smallwheel_ros.report.page import (
     Block,
     Callout,

@@ -12,20 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from smallwheel_ros.display import listed, words
-from smallwheel_ros.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.forces import of_load, wheel_discrepancy
 from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
-from smallwheel_ros.model import Model, Prediction, predict
-from smallwheel_ros.model_file import CalibratedModel
+from smallwheel_ros.measurements.display import listed, words
+from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil, nearest
-from smallwheel_ros.results import Result
-from smallwheel_ros.tables import text_table
-from smallwheel_ros.uncertainty import QUANTITIES, UncertainPrediction, predict_with_uncertainty
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.prediction.uncertainty import (
+    QUANTITIES,
+    UncertainPrediction,
+    predict_with_uncertainty,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.model import Model, Prediction, predict
+from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import SOILS
 

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a command shows a result: its text, and its JSON where it was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from smallwheel_ros.common.results import Result
+
+JSON = click.option("--json", "json_file", metavar="FILE",
+                    help="Write the result as JSON, - for standard output.")  # fmt: skip
+
+
+def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) -> None:
+    """Write the result's JSON; print its text and what was written, unless JSON is printed."""
+    from smallwheel_ros.common.tables import write_json
+
+    if json_file is not None:
+        write_json(json_file, result.to_dict())
+    if json_file != "-":
+        click.echo(str(result))
+        if written:
+            click.echo(f"written: {', '.join(str(path) for path in written)}")

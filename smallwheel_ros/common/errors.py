@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The base of every error that this package raises on purpose, and how one says what there is instead."""
+
+from __future__ import annotations
+
+import difflib
+
+
+class SmallwheelError(Exception):
+    """Something the user can mend: the message says what was found, where, and what to do.
+
+    Each module derives one class of its own from it. The command line prints the message and
+    ends with exit code 2; the node reports it in its diagnostics. Anything else that is raised
+    is a defect of this package.
+    """
+
+
+def nearest(name: str, known: list[str]) -> str:
+    """A clause that lists what exists, the nearest match first: for error messages."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'? " if close else ""
+    return f"{hint}There is: {', '.join(sorted(known))}"

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Soil, geometry and effects together: a model, and its file."""
