@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base, Problem, fit_model
-from smallwheel_ros.fitting.forces import of_load
+from smallwheel_ros.fitting.noise import of_load
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model

@@ -154,8 +154,8 @@ def fit(
     ['resistance', 'sinkage']
     """
     from smallwheel_ros.fitting import Base, Problem
-    from smallwheel_ros.fitting.files import base_of
     from smallwheel_ros.fitting.parameters import part_of
+    from smallwheel_ros.fitting.problem import base_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
     from smallwheel_ros.measurements.joining import joined, joined_shear
@@ -494,7 +494,7 @@ def start_of(
 ) -> tuple[Measurements, Base, Registry, tuple[str, ...]]:
     """What a diagnosis starts from: table, model to fit, effects, and those that do not compete."""
     from smallwheel_ros.fitting import Base
-    from smallwheel_ros.fitting.files import base_of
+    from smallwheel_ros.fitting.problem import base_of
 
     measurements, known = read(data), registry_of(effects)
     base = Base() if model is None else base_of(model_of(model, known), measurements)

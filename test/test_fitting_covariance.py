@@ -13,8 +13,8 @@ from scipy.stats import binom
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base, FitResult, Problem, fit_model
 from smallwheel_ros.fitting.fit import FittingError, inverse
-from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.fitting.problem import fit_points
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.table import Measurements
 

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from smallwheel_ros.benchmark.parts import Task
 from smallwheel_ros.diagnosis.pipeline import diagnose
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.problem import Base, Problem
+from smallwheel_ros.fitting.problem import Base, Problem, fit_points
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, left_out, reference_size
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.contact import AXLE_RATIO
@@ -58,10 +57,7 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
     Raises FittingError where the points are too few.
     """
     points = Problem.of(task.measurements, Base()).points
-    depths = points
-    for channel in points.channels:
-        if channel != "sinkage":
-            depths = depths.without_channel(channel)
+    depths = points.only(("sinkage",))
     group, of_depths = _parts(task, points), _parts(task, depths)
     found = []
     # Of bodies of one size all four are the same law of depth.

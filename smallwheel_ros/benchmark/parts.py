@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.points import FittingError, points_of
-from smallwheel_ros.fitting.runs import runs_of
+from smallwheel_ros.fitting.points import FittingError, points_of, runs_of
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.settings import DIAMETER_TOLERANCE, cluster
 from smallwheel_ros.measurements.table import Measurements

@@ -19,8 +19,7 @@ from smallwheel_ros.fitting.held_out import (
     row_errors,
     rows_of,
 )
-from smallwheel_ros.fitting.points import Points, filled
-from smallwheel_ros.fitting.runs import runs_of
+from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.measurements.settings import repeatability, runs_of_rows
 from smallwheel_ros.measurements.table import Measurements

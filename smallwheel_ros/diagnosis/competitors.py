@@ -34,9 +34,8 @@ from smallwheel_ros.fitting.constants import (
     FEWEST_VALUES,
     INSTRUMENT,
 )
-from smallwheel_ros.fitting.parameters import part_of, with_values
+from smallwheel_ros.fitting.parameters import Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import Prior
 from smallwheel_ros.measurements.display import setting_words
 from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.model.model import Geometry, Model

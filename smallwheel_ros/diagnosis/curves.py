@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.fitting.constants import CURVE_SIZE
 from smallwheel_ros.fitting.fit import Fit
-from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter
-from smallwheel_ros.fitting.prior import Prior
+from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, Prior
 from smallwheel_ros.physics.conditions import PLATE, Conditions
 from smallwheel_ros.physics.traction import compaction_resistance
 

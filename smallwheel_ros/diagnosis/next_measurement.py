@@ -24,9 +24,8 @@ from smallwheel_ros.diagnosis.search import Search, exchanged
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
-from smallwheel_ros.fitting.fit import Fitter, stiffness
+from smallwheel_ros.fitting.fit import Fitter, Predictor, stiffness
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.measurements.display import effect_words, setting_words, words
 from smallwheel_ros.model.model import predict
 from smallwheel_ros.physics.conditions import ROLLING, Conditions

@@ -18,7 +18,7 @@ from smallwheel_ros.diagnosis.candidate import CandidateFit
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.held_out import nested, of_model, staircase, with_forces
-from smallwheel_ros.diagnosis.misfit import of_channels, with_misfit
+from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, most_bad, of_channels, with_misfit
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.residuals import (
     residuals_left,
@@ -31,7 +31,6 @@ from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted, no_
 from smallwheel_ros.diagnosis.zero import Witness, witness
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
-from smallwheel_ros.fitting.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.fitting.constants import (
     ALARM,
     FEWEST_RUNS,

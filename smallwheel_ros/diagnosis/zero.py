@@ -20,11 +20,9 @@ from smallwheel_ros.effects.base import Array, Effect
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, INSTRUMENT, NAMED, SHOWN_SINKAGE
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.levels import make_fitter
-from smallwheel_ros.fitting.parameters import EffectPart, part_of, with_values
+from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import Prior
-from smallwheel_ros.fitting.problem import Base
+from smallwheel_ros.fitting.problem import Base, make_fitter
 from smallwheel_ros.physics.conditions import Conditions
 
 _SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
@@ -106,9 +104,7 @@ def _as_measured(points: Points) -> Points:
     mine = points.of_channel("sinkage")
     shown[points.row[mine]] = points.value[mine]
     forces = np.any([points.of_channel(name) for name in points.forces], axis=0)
-    kept = points.take(forces & np.isfinite(shown)[points.row])
-    for name in (n for n in points.channels if n not in points.forces):
-        kept = kept.without_channel(name)
+    kept = points.take(forces & np.isfinite(shown)[points.row]).only(points.forces)
     column = np.where(np.isfinite(shown), shown, _LEAST)
     covariates = {**points.conditions.covariates, _SHOWN: column}
     return replace(kept, conditions=replace(points.conditions, covariates=covariates))

@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.fitting.parameters import SoilPrior, part_of
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.prior import SoilPrior
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.fitting.result import FitResult, FittedParameter
 from smallwheel_ros.measurements.table import Measurements

@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.fitting.constants import DETERMINED
+from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
-from smallwheel_ros.fitting.forces import off_by
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
-from smallwheel_ros.fitting.noise import RowNoise
+from smallwheel_ros.fitting.noise import RowNoise, of_load, wheel_discrepancy
+from smallwheel_ros.fitting.parameters import (
+    SOIL_PARAMETERS,
+    STRENGTH_PARAMETERS,
+    WHEEL_PARAMETERS,
+)
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, WHEEL_PARAMETERS
 from smallwheel_ros.fitting.variance import settings_repeated
-from smallwheel_ros.measurements.display import shown_value, words
+from smallwheel_ros.measurements.display import percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
@@ -35,6 +38,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]
 
+_FURTHEST = 0.95  # |slip| up to which the law is held to be so good: a locked wheel is another case
+_FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong where it was measured
 _ALIKE = 0.98  # correlation from which two numbers are said to be tied
 
 _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
@@ -341,3 +346,31 @@ def _notes(
             "run cannot be told apart"
         )
     return notes
+
+
+def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, bool]:
+    """How far off pull or torque is, in words, and whether that is more than its law is known to.
+
+    error: measured less predicted, shape (rows,), NaN where not measured.
+    """
+    share = error / of_load(conditions, channel)
+    known = np.isfinite(error)
+    beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)
+    if not (known & ~beyond).any():
+        beyond = np.zeros_like(known)
+    judged = known & ~beyond
+    law = FORCE_LAW**2 + wheel_discrepancy(conditions)[judged] ** 2
+    usual, off = float(np.sqrt(np.mean(law))), _rms(share[judged])
+    said = f"off by {percent(off)} of the load"
+    if beyond.any():
+        said += f" ({percent(_rms(share[beyond]))} at slips over {_FURTHEST:g})"
+    if off <= _FAR_OFF * usual:
+        return f"{said}, about what its law is known to ({percent(usual)})", False
+    return (
+        f"{said}, where its law is usually off by {percent(usual)}: look at its sign and zero, at the zero "
+        "of sinkage, and at what else pulls"
+    ), True
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.covariance import Covariance, blocks_of
-from smallwheel_ros.fitting.forces import wheel_discrepancy
+from smallwheel_ros.fitting.noise import wheel_discrepancy
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, SoilPrior
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, SoilPrior
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import CONTACTS

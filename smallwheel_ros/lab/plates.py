@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.fitting.parameters import FreeParameter, ParameterVector
+from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor, stiffness
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, ParameterVector, Prior
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.predictor import Predictor
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, Prior
 from smallwheel_ros.fitting.result import FittedParameter, Status, posterior_covariance
 from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.physics.plates import LAWS, PlateLaw

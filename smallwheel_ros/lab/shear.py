@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
 from smallwheel_ros.fitting import constants
+from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.lab.plates import clearly_less
 from smallwheel_ros.measurements.settings import LOAD_TOLERANCE
 from smallwheel_ros.measurements.shear import ShearTests

@@ -306,10 +306,11 @@ def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Condi
             raise ModelError(f"effect '{effect.id}': {objection}")
 
 
-def predict(model: Model, conditions: Conditions) -> Prediction:
+def predict(model: Model, conditions: Conditions, *, with_forces: bool = True) -> Prediction:
     """Predict sinkage, resistance and drawbar pull of each row.
 
-    The load of `conditions` is what the load cell shows. Raises ModelError where an effect's
+    The load of `conditions` is what the load cell shows. with_forces: whether thrust, pull and torque
+    are wanted, which take a third of the time. Raises ModelError where an effect's
     covariate is missing or a row's soil is not the model's.
     """
     effects = model.acting(conditions)
@@ -344,7 +345,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
         compaction, added = (np.where(rolling, a, 0.0) for a in (compaction, added))
     resistance = compaction + added
     forces = None
-    if "slip" in conditions:
+    if with_forces and "slip" in conditions:
         forces = _forces(model, stages, soil, state, compaction)
     immobilised = sunk | (sunk_to_axle(z, diameter) & ~conditions.plate)
     return Prediction(

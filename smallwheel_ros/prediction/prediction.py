@@ -17,8 +17,8 @@ from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.fitting.constants import FORCE_LAW
-from smallwheel_ros.fitting.forces import of_load, wheel_discrepancy
-from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
+from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
+from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.model.model import Model, Prediction, predict

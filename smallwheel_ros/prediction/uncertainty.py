@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
+from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS
 from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
