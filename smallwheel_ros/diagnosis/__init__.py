@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from smallwheel_ros.diagnosis.apply import Added, add_effect
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, Step, diagnose
+from smallwheel_ros.diagnosis.held_out import Step
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.problem import base_of
 

@@ -37,6 +37,7 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import off_by
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.display import number, p_text, percent, shown_value, words
+from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -72,6 +73,14 @@ class BadRun:
     channel: str
     deviations: float
     against: str
+
+    def words(self, measurements: Measurements) -> str:
+        """That it is left out, and why."""
+        lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
+        return (
+            f"run {self.name} ({measurements.source}, line {lines}) is left out: its {words(self.channel)} "
+            f"is {number(self.deviations, 2)} {self.against}. Look it up in the protocol"
+        )
 
 
 def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
@@ -261,7 +270,7 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
                 f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
                 f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
             )
-    sizes = model.scatter.as_dict(found.fitter.variance)
+    sizes = model.scatter.deviations
     for name, size in sizes.items():
         component, _, channel = name.partition(":")
         if component not in _UNUSUAL:

@@ -14,6 +14,7 @@ arithmetic on data drawn from the null model gives the law of the statistic "is 
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from smallwheel_ros.diagnosis.candidate import FAILURES, Competitor, changed
+from smallwheel_ros.diagnosis.competitors import Competitor, changed
 from smallwheel_ros.fitting.constants import HIDE, SPREAD
-from smallwheel_ros.fitting.covariance import Covariance
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, stiffness, taken_up
 
 Array = NDArray[np.float64]
 
@@ -70,13 +70,12 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
         return [Column(competitor, ((moved - fit.predicted) / _NUDGE).T, np.zeros(steps.size))]
     main, start = competitor.strength, competitor.part.start
     present, prior = start[main], listed[main].prior
-    one_sided = prior.low >= 0.0 and prior.centre > 0.0 and not competitor.replaces
     absent = present if competitor.replaces else 0.0
-    sizes = (0.25 * prior.centre, prior.centre) if one_sided else (
-        absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation
-    )  # fmt: skip
-    if prior.low >= 0.0 and not one_sided and not competitor.replaces:
-        sizes = (0.25 * prior.deviation, prior.deviation)
+    if prior.low < 0.0 or competitor.replaces:
+        sizes = (absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation)
+    else:
+        usual = prior.centre if prior.centre > 0.0 else prior.deviation
+        sizes = (0.25 * usual, usual)
     starts = np.tile(start, (len(sizes), 1))
     starts[:, main] = np.clip(sizes, prior.low, prior.high)
     starts = starts[np.abs(starts[:, main] - absent) > 1e-12]
@@ -86,12 +85,6 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
         Column(competitor, ((f - fit.predicted) * scale / (s[main] - absent))[:, None], s)
         for f, s in zip(moved, starts, strict=True)
     ]
-
-
-def _whitened(v: Covariance, level: float, white: Array, errors: Array) -> tuple[Array, Array]:
-    """ln evidence of none, and the products of whitened columns and errors."""
-    w = v.whiten(errors)
-    return level - 0.5 * np.sum(w * w, axis=0), white.T @ w
 
 
 class Screen:
@@ -105,11 +98,8 @@ class Screen:
         medians = np.log(np.array(model.medians))
         away = fit.scatter.log_deviation - medians
         self._parts = []
-        stacked = (
-            np.hstack([c.shift for c in self.columns])
-            if self.columns
-            else np.zeros((len(fitter.points), 0))
-        )
+        none = np.zeros((len(fitter.points), 0))
+        stacked = np.hstack([none, *(c.shift for c in self.columns)])
         ends = np.cumsum([0] + [c.shift.shape[1] for c in self.columns])
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
         self._single = np.array([p.size == 1 for p in self._places], dtype=bool)
@@ -152,7 +142,8 @@ class Screen:
         """ln evidence of none (data sets,) and of each column (columns, data sets), less a constant."""
         none, each = [], []
         for inside, level, white, gram in self._parts:
-            base, pulled = _whitened(inside, level, white, errors)
+            w = inside.whiten(errors)
+            base, pulled = level - 0.5 * np.sum(w * w, axis=0), white.T @ w
             gain = np.empty((len(self._places), errors.shape[1]))
             one = self._first[self._single]
             size = 1.0 + np.diag(gram)[one][:, None]
@@ -178,9 +169,7 @@ class Screen:
     def by_family(self, errors: Array) -> dict[str, Array]:
         """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
         none, each = self.evidence(errors)
-        count: dict[tuple[str, str], int] = {}
-        for column in self.columns:
-            count[column.competitor.key] = count.get(column.competitor.key, 0) + 1
+        count = Counter(column.competitor.key for column in self.columns)
         found: dict[str, Array] = {}
         for column, row in zip(self.columns, each, strict=True):
             c = column.competitor
@@ -189,7 +178,3 @@ class Screen:
                 found.get(c.family, np.full(value.shape, -np.inf)), value
             )
         return found
-
-    def missing(self, errors: Array) -> Array:
-        """ln of the mass of one missing effect over none, shape (data sets,)."""
-        return np.asarray(np.logaddexp.reduce(np.array(list(self.by_family(errors).values()))))

@@ -15,8 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, Key, refit
-from smallwheel_ros.diagnosis.competitors import Field
+from smallwheel_ros.diagnosis.competitors import Competitor, Field, changed
 from smallwheel_ros.diagnosis.screen import Column, Screen, columns_of
 from smallwheel_ros.fitting.constants import (
     EXPECTED_EFFECTS,
@@ -28,14 +27,72 @@ from smallwheel_ros.fitting.constants import (
     TESTABLE,
     WINDOW,
 )
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 
 Array = NDArray[np.float64]
+Key = tuple[tuple[str, str], ...]
 
 _FORMS = 2  # of a family, refitted among the extensions of one model
 # Of anything missing over nothing: a Poisson number of effects, of which so many are expected.
 _PRIOR_ODDS = float(np.expm1(EXPECTED_EFFECTS))
 _REST = 4.0  # nats: a larger model that is so far behind the best is not extended further
+
+
+@dataclass(frozen=True)
+class CandidateFit:
+    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
+
+    competitors: tuple[Competitor, ...]
+    fit: Fit
+    weight: float
+
+    @property
+    def key(self) -> Key:
+        """What tells the model from others."""
+        return tuple(sorted(c.key for c in self.competitors))
+
+    def key_with(self, put_in: Competitor | None, out: Competitor | None = None) -> Key:
+        """The key of the model with one competitor more, or less, or another in its place."""
+        kept = [c.key for c in self.competitors if out is None or c.key != out.key]
+        return tuple(sorted([*kept, *([] if put_in is None else [put_in.key])]))
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families of its competitors."""
+        return frozenset(c.family for c in self.competitors)
+
+
+def refit(
+    fitter: Fitter,
+    model: CandidateFit,
+    put_in: Competitor | None = None,
+    start: Array | None = None,
+    out: Competitor | None = None,
+    turns: int = 4,
+) -> CandidateFit | None:
+    """A model fitted from where it was, with one competitor more, or less, or another in its place.
+
+    start: of the new competitor's numbers. None where it cannot be fitted.
+    """
+    near, vector = model.fit, model.fit.vector
+    competitors = [c for c in model.competitors if out is None or c.key != out.key]
+    if out is not None:
+        vector = vector.with_parts([part for part in vector.parts if part.id != out.part.id])
+    if put_in is not None:
+        competitors.append(put_in)
+        vector = changed(vector, put_in)
+    theta = vector.begun_at(near.vector, near.theta)
+    if put_in is not None:
+        theta[vector.places(put_in.part.id)] = put_in.part.start if start is None else start
+    # A missing effect inflates the scatter, under which no effect is needed: start without.
+    usual, scatter = fitter.variance.start.log_deviation, fitter.variance.suited(near.scatter)
+    scatter = replace(scatter, log_deviation=np.minimum(scatter.log_deviation, usual))
+    try:
+        fit = fitter.fit(vector, theta, scatter, turns=turns)
+    except FAILURES:
+        return None
+    odds = sum(float(np.log(c.share)) for c in competitors)
+    return CandidateFit(tuple(competitors), fit, fit.evidence + odds)
 
 
 @dataclass
@@ -122,9 +179,10 @@ def _tested(screen: Screen, base: Fit, seed: int) -> tuple[float, dict[str, floa
     """p of "is anything missing", and of each family against the largest of all, by simulation."""
     errors = (screen.fitter.points.value - base.predicted)[:, None]
     drawn = np.hstack([errors, screen.draws(REPLICATES, seed)])
-    missing = screen.missing(drawn)
     families = screen.by_family(drawn)
-    largest = np.max(np.array(list(families.values()))[:, 1:], axis=0)
+    masses = np.array(list(families.values()))
+    missing = np.logaddexp.reduce(masses)
+    largest = np.max(masses[:, 1:], axis=0)
 
     def p_value(null: Array, seen: float) -> float:
         return float((1 + np.sum(null >= seen)) / (1 + REPLICATES))
@@ -189,8 +247,7 @@ def _extend(found: Search, screen: Screen, columns: list[Column], size: int) -> 
         gain = each[:, 0] - none[0] + np.log([c.competitor.share for c in here.columns])
         most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
         for column in _promising(here.columns, gain, most, forms):
-            key = tuple(sorted([*(c.key for c in parent.competitors), column.competitor.key]))
-            if key in found.models:
+            if parent.key_with(column.competitor) in found.models:
                 continue
             made = refit(found.fitter, parent, column.competitor, column.start)
             found.add(made)
@@ -229,8 +286,7 @@ def exchanged(
     found: Search, model: CandidateFit, out: Competitor | None, put_in: Competitor | None
 ) -> CandidateFit | None:
     """The model with one competitor in the place of another; None stands for none. It is kept."""
-    there = [k for k in model.key if out is None or k != out.key]
-    key = tuple(sorted([*there, *([] if put_in is None else [put_in.key])]))
+    key = model.key_with(put_in, out)
     if key not in found.models:
         if any(c is not None and c.geometry is not None for c in (out, put_in)):
             return None

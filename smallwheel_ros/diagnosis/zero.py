@@ -9,20 +9,30 @@ over that without. A table of one load, whose sinkage a soil can always imitate,
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.candidate import FAILURES
+from smallwheel_ros.diagnosis.held_out import Step
+from smallwheel_ros.diagnosis.search import CandidateFit
+from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.effects.base import Array, Effect
 from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, INSTRUMENT, NAMED, SHOWN_SINKAGE
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.constants import (
+    EXPECTED_EFFECTS,
+    FEWEST_RUNS,
+    INSTRUMENT,
+    NAMED,
+    SHOWN_SINKAGE,
+)
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
+from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.problem import Base, make_fitter
+from smallwheel_ros.fitting.problem import Base, Problem, make_fitter
+from smallwheel_ros.measurements.display import listed, number, words
 from smallwheel_ros.physics.conditions import Conditions
 
 _SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
@@ -132,3 +142,35 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
     best = max(fits, key=lambda fit: fit.evidence)
     told = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
     return plain, part_of(effect, {known.name: told}), best.evidence - none.evidence
+
+
+def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
+    """A fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
+    told = witness(problem.points, registry, frozenset({*without, *problem.base.names}))
+    if told is None or not told.named or problem.points.run_count < FEWEST_RUNS:
+        return None
+    before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
+    useful = before is not None and after is not None and compare_cv(before, after).helps
+    return told if useful else None
+
+
+def with_fault(
+    plain: Problem, verdict: Verdict, steps: list[Step], told: Witness
+) -> tuple[Verdict, list[Step]]:
+    """The verdict and its steps with the fault that pull and torque name as the first of them.
+
+    plain: the problem without it.
+    """
+    name, errors, fit = told.part.id, plain.held_out(), plain.judged.fit
+    assert errors is not None  # as it was named
+    verdict = replace(
+        verdict,
+        word="missing_effect" if verdict.word == "adequate" else verdict.word,
+        named=(name, *verdict.named),
+        probabilities={**verdict.probabilities, name: told.probability},
+    ).saying(
+        f"{words(name)} is told by {listed([words(n) for n in plain.points.forces])}: their law holds at the "
+        f"sinkage as it is shown {number(told.evidence, 2)} nats worse than at one that is corrected"
+    )
+    base = Step(None, CandidateFit((), fit, fit.evidence), errors)
+    return verdict, [base, replace(steps[0], added=name), *steps[1:]]

@@ -39,6 +39,7 @@ from smallwheel_ros.physics.conditions import Conditions
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _THREADS = ThreadpoolController()
 Function = TypeVar("Function", bound=Callable[..., Any])
 

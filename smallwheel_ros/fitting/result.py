@@ -224,7 +224,7 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Repeatability, and what soil and instrument differ by from run to run. Empty for a channel whose
     repeatability is not known from repeats or stated deviations: there misfit would pass for noise.
     """
-    deviations = fit.scatter.as_dict(fitter.variance)
+    deviations = fit.scatter.deviations
     stiff = stiffness(fit.vector, fit.slopes)
     found = {}
     for name in fitter.points.channels:
@@ -255,7 +255,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
             bounds = SOIL_PARAMETERS["m"][1]
             parameters.append(FittedParameter(soil.name, "m", soil.m, None, "1",
                               (bounds.low, bounds.high), "held", _REMEDIES["m"]))  # fmt: skip
-    deviations = fit.scatter.as_dict(fitter.variance)
+    deviations = fit.scatter.deviations
     scatter = {"ln k": deviations["tau"]}
     scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
     kept, errors = covariance[np.ix_(used, used)], in_sample(points, model)

@@ -60,9 +60,10 @@ class Scatter:
     log_deviation: Array
     log_length: float
 
-    def as_dict(self, model: VarianceModel) -> dict[str, float]:
+    @property
+    def deviations(self) -> dict[str, float]:
         """Deviation by name."""
-        return dict(zip(model.names, np.exp(self.log_deviation).tolist(), strict=True))
+        return dict(zip(self.names, np.exp(self.log_deviation).tolist(), strict=True))
 
 
 class VarianceModel:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
+from smallwheel_ros.diagnosis.search import CandidateFit
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import TIE
-from smallwheel_ros.fitting.fit import Fitter, one_thread
+from smallwheel_ros.fitting.fit import FAILURES, Fitter, one_thread
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.learn.document import document, grows, headline, learnt_text, origin, shape_of
