@@ -76,12 +76,7 @@ class Added(Result):
         for row in self.rows():
             name = row["channel"]
             first, second = (
-                shown_value(name, row[when])
-                + (
-                    ""
-                    if row[f"{when}_std"] is None
-                    else f" +- {shown_value(name, row[f'{when}_std'])}"
-                )
+                shown_value(name, row[when]) + _deviation(name, row[f"{when}_std"])
                 for when in ("before", "after")
             )
             lines.append(f"  {words(name)}: {first} -> {second}")
@@ -110,18 +105,17 @@ class Added(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """Held-out errors before and after, by channel."""
-        errors = [(e.rmse(), e.rmse_std()) for e in (self.before, self.after)]
-        (before, before_std), (after, after_std) = errors
+        before, after = self.before.scores(), self.after.scores()
         return [
             {
                 "channel": name,
                 "unit": CHANNEL_UNITS[name],
-                "before": value,
-                "before_std": before_std[name],
-                "after": after.get(name),
-                "after_std": after_std.get(name),
+                "before": score.rmse,
+                "before_std": score.rmse_std,
+                "after": after[name].rmse if name in after else None,
+                "after_std": after[name].rmse_std if name in after else None,
             }
-            for name, value in before.items()
+            for name, score in before.items()
         ]
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
@@ -130,6 +124,10 @@ class Added(Result):
 
     def _writers(self) -> dict[str, Writer]:
         return super()._writers() | self.model._writers()
+
+
+def _deviation(channel: str, std: float | None) -> str:
+    return "" if std is None else f" +- {shown_value(channel, std)}"
 
 
 def add_effect(

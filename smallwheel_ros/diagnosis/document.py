@@ -218,7 +218,7 @@ def _ranking(
     listed.sort(
         key=lambda n: (place.get(n, 99), -chance.get(n, 0.0), found.p_values.get(n, 1.0), n)
     )
-    alike = {} if found.screen is None else _alike(found.screen)
+    alike = _alike(found.screen)
     rows = [_row(found, verdict, n, errors.get(n), base) for n in listed]
     for row in rows:
         if row["effect"] in learnt:

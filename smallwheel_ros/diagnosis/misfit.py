@@ -22,14 +22,7 @@ from scipy.stats import f as f_law
 from smallwheel_ros.diagnosis.residuals import setting_of
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.fitting.constants import (
-    ALARM,
-    CHANNEL_SCATTER,
-    CURVE_CORRELATED,
-    LACK_OF_FIT,
-    SOIL_SCATTER,
-    SPREAD,
-)
+from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.noise import MOST_OUTLIERS, NORMAL, furthest_off, outlier_limit
@@ -50,17 +43,23 @@ _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has on
 # By component of the scatter: what is usual, and what is said of much more.
 _UNUSUAL = {
     "tau": (
-        SOIL_SCATTER,
+        constants.SOIL_SCATTER,
         "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
         "from run to run",
     ),
     "own": (
-        CHANNEL_SCATTER,
+        constants.CHANNEL_SCATTER,
         "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
         "that is not recorded, differs",
     ),
-    "fit": (LACK_OF_FIT, "{channel} strays from the law by {size} from setting to setting"),
-    "along": (CURVE_CORRELATED, "curves stray from a power of depth by {size} over their course"),
+    "fit": (
+        constants.LACK_OF_FIT,
+        "{channel} strays from the law by {size} from setting to setting",
+    ),
+    "along": (
+        constants.CURVE_CORRELATED,
+        "curves stray from a power of depth by {size} over their course",
+    ),
 }
 
 
@@ -173,7 +172,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     share = (points.value - fit.predicted) / fitter.level
     v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
     leverage = np.sum((fit.slopes @ fit.covariance) * v.solve(fit.slopes), axis=1)
-    usual, found = LACK_OF_FIT * np.exp(SPREAD), {}
+    usual, found = constants.LACK_OF_FIT * np.exp(constants.SPREAD), {}
     for c, name in enumerate(points.channels):
         mine = np.flatnonzero((points.channel == c) & ~points.swept)
         setting = np.unique(points.setting[mine], return_inverse=True)[1].reshape(-1)
@@ -254,7 +253,7 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
     model = (verdict.best if alone else found.ordered[0]).fit
     judged = found.none.fit if verdict.word == "adequate" else model
     misfits = lack_of_fit(found.fitter, judged)
-    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= ALARM}
+    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= constants.ALARM}
     if rejected and verdict.word in ("adequate", "missing_effect"):
         name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
         at = setting_of(found.fitter.points, worst.rows)
@@ -276,10 +275,10 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
         if component not in _UNUSUAL:
             continue
         usual, said = _UNUSUAL[component]
-        if size <= usual * np.exp(SPREAD):
+        if size <= usual * np.exp(constants.SPREAD):
             continue
         reason = said.format(channel=words(channel), size=percent(size))
-        if verdict.word == "adequate" and size > usual * np.exp(2.0 * SPREAD):
+        if verdict.word == "adequate" and size > usual * np.exp(2.0 * constants.SPREAD):
             verdict = verdict.not_described(reason)
         else:
             verdict = verdict.saying(reason)

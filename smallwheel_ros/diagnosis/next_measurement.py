@@ -139,7 +139,7 @@ def propose(
     gain = np.einsum("ic,icd,id->i", apart, np.linalg.inv(variance), apart)
     bad = _enough(points, there, [n for n in settings[0] if n in independent(points)])
     for model in (first, second):
-        said = predict(model.fit.vector.model(model.fit.theta), there)
+        said = predict(model.fit.vector.model(model.fit.theta), there, with_forces=False)
         bad |= said.immobilised | ~(said.sinkage > 0) | (said.sinkage > _DEEPEST * there.diameter)
     gain = np.where(bad | ~np.isfinite(gain), -1.0, gain)
     best = int(np.argmax(gain))

@@ -95,7 +95,7 @@ class Screen:
         model = fitter.variance
         kernels = model.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
         spread = taken_up(fit.vector, fit.theta, fit.slopes)
-        medians = np.log(np.array(model.medians))
+        medians = model.log_median
         away = fit.scatter.log_deviation - medians
         self._parts = []
         none = np.zeros((len(fitter.points), 0))

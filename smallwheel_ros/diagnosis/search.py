@@ -101,15 +101,15 @@ class Search:
 
     field: who competed; what the design cannot show was taken out. p_drawn: chance of so large a mass of
     missing effects if none is, by simulation. p_values: by family, against the largest of all families.
-    screen: at the base, None where nothing could be tested.
+    screen: at the base.
     """
 
     fitter: Fitter
     field: Field
+    screen: Screen
     models: dict[Key, CandidateFit]
     p_drawn: float
     p_values: dict[str, float]
-    screen: Screen | None = None
 
     @cached_property
     def ordered(self) -> list[CandidateFit]:
@@ -162,22 +162,21 @@ def search(
     fitter: Fitter, base: Fit, field: Field, *, seed: int = 0, most: int = MOST_EFFECTS
 ) -> Search:
     """Search the models that explain the data. most: effects of the largest; with 0 only p is found."""
-    columns = columns_of(fitter, base, field.competitors)
-    screen = Screen(fitter, base, columns)
-    field, columns, screen = _testable(fitter, base, field, columns, screen)
+    screen = Screen(fitter, base, columns_of(fitter, base, field.competitors))
+    field, screen = _testable(screen, field)
     none = CandidateFit((), base, base.evidence)
-    if not columns:
-        return Search(fitter, field, {(): none}, 1.0, {})
-    found = Search(fitter, field, {(): none}, *_tested(screen, base, seed), screen)
-    for size in range(1, most + 1):
-        if not _extend(found, screen, columns, size):
+    found = Search(fitter, field, screen, {(): none}, *_tested(screen, seed))
+    for size in range(1, most + 1 if screen.columns else 0):
+        if not _extend(found, size):
             break
     return found
 
 
-def _tested(screen: Screen, base: Fit, seed: int) -> tuple[float, dict[str, float]]:
+def _tested(screen: Screen, seed: int) -> tuple[float, dict[str, float]]:
     """p of "is anything missing", and of each family against the largest of all, by simulation."""
-    errors = (screen.fitter.points.value - base.predicted)[:, None]
+    if not screen.columns:
+        return 1.0, {}
+    errors = (screen.fitter.points.value - screen.fit.predicted)[:, None]
     drawn = np.hstack([errors, screen.draws(REPLICATES, seed)])
     families = screen.by_family(drawn)
     masses = np.array(list(families.values()))
@@ -191,12 +190,10 @@ def _tested(screen: Screen, base: Fit, seed: int) -> tuple[float, dict[str, floa
     return p_value(missing[1:], float(missing[0])), of_family
 
 
-def _testable(
-    fitter: Fitter, base: Fit, field: Field, columns: list[Column], screen: Screen
-) -> tuple[Field, list[Column], Screen]:
+def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
     """Without the families that no data of this design could show."""
     power: dict[str, float] = {}
-    for column, size in zip(columns, screen.testability(), strict=True):
+    for column, size in zip(screen.columns, screen.testability(), strict=True):
         family = column.competitor.family
         power[family] = max(power.get(family, 0.0), size)
     blind = {
@@ -210,12 +207,14 @@ def _testable(
         if size < TESTABLE
     }
     seen = [c for c in field.competitors if c.family not in blind]
-    field = field.only(_different(columns, seen), blind)
+    field = field.only(_different(screen.columns, seen), blind)
     kept = {c.key: c for c in field.competitors}
     columns = [
-        replace(c, competitor=kept[c.competitor.key]) for c in columns if c.competitor.key in kept
+        replace(c, competitor=kept[c.competitor.key])
+        for c in screen.columns
+        if c.competitor.key in kept
     ]
-    return field, columns, Screen(fitter, base, columns)
+    return field, Screen(screen.fitter, screen.fit, columns)
 
 
 def _different(columns: list[Column], competitors: list[Competitor]) -> list[Competitor]:
@@ -235,14 +234,14 @@ def _different(columns: list[Column], competitors: list[Competitor]) -> list[Com
     return kept
 
 
-def _extend(found: Search, screen: Screen, columns: list[Column], size: int) -> bool:
+def _extend(found: Search, size: int) -> bool:
     """Refit the most promising extensions of the best models of the size before."""
     parents = [m for m in found.ordered if len(m.competitors) == size - 1]
     parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][:PARENTS]
     best = found.ordered[0].weight
     reached = -np.inf
     for parent in parents:
-        here = screen if size == 1 else _screen_at(found, parent, columns)
+        here = found.screen if size == 1 else _screen_at(found, parent)
         none, each = here.evidence((found.fitter.points.value - parent.fit.predicted)[:, None])
         gain = each[:, 0] - none[0] + np.log([c.competitor.share for c in here.columns])
         most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
@@ -253,7 +252,7 @@ def _extend(found: Search, screen: Screen, columns: list[Column], size: int) -> 
             found.add(made)
             if made is not None:
                 reached = max(reached, made.weight)
-    return bool(reached > max(best, reached) - _REST)
+    return bool(reached > best - _REST)
 
 
 def _promising(columns: list[Column], gain: Array, most: int, forms: int) -> list[Column]:
@@ -269,7 +268,7 @@ def _promising(columns: list[Column], gain: Array, most: int, forms: int) -> lis
     return list(chosen.values())
 
 
-def _screen_at(found: Search, parent: CandidateFit, columns: list[Column]) -> Screen:
+def _screen_at(found: Search, parent: CandidateFit) -> Screen:
     """The columns of the other families at a larger model: as the same shares of its predictions."""
     base = found.none.fit.predicted
     ratio = parent.fit.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
@@ -277,7 +276,7 @@ def _screen_at(found: Search, parent: CandidateFit, columns: list[Column]) -> Sc
     for name in points.forces:
         ratio = np.where(points.of_channel(name), 1.0, ratio)
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, 1.0)
-    others = [c for c in columns if c.competitor.family not in parent.families]
+    others = [c for c in found.screen.columns if c.competitor.family not in parent.families]
     shifted = [replace(c, shift=c.shift * ratio[:, None]) for c in others]
     return Screen(found.fitter, parent.fit, shifted)
 

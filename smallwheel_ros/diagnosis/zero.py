@@ -20,13 +20,7 @@ from smallwheel_ros.diagnosis.search import CandidateFit
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.effects.base import Array, Effect
 from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting.constants import (
-    EXPECTED_EFFECTS,
-    FEWEST_RUNS,
-    INSTRUMENT,
-    NAMED,
-    SHOWN_SINKAGE,
-)
+from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
@@ -57,7 +51,7 @@ class Witness:
     @property
     def named(self) -> bool:
         """Whether it is sure enough for a name."""
-        return self.probability >= NAMED
+        return self.probability >= constants.NAMED
 
 
 @dataclass(frozen=True)
@@ -94,7 +88,7 @@ def witness(points: Points, registry: Registry, blocked: frozenset[str]) -> Witn
         Witness(*known, float(odds / (1.0 + odds)))
         for effect in _faults(registry, blocked)
         if (known := _with(fitter, none, effect)) is not None
-        for odds in [EXPECTED_EFFECTS / families * np.exp(min(known[-1], 50.0))]
+        for odds in [constants.EXPECTED_EFFECTS / families * np.exp(min(known[-1], 50.0))]
     ]
     return max(found, key=lambda one: one.evidence, default=None)
 
@@ -124,7 +118,7 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
     """The fault under its prior and under its posterior, and the evidence that it adds."""
     (known,) = effect.parameters()
     middle = float(known.neutral or 0.0)
-    wide = SHOWN_SINKAGE if known.unit == "m" else INSTRUMENT
+    wide = constants.SHOWN_SINKAGE if known.unit == "m" else constants.INSTRUMENT
     prior = Prior(middle, wide, *known.bounds)
     plain = part_of(effect, {known.name: prior})
     part = replace(plain, build=lambda numbers: _AsShown(with_values(effect, numbers)))
@@ -147,7 +141,7 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
 def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
     """A fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
     told = witness(problem.points, registry, frozenset({*without, *problem.base.names}))
-    if told is None or not told.named or problem.points.run_count < FEWEST_RUNS:
+    if told is None or not told.named or problem.points.run_count < constants.FEWEST_RUNS:
         return None
     before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
     useful = before is not None and after is not None and compare_cv(before, after).helps

@@ -15,7 +15,7 @@ precision), and the evidence, by Laplace's method,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar, cast
 
@@ -206,6 +206,7 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(unit / np.outer(size, size))
 
 
+@dataclass(frozen=True, eq=False)
 class Fitter:
     """Fits models to one set of points under one variance model.
 
@@ -216,32 +217,33 @@ class Fitter:
     the parameters is in the posterior (`result.posterior_covariance`).
     """
 
-    def __init__(
-        self,
-        points: Points,
-        level: Array,
-        repeats: Repeats,
-        law: Callable[[Points], Predictor] = Predictor.of,
-        *,
-        working: bool = False,
-    ) -> None:
-        self.points, self.level, self.repeats, self._law = points, level, repeats, law
-        self.working = working
-        self.variance = self._variance(working)
-        self.predictor = law(points)
+    points: Points
+    level: Array
+    repeats: Repeats
+    law: Callable[[Points], Predictor] = Predictor.of
+    working: bool = False
 
-    def _variance(self, working: bool) -> VarianceModel:
+    @cached_property
+    def predictor(self) -> Predictor:
+        """What predicts the points."""
+        return self.law(self.points)
+
+    @cached_property
+    def variance(self) -> VarianceModel:
+        """The variance that is worked with."""
         known = self.repeats
-        return VarianceModel(self.points, self.level, known.variance, known.stated, working=working)
+        return VarianceModel(
+            self.points, self.level, known.variance, known.stated, working=self.working
+        )
 
     @cached_property
     def true_variance(self) -> VarianceModel:
-        """The variance as it is believed to be, where `variance` is the one that is worked with."""
-        return self._variance(False) if self.working else self.variance
+        """The variance as it is believed to be."""
+        return replace(self, working=False).variance if self.working else self.variance
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""
-        return Fitter(self.points, self.level, self.repeats, law, working=self.working)
+        return replace(self, law=law)
 
     def of_runs(self, training: Points) -> Fitter:
         """A fitter of some of the runs, under the same levels and repeatability."""
@@ -251,7 +253,7 @@ class Fitter:
         """A fitter of some of the values, `points.take(keep)`, under the same."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
-        return Fitter(training, self.level[keep], part, self._law, working=self.working)
+        return replace(self, points=training, level=self.level[keep], repeats=part)
 
     @one_thread
     def fit(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -97,6 +97,7 @@ USUAL_STRENGTH = {
 }
 
 
+@lru_cache
 def soil_numbers(soil: Soil) -> dict[str, float]:
     """The soil in the numbers that a fit works with."""
     return {

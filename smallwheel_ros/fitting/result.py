@@ -101,7 +101,7 @@ class FitResult(Result):
     errors: CvErrors
     outliers: NDArray[np.intp]
     evidence: float
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -258,20 +258,19 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     deviations = fit.scatter.deviations
     scatter = {"ln k": deviations["tau"]}
     scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
-    kept, errors = covariance[np.ix_(used, used)], in_sample(points, model)
-    return FitResult(
+    found = FitResult(
         model,
         points.measurements,
         tuple(parameters),
         tuple(fit.vector.free[j].name for j in used),
-        kept,
+        covariance[np.ix_(used, used)],
         dict(fitter.repeats.channels),
         scatter,
-        errors,
+        in_sample(points, model),
         outliers,
         fit.evidence,
-        tuple(_notes(points, parameters, fit, kept, used, outliers, errors)),
     )
+    return replace(found, notes=tuple(_notes(found, points)))
 
 
 def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
@@ -300,17 +299,10 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
     )
 
 
-def _notes(
-    points: Points,
-    parameters: list[FittedParameter],
-    fit: Fit,
-    covariance: Array,
-    used: list[int],
-    outliers: NDArray[np.intp],
-    errors: CvErrors,
-) -> list[str]:
+def _notes(found: FitResult, points: Points) -> list[str]:
+    """What to know of a fit besides its numbers."""
     notes = list(points.notes)
-    for p in parameters:
+    for p in found.parameters:
         if p.status == "held":
             notes.append(
                 f"{p.full_name} is held at {p.value:g}: only k D^m is determined with one wheel "
@@ -322,24 +314,20 @@ def _notes(
             )
         elif p.status == "not determined":
             notes.append(f"{p.full_name} is not determined by this data: {p.remedy}")
-    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    for a in range(len(used)):
-        for b in range(a):
-            r = covariance[a, b] / (std[a] * std[b])
-            if abs(r) > _ALIKE:
-                first, second = (fit.vector.free[used[i]].name for i in (b, a))
-                notes.append(
-                    f"{first} and {second} are tied (correlation {r:.3f}): only a combination of them "
-                    "is determined"
-                )
-    if outliers.size:
-        lines = ", ".join(str(line) for line in points.measurements.line[outliers][:20])
-        few = "1 row lies" if outliers.size == 1 else f"{outliers.size} rows lie"
+    for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
+        notes.append(
+            f"{found.names[b]} and {found.names[a]} are tied (correlation {found.correlation[a, b]:.3f}): "
+            "only a combination of them is determined"
+        )
+    if found.outliers.size:
+        lines = ", ".join(str(line) for line in points.measurements.line[found.outliers][:20])
+        count = found.outliers.size
+        few = "1 row lies" if count == 1 else f"{count} rows lie"
         notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
     for name in points.forces:
-        said, far = off_by(errors.error[name], points.measurements.conditions, name)
+        said, far = off_by(found.errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {said}"] if far else []
-    notes += fit.model.cautions(points.conditions)
+    notes += found.bare.cautions(points.conditions)
     if not settings_repeated(points):
         notes.append(
             "no setting was repeated in another run: lack of fit of the law and scatter from run to "
@@ -356,7 +344,7 @@ def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, boo
     share = error / of_load(conditions, channel)
     known = np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)
-    if not (known & ~beyond).any():
+    if (beyond == known).all():
         beyond = np.zeros_like(known)
     judged = known & ~beyond
     law = FORCE_LAW**2 + wheel_discrepancy(conditions)[judged] ** 2
