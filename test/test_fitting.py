@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from fitted import fit_model
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import Base, FittingError, fit_model
+from smallwheel_ros.fitting import Base, FittingError
 from smallwheel_ros.fitting.fit import Predictor
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of

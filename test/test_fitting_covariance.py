@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, joined
 from scipy.stats import binom
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import Base, FitResult, Problem, fit_model
+from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.fit import FittingError, inverse
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.problem import fit_points

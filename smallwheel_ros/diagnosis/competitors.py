@@ -302,16 +302,20 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
                 # k itself takes up a constant of the stiffness.
                 free_constant = stage != "stiffness" and not span.side
                 first, count = (0, terms + 1) if free_constant else (1, terms)
+                size = _size(UNITS.get(stage, "1"), points)
                 label = f"unknown:{span.text}@{stage}"
-                part = curve_part(
-                    label, stage, span, first, count, _size(UNITS.get(stage, "1"), points)
-                )
-                found.append(
-                    Competitor(label, "curve", "unknown", part, stage=stage, span=span,
-                               stands_for=stages[stage])
-                )  # fmt: skip
+                part = curve_part(label, stage, span, first, count, size)
+                found.append(_curve(part, stage, span, stages[stage]))
     found += _depth(points) if "sinkage" in points.channels else []
     return found
+
+
+def _curve(
+    part: EffectPart, stage: str, span: Span, stands_for: tuple[str, ...] = ()
+) -> Competitor:
+    return Competitor(
+        part.id, "curve", "unknown", part, stage=stage, span=span, stands_for=stands_for
+    )
 
 
 def _stages(points: Points) -> dict[str, tuple[str, ...]]:
@@ -338,6 +342,4 @@ def _depth(points: Points) -> list[Competitor]:
         return []
     span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
     part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
-    return [
-        Competitor("unknown:depth@pressure", "curve", "unknown", part, stage="pressure", span=span)
-    ]
+    return [_curve(part, "pressure", span)]

@@ -83,13 +83,9 @@ def witness(points: Points, registry: Registry, blocked: frozenset[str]) -> Witn
     if len(mine) < 2:
         return None
     fitter, none = make_fitter(mine, Base(effects=(_AsShown(),)).vector(mine))
-    families = len(registry.families)
-    found = [
-        Witness(*known, float(odds / (1.0 + odds)))
-        for effect in _faults(registry, blocked)
-        if (known := _with(fitter, none, effect)) is not None
-        for odds in [constants.EXPECTED_EFFECTS / families * np.exp(min(known[-1], 50.0))]
-    ]
+    share = constants.EXPECTED_EFFECTS / len(registry.families)
+    made = [_with(fitter, none, effect, share) for effect in _faults(registry, blocked)]
+    found = [one for one in made if one is not None]
     return max(found, key=lambda one: one.evidence, default=None)
 
 
@@ -114,8 +110,8 @@ def _as_measured(points: Points) -> Points:
     return replace(kept, conditions=replace(points.conditions, covariates=covariates))
 
 
-def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
-    """The fault under its prior and under its posterior, and the evidence that it adds."""
+def _with(fitter: Fitter, none: Fit, effect: Effect, share: float) -> Witness | None:
+    """What speaks for one fault; None where it cannot be fitted. share: its prior odds."""
     (known,) = effect.parameters()
     middle = float(known.neutral or 0.0)
     wide = constants.SHOWN_SINKAGE if known.unit == "m" else constants.INSTRUMENT
@@ -135,7 +131,9 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
         return None
     best = max(fits, key=lambda fit: fit.evidence)
     told = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
-    return plain, part_of(effect, {known.name: told}), best.evidence - none.evidence
+    evidence = best.evidence - none.evidence
+    odds = share * float(np.exp(min(evidence, 50.0)))
+    return Witness(plain, part_of(effect, {known.name: told}), evidence, odds / (1.0 + odds))
 
 
 def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
