@@ -110,7 +110,7 @@ def _write(
         written.append(result.save(html))
     if plots is not None:
         from smallwheel_ros.pictures.files import write_figures
-        from smallwheel_ros.report.learn_report import learn_figures
+        from smallwheel_ros.pictures.learnt import figures
 
-        written += write_figures(learn_figures(result), plots)
+        written += write_figures(figures(result), plots)
     return written

@@ -23,9 +23,8 @@ from smallwheel_ros.common.console import JSON
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.diagnosis import Diagnosis
-from smallwheel_ros.explore.report import diagnosis_page
+from smallwheel_ros.explore.data import explored_page
 from smallwheel_ros.explore.session import ExploreError, Session
-from smallwheel_ros.report.page import write_page
 
 
 @click.command("report", short_help="The whole story of a table of measurements in one HTML page.")
@@ -62,8 +61,8 @@ def report(
     with progress_of_steps("diagnosing") as steps:
         diagnosis = api.diagnose(measurements, model_file, effects=own, progress=steps)
     with progress_of_fits() as fits:
-        page = diagnosis_page(diagnosis, _session(diagnosis, own), comparison, fits, pairs)
-    write_page(output, page)
+        page = explored_page(diagnosis, _session(diagnosis, own), comparison, fits, pairs)
+    page.save(output)
     if json_file is not None:
         document = {
             "schema": 1,

@@ -43,7 +43,9 @@ class Result:
 
     def text(self) -> str:
         """The result as the command prints it."""
-        return str(view_of("text", self)(self))
+        if has_view("text", self):
+            return str(view_of("text", self)(self))
+        return str(view_of("page", self)(self).text())
 
     def to_dict(self) -> dict[str, Any]:
         """The result as the command's JSON: plain values, SI units."""
@@ -98,7 +100,7 @@ class Result:
         if has_view("plot", self):
             found |= picture_writers(self.plot)  # type: ignore[attr-defined]  # a kind that is drawn
         if has_view("page", self):
-            found[".html"] = lambda path: view_of("page", self)(self, path)
+            found[".html"] = lambda path: view_of("page", self)(self).save(path)
         if has_view("model", self):
             found |= dict.fromkeys(
                 (".yaml", ".yml"), lambda path: view_of("model", self)(path, self)

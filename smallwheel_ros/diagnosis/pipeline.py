@@ -26,7 +26,7 @@ from smallwheel_ros.diagnosis.residuals import (
     worst_left,
 )
 from smallwheel_ros.diagnosis.search import Search, search
-from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
+from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide, demoted, no_help
 from smallwheel_ros.diagnosis.zero import Witness, witness
 from smallwheel_ros.effects.registry import Registry, default_registry
@@ -115,10 +115,6 @@ class Diagnosis(Result):
     def headline(self) -> str:
         """The verdict in a sentence."""
         return verdict_sentences(self.document)[0]
-
-    def text(self) -> str:
-        """As `smallwheel diagnose` prints it."""
-        return diagnosis_text(self.document)
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel diagnose --json` writes it."""

@@ -26,7 +26,7 @@ from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import Fitter, one_thread
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.learn.document import document, grows, headline, learnt_text, origin, shape_of
+from smallwheel_ros.learn.document import document, grows, headline, origin, shape_of
 from smallwheel_ros.learn.draft import class_text, default_name, file_text, name_problem, numbers_of
 from smallwheel_ros.learn.search import WHOLE, Candidate, Grid, Search
 from smallwheel_ros.learn.tangent import Yardstick
@@ -170,10 +170,6 @@ class Learnt(Result):
     def headline(self) -> str:
         """The answer in a sentence."""
         return headline(self.document)
-
-    def text(self) -> str:
-        """As `smallwheel learn` prints it."""
-        return learnt_text(self.document)
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel learn --json` writes it."""

@@ -24,6 +24,12 @@ _AXES = {"n": "added to n", "R": "added resistance over what carries it"}
 _FEWEST = 8  # points from which a smooth is drawn
 
 
+def figures(result: Learnt) -> dict[str, Figure]:
+    """The picture by name; none where there is no law of one setting."""
+    curves = result.tied_curves
+    return {} if curves is None else {"learnt": learnt_figure(result.document, curves)}
+
+
 def learnt_figure(document: Mapping[str, Any], tied: Sequence[Array] = ()) -> Figure:
     """The picture, with how much the channels disagree about each stage under it."""
     figure = new_figure(6.4, 4.3)
