@@ -107,7 +107,7 @@ def compare(
         written.append(result.save(html))
     if plots is not None:
         from smallwheel_ros.pictures.comparison import all_figures
-        from smallwheel_ros.pictures.files import write_figures
+        from smallwheel_ros.pictures.house import write_figures
 
         written += write_figures(all_figures(result), plots)
     show(result, json_file, written)
@@ -174,7 +174,7 @@ def diagnose(
         written.append(result.save(html))
     if plots is not None:
         from smallwheel_ros.pictures.diagnosis import figures
-        from smallwheel_ros.pictures.files import write_figures
+        from smallwheel_ros.pictures.house import write_figures
 
         written += write_figures(figures(result), plots)
     show(result, json_file, written)

@@ -109,8 +109,8 @@ def _write(
     if html is not None:
         written.append(result.save(html))
     if plots is not None:
-        from smallwheel_ros.pictures.files import write_figures
-        from smallwheel_ros.pictures.learnt import figures
+        from smallwheel_ros.pictures.fit import learnt_figures
+        from smallwheel_ros.pictures.house import write_figures
 
-        written += write_figures(figures(result), plots)
+        written += write_figures(learnt_figures(result), plots)
     return written

@@ -11,21 +11,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
-from smallwheel_ros.measurements.display import display, listed, words
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.pictures.comparison import resistance_picture
 from smallwheel_ros.pictures.fit import error_steps
-from smallwheel_ros.pictures.house import COLOURS, GREY, new_figure, plain, style
-from smallwheel_ros.pictures.residuals import AFTER, BEFORE, Shown, residual_panels
+from smallwheel_ros.pictures.house import COLOURS, draw, grid, key_outside, new_figure, plain, style
+from smallwheel_ros.pictures.layers import BASE, WITH, Shown, curve_plots, residual_plot
 
 _STATUS_COLOURS = {
     "significant": COLOURS[2],
     "confounded": COLOURS[1],
     "not_significant": "#c3c8cf",
 }
+_MOST_PANELS = 3
 SHOWN = 0.01  # probability under which an effect is counted, not shown
 
 
@@ -47,15 +47,6 @@ def draw_steps(axes: Axes, diagnosis: Diagnosis, channel: str | None = None) -> 
     """Held-out error of one channel after each step."""
     document = diagnosis.document
     error_steps(axes, errors_of_steps(document), channel, floors_of(document))
-
-
-def draw_added(axes: Axes, added: Added, channel: str | None = None) -> None:
-    """Held-out error of one channel before and after an effect was added."""
-    errors: dict[str, dict[str, float | None]] = {
-        "without": {**added.before.rmse()},
-        f"+ {words(added.effect)}": {**added.after.rmse()},
-    }
-    error_steps(axes, errors, channel)
 
 
 def errors_of_steps(document: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
@@ -104,17 +95,12 @@ def _label(effect: str) -> str:
 
 def unknown_curves(document: Mapping[str, Any]) -> Figure | None:
     """The smooth of each setting that something without a name follows; None where there is none."""
-    curves = document.get("curves") or []
-    if not curves:
+    plots = curve_plots(document)
+    if not plots:
         return None
-    figure = new_figure(3.4 * len(curves) + 0.6, 2.7)
-    for axes, curve in zip(figure.subplots(1, len(curves), squeeze=False)[0], curves, strict=True):
-        across = display(curve["setting"], unit_of(curve["setting"]))
-        x = across.scale * np.array(curve["x"])
-        axes.axhline(1.0, color=GREY, linewidth=0.9)
-        axes.fill_between(x, curve["low"], curve["high"], color=COLOURS[2], alpha=0.16, linewidth=0)
-        axes.plot(x, curve["factor"], color=COLOURS[2], linewidth=1.7)
-        style(axes, plain(across.label), f"factor on {curve['stage']}")
+    figure = new_figure(3.4 * len(plots) + 0.6, 2.7)
+    for axes, plot in zip(figure.subplots(1, len(plots), squeeze=False)[0], plots, strict=True):
+        draw(axes, plot)
     return figure
 
 
@@ -136,10 +122,16 @@ def _residuals(diagnosis: Diagnosis) -> Figure | None:
     if not diagnosis.steps:
         return None
     first, *added = diagnosis.steps
-    shown = [Shown(first.errors, BEFORE, "base model")]
+    models = [(first.errors, (BASE, "base model"))]
     if added:
         names = [step.added for step in added if step.added is not None]
-        shown.append(Shown(added[-1].errors, AFTER, f"with {listed(names)}"))
-    settings = diagnosis.problem.points.settings
-    pairs = failing_settings(diagnosis.document, settings)
-    return residual_panels(diagnosis.measurements, shown, pairs)
+        models.append((added[-1].errors, (WITH, f"with {listed(names)}")))
+    pairs = failing_settings(diagnosis.document, diagnosis.problem.points.settings)
+    pairs = pairs[:_MOST_PANELS] or [(name, "load") for name in first.errors.error]
+    figure, panels = grid(len(pairs), 3.5, 3.0)
+    for axes, (channel, setting) in zip(panels, pairs, strict=True):
+        shown = [Shown(errors.error[channel], *look) for errors, look in models]
+        run = first.errors.run
+        draw(axes, residual_plot(diagnosis.measurements, run, shown, channel, setting))
+    key_outside(figure, [look for _, look in models])
+    return figure

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures on axes that are given: of a fit, an added effect, a comparison and a diagnosis in one panel."""
+"""Pictures of one model: of a fit, of a learnt law, of held-out errors before and after effects."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.results import ResultError
+from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.fitting.result import FitResult
+from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.measurements.display import display, number, words
-from smallwheel_ros.pictures.house import COLOURS, GREY, INK, plain, style
+from smallwheel_ros.pictures.house import COLOURS, GREY, INK, draw, new_figure, plain, style
+from smallwheel_ros.pictures.layers import WITH, Shown, learnt_plot, measured_plot
 
 
 def chosen_channel(channel: str | None, known: Sequence[str]) -> str:
@@ -27,19 +31,42 @@ def chosen_channel(channel: str | None, known: Sequence[str]) -> str:
     return channel
 
 
-def measured_over_predicted(axes: Axes, fit: FitResult, channel: str | None = None) -> Axes:
+def draw_fit(axes: Axes, fit: FitResult, channel: str | None = None) -> None:
     """Measured over predicted in sample, with the line of a perfect model."""
     name = chosen_channel(channel, list(fit.residuals))
-    shown = display(name, CHANNEL_UNITS[name])
-    measured = shown.scale * fit.measurements.channels[name]
-    predicted = measured - shown.scale * fit.residuals[name]
-    known = np.isfinite(predicted)
-    ends = [float(np.min([measured[known], predicted[known]])),
-            float(np.max([measured[known], predicted[known]]))]  # fmt: skip
-    axes.plot(ends, ends, color=GREY, linewidth=1.0)
-    axes.scatter(predicted[known], measured[known], s=12, alpha=0.65, linewidth=0, color=COLOURS[2])
-    style(axes, f"predicted {shown.label}", f"measured {shown.label}", fit.bare.headline())
-    return axes
+    one = Shown(fit.residuals[name], WITH, "")
+    measured = fit.measurements.channels[name]
+    draw(axes, measured_plot(name, measured, one, title=fit.bare.headline()))
+
+
+def draw_learnt(axes: Axes, learnt: Learnt) -> None:
+    """What each setting asks for, and the law; `learnt` has one of a setting."""
+    draw(axes, learnt_plot(learnt.document, learnt.tied_curves or ()))
+    axes.legend(fontsize=8.5, frameon=False)
+
+
+def learnt_figures(learnt: Learnt) -> dict[str, Figure]:
+    """The picture by name, with how much the channels disagree about each stage; none without a law."""
+    if learnt.tied_curves is None:
+        return {}
+    figure = new_figure(6.4, 4.3)
+    draw_learnt(figure.subplots(), learnt)
+    stages = learnt.document["stage_disagreement"]
+    known = sorted((value, stage) for stage, value in stages.items() if value is not None)
+    if known:
+        said = ", ".join(f"{stage} {number(value, 2)}" for value, stage in known)
+        figure.supxlabel(f"sinkage and resistance disagree about each stage by: {said} (1: noise)",
+                         fontsize=8, color=INK, x=0.02, ha="left")  # fmt: skip
+    return {"learnt": figure}
+
+
+def draw_added(axes: Axes, added: Added, channel: str | None = None) -> None:
+    """Held-out error of one channel before and after an effect was added."""
+    errors: dict[str, dict[str, float | None]] = {
+        "without": {**added.before.rmse()},
+        f"+ {words(added.effect)}": {**added.after.rmse()},
+    }
+    error_steps(axes, errors, channel)
 
 
 def error_steps(

@@ -1,27 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Blocks of which a result is told: on a page as HTML, on the terminal as lines of text.
 
-Whatever text a block is given is escaped in HTML. On the terminal drawings and pictures are left out,
-and of details only the summary is said.
+Whatever text a block is given is escaped in HTML. On the terminal drawings are left out, and of
+details only the summary is said.
 """
 
 from __future__ import annotations
 
-import base64
 import hashlib
-import io
 import json
 import math
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from smallwheel_ros.common.tables import each, text_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _DIGITS = 4  # of a number that is drawn
 
@@ -145,36 +139,6 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure that does not move. figure: makes it. description: for who cannot see it."""
-
-    figure: Callable[[], Figure]
-    caption: str
-    description: str = ""
-
-    def html(self) -> str:
-        """The block as HTML: an SVG inside an address, so that pictures share no names."""
-        from matplotlib import rc_context
-
-        buffer = io.BytesIO()
-        # A fixed salt and no date: the same data gives the same page.
-        with rc_context({"svg.hashsalt": "smallwheel_ros"}), warnings.catch_warnings():
-            # A column's name may have letters that the font lacks: the picture shows boxes.
-            warnings.filterwarnings("ignore", message="Glyph .* missing")
-            self.figure().savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-        image = base64.b64encode(buffer.getvalue()).decode("ascii")
-        alt = escape(self.description or self.caption, quote=True)
-        return (
-            f'<figure><img alt="{alt}" src="data:image/svg+xml;base64,{image}">'
-            f"<figcaption>{escape(self.caption)}</figcaption></figure>"
-        )
-
-    def lines(self) -> list[str]:
-        """Nothing: it is for the page."""
-        return []
-
-
-@dataclass(frozen=True)
 class Details:
     """Blocks that open on a click: what few readers need."""
 
@@ -191,7 +155,7 @@ class Details:
         return [f"{self.summary}."]
 
 
-Block = Text | Callout | Table | Drawing | Picture | Details
+Block = Text | Callout | Table | Drawing | Details
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.compare.results import Floor
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.text import SAID, verdict_sentences
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import (
     LAW,
     brief,
@@ -30,6 +30,7 @@ from smallwheel_ros.measurements.display import (
     words,
 )
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.pictures.layers import curve_plots
 from smallwheel_ros.report import comparison as compared
 from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.effects_section import EffectsPage
@@ -194,7 +195,8 @@ def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
     named = set(document.get("missing_effects") or [])
     blocks: list[Block] = []
     if document["verdict"] == "unknown_effect":
-        blocks += _curves(document)
+        caption = "The factor over the setting that it follows, with its 95 % band."
+        blocks += [Drawing("xy", plot, caption) for plot in curve_plots(document)]
     header = ["effect", "form", "parameter", "value", "std", "unit", "published", "plausible"]
     if len(others) < len(tested):
         blocks.append(_ranking([r for r in tested if r not in others], named))
@@ -205,23 +207,6 @@ def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
         fitted = Table(header, _parameters(others), "Fitted parameters", numbers=(3, 4))
         blocks.append(Details(title, [_ranking(others, named), fitted]))
     return blocks
-
-
-def _curves(document: Mapping[str, Any]) -> list[Block]:
-    """The smooth of each setting that something without a name follows."""
-    found: list[Block] = []
-    for curve in document.get("curves") or []:
-        across = display(curve["setting"], unit_of(curve["setting"]))
-        x = [across.scale * value for value in curve["x"]]
-        line = {"kind": "line", "x": x, "y": curve["factor"], "low": curve["low"],
-                "high": curve["high"]}  # fmt: skip
-        none = {"kind": "line", "x": x[:: len(x) - 1], "y": [1.0, 1.0], "colour": "--base"}
-        factor = f"factor on {curve['stage']}"
-        data = {"x": across.label, "y": factor, "label": f"{factor} over {across.label}",
-                "layers": [none, line]}  # fmt: skip
-        caption = "The factor over the setting that it follows, with its 95 % band."
-        found.append(Drawing("xy", data, caption))
-    return found
 
 
 def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table:

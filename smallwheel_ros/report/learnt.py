@@ -8,7 +8,8 @@ from typing import Any
 from smallwheel_ros.learn.document import headline, trust
 from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.measurements.display import listed, number, sentence, shown_value, words
-from smallwheel_ros.report.blocks import Block, Callout, Details, Picture, Section, Table, Text
+from smallwheel_ros.pictures.layers import learnt_plot
+from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.page import Page
 
 _DOUBTS = {
@@ -18,9 +19,8 @@ _DOUBTS = {
 _LISTED = 8  # formulas before the rest is folded away
 _CAPTION = (
     "What each setting asks for, from sinkage and from resistance, with their standard deviations; the "
-    "law black with its band, formulas that fit as well grey (moved onto the law at the middle of the "
-    "range, since k is fitted anew for each), a smooth without any formula dashed. The measured range "
-    "is shaded."
+    "law dark with its band, over the measured range, formulas that fit as well grey (moved onto the law "
+    "at the middle of the range, since k is fitted anew for each), a smooth without any formula dashed."
 )
 
 
@@ -37,7 +37,8 @@ def learnt_page(result: Learnt) -> Page:
     kind = "result" if verdict in ("law", "nothing") else "warning"
     first: list[Block] = [Callout(answer, said, "result" if kind == "result" else "warning")]
     if document["shape"] is not None:
-        first.append(Picture(lambda: _figure(result), _CAPTION, answer))
+        plot = learnt_plot(document, result.tied_curves or ())
+        first.append(Drawing("xy", plot, _CAPTION))
     sections = [Section("What was learnt", first)]
     if document["tied"]:
         sections += [
@@ -54,12 +55,6 @@ def learnt_page(result: Learnt) -> Page:
     data = document["data"]
     about = f"{data['file']}: {data['rows']} rows, {data['runs']} runs, {data['settings']} settings"
     return Page("A law learnt from data", sections, about, f"Data: SHA-256 {data['sha256']}.")
-
-
-def _figure(result: Learnt) -> Any:
-    from smallwheel_ros.pictures.learnt import learnt_figure
-
-    return learnt_figure(result.document, result.tied_curves or ())
 
 
 def _held_out(document: dict[str, Any]) -> list[Block]:
