@@ -18,14 +18,13 @@ from smallwheel_ros.pictures.fit import chosen_channel
 from smallwheel_ros.pictures.house import (
     COLOURS,
     GREY,
-    INK,
+    Bar,
+    bars,
     draw,
     grid,
     headed,
     key_outside,
     new_figure,
-    plain,
-    style,
 )
 from smallwheel_ros.pictures.layers import Shown, measured_plot, ratio_plot, residual_plot
 
@@ -61,43 +60,27 @@ def all_figures(comparison: Comparison) -> dict[str, Figure]:
 def error_bars(comparison: Comparison) -> Figure:
     """Held-out and in-sample RMSE of each model beside each other."""
     channels = comparison.channels
-    height = 1.1 + 0.42 * len(comparison.models)
-    figure = new_figure(max(3.6 * len(channels), 5.0), height)
-    panels = figure.subplots(1, len(channels), squeeze=False, sharey=True)[0]
+    figure, panels = grid(len(channels), 3.8, 1.2 + 0.42 * len(comparison.models))
     for axes, channel in zip(panels, channels, strict=True):
-        draw_errors(axes, comparison, channel)
-    panels[0].invert_yaxis()
-    expected = any(comparison.noise[channel].value is not None for channel in channels)
-    known = "   dashed: expected of a true model" if expected else ""
-    headed(figure, "solid: held out, with its standard error   pale: in sample" + known)
+        draw_comparison(axes, comparison, channel)
+    headed(figure, "solid: held out, with its standard error   pale: in sample")
     return figure
 
 
 def draw_comparison(axes: Axes, comparison: Comparison, channel: str | None = None) -> None:
-    """Each model's error of one channel, the first if not given. Raises ResultError."""
-    draw_errors(axes, comparison, chosen_channel(channel, comparison.channels))
+    """Held-out (solid) and in-sample (pale) RMSE of one channel, the first if not given.
 
-
-def draw_errors(axes: Axes, comparison: Comparison, channel: str) -> None:
-    """Held-out (solid) and in-sample (pale) RMSE of one channel, a bar for each model."""
-    shown = display(channel, CHANNEL_UNITS[channel])
-    colours = [one.colour for one in _shown(comparison, channel)]
-    for i, (result, colour) in enumerate(zip(comparison.models, colours, strict=True)):
-        inside = comparison.score(result, channel)
-        outside = comparison.score(result, channel, held_out=True)
-        if outside is not None:
-            error = shown.scale * (outside.rmse_std or 0.0)
-            axes.barh(i - 0.17, shown.scale * outside.rmse, 0.34, color=colour, xerr=error,
-                      error_kw={"elinewidth": 0.9, "ecolor": INK})  # fmt: skip
-        if inside is not None:
-            axes.barh(i + 0.17, shown.scale * inside.rmse, 0.34, color=colour, alpha=0.4)
-    floor = comparison.noise[channel].value
-    if floor is not None:
-        axes.axvline(shown.scale * floor, color=INK, linewidth=1.0, linestyle="--")
-    style(axes, f"RMSE of {shown.label}")
-    names = [plain(result.contender.name) for result in comparison.models]
-    axes.set_yticks(range(len(names)), names)
-    axes.set_xlim(left=0.0)
+    Raises ResultError where there is no such channel.
+    """
+    name = chosen_channel(channel, comparison.channels)
+    shown, rows = display(name, CHANNEL_UNITS[name]), []
+    for result, one in zip(comparison.models, _shown(comparison, name), strict=True):
+        outside = comparison.score(result, name, held_out=True)
+        inside = comparison.score(result, name)
+        value, std = (outside.rmse, outside.rmse_std) if outside else (None, None)
+        rows.append(Bar(one.label, value, one.colour, std, inside.rmse if inside else None))
+    level = comparison.noise[name].value
+    bars(axes, rows, f"RMSE of {shown.label}", level=level, scale=shown.scale)
 
 
 def measured_against_predicted(comparison: Comparison, channel: str) -> Figure:

@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from textwrap import fill
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,7 +15,7 @@ from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.pictures.comparison import resistance_picture
 from smallwheel_ros.pictures.fit import error_steps
-from smallwheel_ros.pictures.house import COLOURS, draw, grid, key_outside, new_figure, plain, style
+from smallwheel_ros.pictures.house import COLOURS, Bar, bars, draw, grid, key_outside, new_figure
 from smallwheel_ros.pictures.layers import BASE, WITH, Shown, curve_plots, residual_plot
 
 _STATUS_COLOURS = {
@@ -35,9 +33,8 @@ def staircase(document: Mapping[str, Any]) -> Figure | None:
     channels = [name for name in CHANNEL_UNITS if any(name in s["held_out_rmse"] for s in steps)]
     if not channels:
         return None
-    figure = new_figure(max(len(channels) * max(3.4, 0.9 * len(steps) + 1.6), 4.2), 2.9)
-    panels = figure.subplots(1, len(channels), squeeze=False)[0]
     errors = errors_of_steps(document)
+    figure, panels = grid(len(channels), 3.6, 1.2 + 0.32 * len(steps))
     for axes, channel in zip(panels, channels, strict=True):
         error_steps(axes, errors, channel, floors_of(document))
     return figure
@@ -54,7 +51,7 @@ def errors_of_steps(document: Mapping[str, Any]) -> dict[str, dict[str, float | 
     found: dict[str, dict[str, float | None]] = {}
     for step in document.get("steps") or []:
         name = "base model" if step["added"] is None else f"+ {words(step['added'])}"
-        found[fill(name, 12)] = dict(step["held_out_rmse"])
+        found[name] = dict(step["held_out_rmse"])
     return found
 
 
@@ -74,18 +71,14 @@ def ranking_bars(document: Mapping[str, Any]) -> Figure | None:
     if not rows:
         return None
     figure = new_figure(6.4, 0.9 + 0.27 * len(rows))
+    shown = [
+        Bar(_label(row["effect"]), row["probability"], _STATUS_COLOURS[row["status"]],
+            hatched=row.get("kind") == "instrument")
+        for row in rows
+    ]  # fmt: skip
     axes = figure.subplots()
-    at = np.arange(len(rows))
-    bars = axes.barh(at, [row["probability"] for row in rows], 0.7,
-                     color=[_STATUS_COLOURS[row["status"]] for row in rows])  # fmt: skip
-    for bar, row in zip(bars, rows, strict=True):
-        if row.get("kind") == "instrument":
-            bar.set(hatch="////", edgecolor="white", linewidth=0)
-    style(axes, "probability")
-    axes.grid(visible=False, axis="y")
-    axes.set_yticks(at, [plain(_label(row["effect"])) for row in rows])
-    axes.set_xlim(0.0, 1.0)
-    axes.invert_yaxis()
+    bars(axes, shown, "probability")
+    axes.set_xlim(0.0, 1.08)
     return figure
 
 
@@ -98,8 +91,8 @@ def unknown_curves(document: Mapping[str, Any]) -> Figure | None:
     plots = curve_plots(document)
     if not plots:
         return None
-    figure = new_figure(3.4 * len(plots) + 0.6, 2.7)
-    for axes, plot in zip(figure.subplots(1, len(plots), squeeze=False)[0], plots, strict=True):
+    figure, panels = grid(len(plots), 3.6, 2.7)
+    for axes, plot in zip(panels, plots, strict=True):
         draw(axes, plot)
     return figure
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,7 +15,7 @@ from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.measurements.display import display, number, words
-from smallwheel_ros.pictures.house import COLOURS, GREY, INK, draw, new_figure, plain, style
+from smallwheel_ros.pictures.house import GREY, INK, WITH_COLOUR, Bar, bars, draw, new_figure
 from smallwheel_ros.pictures.layers import WITH, Shown, learnt_plot, measured_plot
 
 
@@ -74,7 +73,7 @@ def error_steps(
     errors: Mapping[str, Mapping[str, float | None]],
     channel: str | None = None,
     floor: Mapping[str, float | None] | None = None,
-) -> Axes:
+) -> None:
     """Held-out error of one channel, a bar for each model.
 
     errors: by the bar's name, the error by channel, m or N. floor: that of a true model by channel.
@@ -82,25 +81,7 @@ def error_steps(
     names = [c for c in CHANNEL_UNITS if any(e.get(c) is not None for e in errors.values())]
     name = chosen_channel(channel, names)
     shown = display(name, unit_of(name))
-    heights = [np.nan if (e := found.get(name)) is None else shown.scale * e
-               for found in errors.values()]  # fmt: skip
-    at = np.arange(len(heights))
-    axes.bar(at, heights, 0.62, color=[GREY] + [COLOURS[2]] * (len(heights) - 1))
-    for x, height in zip(at, heights, strict=True):
-        if np.isfinite(height):
-            axes.annotate(number(height), (float(x), height), (0, 3), textcoords="offset points",
-                          ha="center", fontsize=8.5, color=INK,
-                          bbox={"fc": "white", "ec": "none", "pad": 0.2})  # fmt: skip
-    level = (floor or {}).get(name)
-    top = float(np.nanmax([*heights, shown.scale * (level or 0.0)]))
-    if level is not None:
-        level *= shown.scale
-        axes.axhline(level, color=INK, linewidth=1.0, linestyle="--")
-        axes.annotate(f"a true model\n{number(level)}", (len(heights) - 0.5, level), (4, 3),
-                      textcoords="offset points", fontsize=8, color=INK)  # fmt: skip
-    axes.set_xlim(-0.55, len(heights) - 0.5 + (0.0 if level is None else 0.95))
-    style(axes, "", f"held-out RMSE [{shown.unit}]", words(name))
-    axes.grid(visible=False, axis="x")
-    axes.set_xticks(at, [plain(text) for text in errors])
-    axes.set_ylim(0.0, 1.25 * top or 1.0)
-    return axes
+    rows = [Bar(label, found.get(name), WITH_COLOUR) for label, found in errors.items()]
+    rows[0] = rows[0]._replace(colour=GREY)
+    label, level = f"held-out RMSE [{shown.unit}]", (floor or {}).get(name)
+    bars(axes, rows, label, words(name), level, shown.scale)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.common.files import OutputError, check_target, write_bytes
+from smallwheel_ros.measurements.display import number
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,8 @@ COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#4
 GREY, INK = "#8a8f98", "#22262b"
 # A wheel has the same colour in every picture and page (page.css: --w0 and on).
 _WHEELS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#444444", "#A6761D")
-_SHADES = {"--ink": INK, "--base": GREY, "--with": _WHEELS[0]} | {
+WITH_COLOUR = _WHEELS[0]  # of a model with what was added
+_SHADES = {"--ink": INK, "--base": GREY, "--with": WITH_COLOUR} | {
     f"--w{i}": colour for i, colour in enumerate(_WHEELS)
 }
 _BAND = "#e9ebef"
@@ -86,6 +88,53 @@ def grid(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
 def headed(figure: Figure, text: str) -> None:
     """Say above the panels what is seen in them."""
     figure.suptitle(plain(text), fontsize=8.5, color=INK, x=0.01, ha="left")
+
+
+class Bar(NamedTuple):
+    """A bar: its value with standard error, a second one that is pale; None where there is none."""
+
+    name: str
+    value: float | None
+    colour: str
+    std: float | None = None
+    pale: float | None = None
+    hatched: bool = False
+
+
+def bars(
+    axes: Axes,
+    rows: Sequence[Bar],
+    label: str,
+    title: str = "",
+    level: float | None = None,
+    scale: float = 1.0,
+) -> None:
+    """Bars below each other, each with its name and value, times scale. level: of a true model, dashed."""
+    two = any(row.pale is not None for row in rows)
+    height, off = (0.34, 0.17) if two else (0.68, 0.0)
+    for at, row in enumerate(rows):
+        value, std, pale = (
+            None if size is None else scale * size for size in (row.value, row.std, row.pale)
+        )
+        if value is not None:
+            axes.barh(at - off, value, height, color=row.colour, xerr=std,
+                      hatch="////" if row.hatched else None, edgecolor="white", linewidth=0,
+                      error_kw={"elinewidth": 0.9, "ecolor": INK})  # fmt: skip
+            axes.annotate(number(value), (value + (std or 0.0), at - off), (3, 0), va="center",
+                          textcoords="offset points", fontsize=7.5, color=INK,
+                          bbox={"fc": "white", "ec": "none", "pad": 0.2})  # fmt: skip
+        if pale is not None:
+            axes.barh(at + off, pale, height, color=row.colour, alpha=0.4)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    if level is not None:
+        level *= scale
+        axes.axvline(level, color=INK, linewidth=1.0, linestyle="--")
+        title += f"   dashed: a true model, {number(level)}"
+    style(axes, label, "", title)
+    axes.grid(visible=False, axis="y")
+    axes.set_yticks(range(len(rows)), [plain(row.name) for row in rows])
+    axes.margins(x=0.15)
+    axes.set_xlim(left=0.0)
 
 
 def key_outside(figure: Figure, entries: Sequence[tuple[str, str]]) -> None:

@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from smallwheel_ros.common.tables import each, text_table
 
+_MOST_ROWS = 20  # of a table in a notebook
 _DIGITS = 4  # of a number that is drawn
 
 
@@ -169,6 +170,20 @@ class Section:
         """The section as text; none where there is nothing to say."""
         found = [block.lines() for block in self.blocks]
         return [line.replace("\u00a0", " ") for lines in found for line in lines]
+
+
+def rows_html(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The first rows of a result as a table of HTML, for a notebook."""
+    if not rows:
+        return ""
+    cells = [
+        [f"{value:.4g}" if isinstance(value, float) else str("" if value is None else value)
+         for value in row.values()]
+        for row in rows[:_MOST_ROWS]
+    ]  # fmt: skip
+    more = len(rows) - _MOST_ROWS
+    rest = Text(f"and {more} more rows").html() if more > 0 else ""
+    return Table(list(rows[0]), cells).html() + rest
 
 
 def drawn(value: Any) -> Any:
