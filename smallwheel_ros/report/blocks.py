@@ -56,7 +56,8 @@ class Callout:
 
     def lines(self) -> list[str]:
         """The block as text."""
-        return [self.headline + ("" if self.headline.endswith(".") else "."), *self.items]
+        headline = self.headline.removesuffix(".") + "."
+        return [headline, *(f"  {item}" for item in self.items)]
 
 
 @dataclass(frozen=True)
