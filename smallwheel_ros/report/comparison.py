@@ -67,7 +67,7 @@ def _summary(comparison: Comparison) -> Callout:
     sentences = summary(comparison)
     if not sentences:
         return Callout("No model could predict any of the measurements.", kind="warning")
-    return Callout(sentences[0], sentences[1:])
+    return Callout("The smallest error of each channel", sentences)
 
 
 def summary(comparison: Comparison) -> list[str]:

@@ -213,15 +213,23 @@ def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table
     cells = [
         [effect_words(r["effect"]), str(r.get("kind") or "-"), _STATUS.get(r["status"], r["status"]),
          "-" if r.get("probability") is None else f"{r['probability']:.2f}",
-         p_text(r.get("p_value")), percent(r.get("reduction")),
-         "; ".join(part for part in str(r.get("reason") or "").split("; ")
-                   if not part.startswith(("probability", "this data cannot tell")))]
+         p_text(r.get("p_value")), percent(r.get("reduction")), _doubts(str(r.get("reason") or ""))]
         for r in rows
     ]  # fmt: skip
     strong = [i for i, r in enumerate(rows) if r["effect"] in named]
     header = ["effect", "kind", "verdict", "probability", "p", "error removed", ""]
     caption = "p and error removed: of the effect alone, added to the base model"
     return Table(header, cells, caption, numbers=(3, 4, 5), strong=strong, bars=3)
+
+
+def _doubts(reason: str) -> str:
+    """What a reason says beside the probability and the verdict, which have columns."""
+    parts = [
+        part.partition(": ")[2] if part.startswith("probability") else part
+        for part in reason.split("; ")
+        if not part.startswith("this data cannot tell")
+    ]
+    return "; ".join(part for part in parts if part)
 
 
 def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
