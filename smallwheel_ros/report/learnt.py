@@ -99,7 +99,7 @@ def _tied(document: dict[str, Any]) -> list[Block]:
     if law is not None:
         numbers = [
             [c["name"], number(c["value"]), number(c["std"]), f"{number(c['low'])} to "
-             f"{number(c['high'])}", c["unit"]] for c in law["constants"]
+             f"{number(c['high'])}", c["unit"].removeprefix("1")] for c in law["constants"]
         ]  # fmt: skip
         blocks.append(
             Table(["constant", "value", "std", "over the tied formulas", "unit"], numbers,
