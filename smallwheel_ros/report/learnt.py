@@ -98,8 +98,9 @@ def _tied(document: dict[str, Any]) -> list[Block]:
     law = document["law"]
     if law is not None:
         numbers = [
-            [c["name"], number(c["value"]), number(c["std"]), f"{number(c['low'])} to "
-             f"{number(c['high'])}", c["unit"].removeprefix("1")] for c in law["constants"]
+            [c["name"], number(c["value"]), number(c["std"]),
+             f"{number(c['low'])} to {number(c['high'])}", "" if c["unit"] == "1" else c["unit"]]
+            for c in law["constants"]
         ]  # fmt: skip
         blocks.append(
             Table(["constant", "value", "std", "over the tied formulas", "unit"], numbers,
