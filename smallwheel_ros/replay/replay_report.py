@@ -198,7 +198,8 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
              found["unit"].replace("1", "-") if found["unit"] == "1" else found["unit"], verdict]
         )  # fmt: skip
     header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
-    blocks: list[Block] = [Table(header, rows, numbers=(1, 2))]
+    caption = "Under the law p = k z^n D^m"
+    blocks: list[Block] = [Table(header, rows, caption, numbers=(1, 2))]
     if soil["status"]:
         blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
     return blocks
