@@ -29,9 +29,8 @@ from dataclasses import asdict
 from typing import Any
 
 from smallwheel_ros.common.tables import text_table
-from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.comparison import Comparison, Index, ModelResult
 from smallwheel_ros.compare.contenders import STANDARD
-from smallwheel_ros.compare.results import Index, ModelResult
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Mask
 from smallwheel_ros.measurements.display import display, number, percent, sentence, words

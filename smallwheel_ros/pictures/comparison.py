@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
-from smallwheel_ros.compare.results import ModelResult
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import Display, column_display, display, number, words
 from smallwheel_ros.measurements.settings import levels, varied_settings

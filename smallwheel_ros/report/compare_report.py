@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.results import ModelResult
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
 from smallwheel_ros.compare.shown import against_best
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.results import Floor
+from smallwheel_ros.compare.comparison import Comparison, Floor
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.report.compare_report import (
     caveats,
