@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.compare.contenders import Constant, Contender, standard_contenders
+from smallwheel_ros.compare.contenders import Contender, standard_contenders
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import (
@@ -141,8 +141,9 @@ class Comparison(Result):
         Where no model has such runs, of the least error in sample. None where none predicts it.
         laws: among the laws only, of which a constant is none.
         """
-        scores = [(m, e.score(channel)) for m, e in self._compared()
-                  if not (laws and isinstance(m.contender.model, Constant))]  # fmt: skip
+        scores = [
+            (m, e.score(channel)) for m, e in self._compared() if not (laws and m.model is None)
+        ]
         known = [(s.rmse, i) for i, (_, s) in enumerate(scores) if s is not None]
         return scores[min(known)[1]][0] if known else None
 
@@ -240,7 +241,7 @@ def compare(
         model = contender.model
         if isinstance(model, Base):
             return _fitted(contender, replace(problem, base=model), count)
-        if isinstance(model, Constant):
+        if model is None:
             return _constant(contender, points, folds)
         return _standing(contender, model, points)
 
