@@ -7,12 +7,10 @@ import errno
 import importlib
 import os
 import sys
-from pathlib import Path
 from typing import Any
 
 import click
 
-import smallwheel_ros
 from smallwheel_ros import __version__
 from smallwheel_ros.common.errors import SmallwheelError
 
@@ -25,7 +23,7 @@ COMMANDS = {
     "compare": ("commands.bench:compare", "Models against measurements, side by side."),
     "diagnose": ("commands.bench:diagnose", "Find which physical effect a model is missing."),
     "learn": (
-        "commands.learn:learn_command",
+        "commands.bench:learn",
         "Learn a law that no known effect explains, into a file.",
     ),
     "fit": (
@@ -33,14 +31,14 @@ COMMANDS = {
         "Calibrate soil and effects on measurements, write a model file.",
     ),
     "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
-    "report": ("commands.report:report", "The whole story of a table in one HTML page."),
+    "report": ("commands.bench:report", "The whole story of a table in one HTML page."),
     "explore": (
-        "commands.explore:explore",
+        "commands.bench:explore",
         "Set and unset effects in a page, see the error at once.",
     ),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "benchmark": (
-        "commands.benchmark:benchmark_command",
+        "commands.bench:benchmark",
         "The laws of sinkage on public data, parts left out in turn.",
     ),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
@@ -65,12 +63,6 @@ COMMANDS = {
 }
 
 
-def _module_exists(name: str) -> bool:
-    """Whether a command's module is there, without importing it or the package that it is in."""
-    file = COMMANDS[name][0].split(":")[0].replace(".", "/") + ".py"
-    return any(Path(folder, file).is_file() for folder in smallwheel_ros.__path__)
-
-
 class BadInput(click.ClickException):
     """What the user gave cannot be used: one message, exit code 2."""
 
@@ -90,7 +82,7 @@ class LazyGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the table: the order in which people come to need them."""
-        return [name for name in COMMANDS if _module_exists(name)]
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name, imported now."""
