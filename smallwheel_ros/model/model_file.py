@@ -31,7 +31,7 @@ VERSION = 1
 _TOP = (
     "smallwheel_model", "geometry", "thrust_form", "soils", "effects", "covariance", "provenance",
 )  # fmt: skip
-# What a covariance names of a soil; see `uncertainty` for what each means.
+# What a covariance names of a soil: the numbers of `fitting.prior.soil_numbers`.
 SOIL_PARAMETERS = (
     "log_reference_pressure", "n", "m", "cohesion", "friction_angle", "log_shear_displacement",
     "rolling_share", "rim_friction", "pressure_peak",
