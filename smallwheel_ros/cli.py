@@ -16,51 +16,24 @@ from smallwheel_ros.common.errors import SmallwheelError
 
 # name: (where it is, what `smallwheel --help` says of it)
 COMMANDS = {
-    "predict": (
-        "commands.physics:predict",
-        "Sinkage, resistance and drawbar pull of a wheel on a soil.",
-    ),
+    "predict": ("commands.physics:predict", "Sinkage, resistance and drawbar pull of a wheel on a soil."),
     "compare": ("commands.bench:compare", "Models against measurements, side by side."),
     "diagnose": ("commands.bench:diagnose", "Find which physical effect a model is missing."),
-    "learn": (
-        "commands.bench:learn",
-        "Learn a law that no known effect explains, into a file.",
-    ),
-    "fit": (
-        "commands.bench:fit",
-        "Calibrate soil and effects on measurements, write a model file.",
-    ),
+    "learn": ("commands.bench:learn", "Learn a law that no known effect explains, into a file."),
+    "fit": ("commands.bench:fit", "Calibrate soil and effects on measurements, write a model file."),
     "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
     "report": ("commands.bench:report", "The whole story of a table in one HTML page."),
-    "explore": (
-        "commands.bench:explore",
-        "Set and unset effects in a page, see the error at once.",
-    ),
+    "explore": ("commands.bench:explore", "Set and unset effects in a page, see the error at once."),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
-    "benchmark": (
-        "commands.bench:benchmark",
-        "The laws of sinkage on public data, parts left out in turn.",
-    ),
+    "benchmark": ("commands.bench:benchmark", "The laws of sinkage on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
-    "init": (
-        "init.command:init",
-        "A rover's parameter file, from a bag, a URDF or a number of wheels.",
-    ),
-    "replay": (
-        "replay.command:replay",
-        "The node's estimator over recorded drives, without ROS.",
-    ),
+    "init": ("init.command:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
+    "replay": ("replay.command:replay", "The node's estimator over recorded drives, without ROS."),
     "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),
-    "demo": (
-        "demo.command:demo",
-        "Play a simulated drive into the node over DDS, draw what it finds.",
-    ),
+    "demo": ("demo.command:demo", "Play a simulated drive into the node over DDS, draw what it finds."),
     "play": ("demo.command:play", "Publish a bag over DDS."),
-    "convert-trial": (
-        "demo.command:convert_trial",
-        "Turn a recorded indentation trial into a bag.",
-    ),
-}
+    "convert-trial": ("demo.command:convert_trial", "Turn a recorded indentation trial into a bag."),
+}  # fmt: skip
 
 
 class BadInput(click.ClickException):

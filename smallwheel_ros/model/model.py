@@ -323,9 +323,7 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
         compaction = compaction_resistance(compacted, conditions.width, modulus, n)
     strength = (soil["cohesion"], soil["friction_angle"])
     state = WheelState(load, diameter, conditions.width, z, modulus, n, *strength)
-    added: Array = np.zeros(len(conditions))
-    for effect in stages.acting_at("added_resistance"):
-        added = added + stages.call(effect, "added_resistance", 0.0, state)
+    added = np.zeros(len(conditions)) + stages.total("added_resistance", state)
     if not stages.all_rolling:
         compaction, added = (np.where(rolling, a, 0.0) for a in (compaction, added))
     resistance = compaction + added
@@ -412,11 +410,8 @@ def _forces(
         # The lever where shear stress is the same along the arc: r theta / sin theta.
         entry = 2.0 * contact_length(sinkage, diameter) / diameter
         found = WheelForces(push, compaction, push * 0.5 * diameter / np.sinc(entry / np.pi), load)
-    push, torque = found.thrust, found.torque
-    for effect in stages.acting_at("thrust_factor"):
-        share = stages.call(effect, "thrust_factor", 1.0, state)
-        push, torque = push * share, torque * share
-    found = found._replace(thrust=push, torque=torque)
+    share = stages.product("thrust_factor", state)
+    found = found._replace(thrust=found.thrust * share, torque=found.torque * share)
     if stages.all_rolling:
         return found
     return WheelForces(*(np.where(stages.rolling, values, 0.0) for values in found))
