@@ -80,28 +80,23 @@ def effects(
     from smallwheel_ros.effects.registry import families, forms, load_effects
 
     check_targets([plot, json_file], [effects])
+    if effect is None and plot is not None:
+        raise click.UsageError("--plot needs the name of one effect")
     user = load_effects(effects) if effects else None
-    if effect is None:
-        if plot is not None:
-            raise click.UsageError("--plot needs the name of one effect")
-        known = families(user)
-        if json_file is not None:
-            listing = {i: [_described(f) for f in family] for i, family in known.items()}
-            write_json(json_file, {"schema": 1, "effects": listing})
-        if json_file != "-":
-            rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in known.items()]
-            rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
-            click.echo(text_table(["effect", "needs", "what it says"], rows))
-        return
-    family = forms(effect, user)
+    shown = families(user) if effect is None else {effect: forms(effect, user)}
     if json_file is not None:
-        write_json(json_file, {"schema": 1, "effects": {effect: [_described(f) for f in family]}})
-    if json_file != "-":
-        click.echo(_explained(family))
+        listing = {id: [_described(form) for form in family] for id, family in shown.items()}
+        write_json(json_file, {"schema": 1, "effects": listing})
+    if json_file != "-" and effect is None:
+        rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in shown.items()]
+        rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
+        click.echo(text_table(["effect", "needs", "what it says"], rows))
+    elif json_file != "-":
+        click.echo(_explained(shown[str(effect)]))
     if plot is not None:
         from smallwheel_ros.pictures.physics import plot_effect
 
-        plot_effect(family, plot)
+        plot_effect(shown[str(effect)], plot)
         if json_file != "-":
             click.echo(f"\nDrawn: {plot}")
 
