@@ -29,7 +29,7 @@ from smallwheel_ros.fitting.held_out import leave_out
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.lab.plates import clearly_less
-from smallwheel_ros.measurements.settings import LOAD_TOLERANCE
+from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, cluster
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.physics.shear import peaked_share, rising_share, shear_strength
 
@@ -188,11 +188,9 @@ def fit_curve(law: ShearLaw, curve: Curve) -> RunFit:
 
 def normal_stresses(runs: Sequence[RunFit]) -> list[float]:
     """The different normal stresses, Pa, in order."""
-    found: list[float] = []
-    for sigma in sorted(run.curve.normal_stress for run in runs):
-        if not found or sigma > (1.0 + LOAD_TOLERANCE) * found[-1]:
-            found.append(sigma)
-    return found
+    sigma = np.array([run.curve.normal_stress for run in runs])
+    same = cluster(np.log(sigma), LOAD_TOLERANCE)
+    return [float(sigma[same == i].min()) for i in range(same.max() + 1)]
 
 
 @dataclass(frozen=True)
