@@ -89,6 +89,18 @@ def test_a_single_curve_tells_a_peak() -> None:
     assert not fit_shear(shear(rng, stresses=(3e4,), runs=1))[0].shows_peak
 
 
+def test_rounding_has_no_say_in_what_a_single_curve_tells() -> None:
+    tests = shear(np.random.default_rng(5), residual=0.7, modulus=0.008, stresses=(3e4,), runs=1)
+    found = []
+    for scale in (1.0, 1.7, 3.1, 7.7):
+        stresses = {
+            name: scale * getattr(tests, name) for name in ("normal_stress", "shear_stress")
+        }
+        (fit,) = fit_shear(replace(tests, **stresses))
+        found.append(np.sqrt(np.diag(fit.peaked.covariance))[2:])
+    assert np.all(np.ptp(found, axis=0) < 5e-3 * np.min(found, axis=0))
+
+
 def test_one_normal_stress_tells_no_friction_angle() -> None:
     found = strength(shear(np.random.default_rng(1), stresses=(30e3,)))
     status = {p.name: p.status for p in found.parameters}

@@ -175,9 +175,12 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         fitted = FittedLaw(law, *_constants(law, under, best, reference))
         if len(diameters) > 2:
             error = left_out(under, best, size)
-            by_size = dict(zip(diameters, _rms(error, size), strict=True))
-            (rms,), by_depth = _rms(error, np.zeros_like(size)), tuple(_rms(error, where))
-            fitted = replace(fitted, held_out=rms, by_size=by_size, by_depth=by_depth)
+            fitted = replace(
+                fitted,
+                held_out=float(np.sqrt(np.mean(error**2))),
+                by_size=dict(zip(diameters, _rms(error, size), strict=True)),
+                by_depth=tuple(_rms(error, where)),
+            )
         laws.append(fitted)
     depths = tuple(map(DepthRange, edges[:-1].tolist(), edges[1:].tolist(), expected))
     return PlateLaws(soil, tuple(diameters), points.run_count, tuple(laws), depths)
