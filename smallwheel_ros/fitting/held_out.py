@@ -184,8 +184,8 @@ def cross_validate(
     """
     measurements = points.measurements
     fold = folds_of(points)[points.run] if fold is None else fold
-    blank = {name: np.full(len(measurements), np.nan) for name in points.channels}
-    errors = [{name: e.copy() for name, e in blank.items()} for _ in range(steps)]
+    blank = np.full(len(measurements), np.nan)
+    errors = [{name: blank.copy() for name in points.channels} for _ in range(steps)]
     for out in leave_out(fold):
         models, mine = chooser(points.take(~out)), rows_of(points.take(out))
         for step in range(steps):
