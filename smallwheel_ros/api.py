@@ -175,7 +175,8 @@ def fit(
     from smallwheel_ros.fitting.parameters import part_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
-    from smallwheel_ros.measurements.joining import joined, joined_shear
+    from smallwheel_ros.measurements.shear import joined_shear
+    from smallwheel_ros.measurements.table import joined
 
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None

@@ -78,19 +78,23 @@ def array_of_texts(cells: Sequence[Cell]) -> NDArray[np.str_]:
 
 @dataclass
 class Problems:
-    """What is wrong with a table, all of it: said at once, by `raise_any`."""
+    """What is wrong with a table, all of it: said at once, by `raise_any`.
+
+    place, lines: what the lines or rows of the file are called, and that of each row of the table.
+    header: the header's line.
+    """
 
     source: str
     place: str
-    numbers: NDArray[np.intp]
-    header: int | None = None  # the header's line
+    lines: NDArray[np.intp]
+    header: int | None = None
     found: list[str] = field(default_factory=list)
 
     def add(
         self, message: str, column: str | None = None, rows: Iterable[int] | None = None
     ) -> None:
         """Add a problem of these rows; without rows it is one of the header."""
-        lines = [] if rows is None else [int(self.numbers[row]) for row in rows]
+        lines = [] if rows is None else [int(self.lines[row]) for row in rows]
         first = lines[0] if lines else self.header
         where = [] if first is None else [f"{self.place} {first}"]
         where += [] if column is None else [f"column '{clipped(column)}'"]

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.columns import COLUMNS
+from smallwheel_ros.measurements.columns import COLUMNS, Mask, Texts
 from smallwheel_ros.measurements.reading import Columns, check_range
 from smallwheel_ros.measurements.settings import curves_of_rows
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
-
-Mask = NDArray[np.bool_]
 
 _STIFFEST, _SOFTEST = 1e-10, 1e-2  # m/N: a press's steel frame, and a soft spring
 _UNLOADED = 0.9  # of the largest load before it: less is a load that was taken off
@@ -34,12 +32,12 @@ _NO_AREA = (
 )
 
 
-def contact_of_rows(columns: Columns, given: str | None) -> NDArray[np.str_]:
+def contact_of_rows(columns: Columns, given: str | None) -> Texts:
     """What meets the soil in each row; a table of pressures without a width is of plates."""
     rows = columns.lines.size
     texts = columns.texts.get("contact")
     if given is not None and given not in CONTACTS:
-        columns.problems.add(f"contact given as '{given}', expected one of {', '.join(CONTACTS)}")
+        columns.add(f"contact given as '{given}', expected one of {', '.join(CONTACTS)}")
     elif given is not None and texts is not None:
         columns.problem("contact was given for all rows too, expected one of the two", "contact")
     if texts is None:
@@ -63,7 +61,7 @@ def _known(columns: Columns, name: str) -> bool:
     return name in columns.headings and name in columns.numbers
 
 
-def take_plates(columns: Columns, contact: NDArray[np.str_], compliance: float | None) -> None:
+def take_plates(columns: Columns, contact: Texts, compliance: float | None) -> None:
     """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
     plate = contact == PLATE
     _take_sizes(columns, plate)
@@ -122,7 +120,7 @@ def _take_pressure(columns: Columns, plate: Mask) -> None:
 def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None:
     load, sinkage = (columns.numbers.get(name) for name in ("load", "sinkage"))
     if not _STIFFEST <= compliance <= _SOFTEST:
-        columns.problems.add(
+        columns.add(
             f"compliance given as {compliance!r} m/N, expected {_STIFFEST:g} to {_SOFTEST:g} m/N: 1 mm "
             "under 1 kN is 1e-6 m/N"
         )
@@ -140,7 +138,7 @@ def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None
         )
 
 
-def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
+def name_curves(columns: Columns, contact: Texts) -> None:
     """Find the runs of a table of curves that names none: where size, soil, load and depth begin anew.
 
     Else each row of a curve would count as a run of its own.
@@ -162,7 +160,7 @@ def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
     )
 
 
-def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.str_]) -> Mask:
+def rows_on_soil(columns: Columns, contact: Texts, run: Texts) -> Mask:
     """Rows of plates and pressed wheels that press on the soil, for the first time; all others too.
 
     Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on

@@ -28,12 +28,18 @@ from smallwheel_ros.measurements.columns import (
     Array,
     ColumnSpec,
     Mask,
+    Texts,
 )
-from smallwheel_ros.measurements.headers import UNKNOWN, Heading, listed, match_columns
-from smallwheel_ros.measurements.layout import Layout, find_layout
+from smallwheel_ros.measurements.layout import Layout, find_layout, listed, match_columns
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
-from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
+from smallwheel_ros.measurements.words import (
+    UNKNOWN,
+    Heading,
+    contact_of,
+    is_summary,
+    may_have_summary,
+)
 
 _MOST_TEXTS = 30  # that are told apart in one column
 _MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
@@ -41,23 +47,19 @@ _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeri
 
 
 @dataclass
-class Columns:
+class Columns(Problems):
     """A table's columns by our names, SI units; what was understood, noted, and is wrong.
 
     headings: as the file has them. numbers: NaN where blank. texts: of the contract and labels
-    alike. lines: each row's line or row in the file.
+    alike.
     """
 
-    source: str
-    sha256: str
-    place: str
-    lines: NDArray[np.intp]
-    problems: Problems
+    sha256: str = ""
     headings: dict[str, Heading] = field(default_factory=dict)
     cells: dict[str, Sequence[Cell]] = field(default_factory=dict)
     numbers: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    texts: dict[str, NDArray[np.str_]] = field(default_factory=dict)
+    texts: dict[str, Texts] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     understood: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -76,7 +78,7 @@ class Columns:
         names = listed([heading.text for heading in self.headings.values()])
         hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
-            self.problems.add(message + ("" if i else hint))
+            self.add(message + ("" if i else hint))
 
     def keep(self, rows: Mask) -> None:
         """Keep the rows of that mask."""
@@ -90,20 +92,20 @@ class Columns:
         """Add a problem of a column: of its header, or of these rows if there are any."""
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
         if at is None or at.size:
-            self.problems.add(message, self.title(name), None if at is None else at.tolist())
+            self.add(message, self.title(name), None if at is None else at.tolist())
 
     def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
         """Add a problem for the values of these rows, if there are any; wanted: in the first."""
         if rows.any():
-            found = self.found(name, values, int(np.argmax(rows)))
-            self.problem(f"{clipped(name)} is {found}, expected {wanted}", name, rows)
+            value = self.written(name, values, int(np.argmax(rows)))
+            self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
 
     def count(self, rows: Mask, what: str) -> str:
         """How many rows these are, what of them is said, and where the first is."""
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
 
-    def found(self, name: str, values: Array, row: int) -> str:
+    def written(self, name: str, values: Array, row: int) -> str:
         """Show a value as it stands in the file, and converted where the file has another unit."""
         cell, unit = shown(self.cells[name][row]), self.headings[name].unit
         if unit in (None, DIMENSIONLESS):
@@ -123,34 +125,36 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     Raises MeasurementsError where there is no table.
     """
     layout = find_layout(grid)
-    problems = Problems(grid.source, grid.place, layout.numbers, layout.header_line)
-    named = match_columns(layout, mapping, problems)
+    columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line)
+    columns.sha256 = grid.sha256
+    named = match_columns(layout, mapping, columns)
     parsed = _numbers(layout, named, grid.comma)
     texts = [i for i in range(len(layout.headers)) if i not in parsed or parsed[i].faults]
-    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], problems)
+    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], columns)
     left_out = rows_not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
         many = count > len(layout.headers)
         hint = " (a decimal comma, or a comma in a text? write 1.5, and texts in quotes)"
-        problems.add(
+        columns.add(
             f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
             rows=[row for row, n in ragged.items() if n == count],
         )
-    layout.said += [
+    columns.understood += layout.said
+    columns.understood += [
         f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
         for row, text in [*left_out.items()][:5]
     ]
-    layout.said += [f"and {len(left_out) - 5} more rows like it"] if len(left_out) > 5 else []
+    columns.understood += (
+        [f"and {len(left_out) - 5} more rows like it"] if len(left_out) > 5 else []
+    )
     if left_out or ragged:
         layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
-        if not layout.numbers.size:
-            problems.add("no rows of measurements are left")
-            problems.raise_any()
+        columns.lines = layout.numbers
+        if not columns.lines.size:
+            columns.add("no rows of measurements are left")
+            columns.raise_any()
         parsed = _numbers(layout, named, grid.comma)
-        problems.numbers = layout.numbers
-    columns = Columns(grid.source, grid.sha256, grid.place, problems.numbers, problems)
-    columns.understood += layout.said
     for position, heading in named.items():
         columns.headings[heading.name] = heading
         columns.cells[heading.name] = layout.columns[position]
@@ -239,7 +243,7 @@ BEFORE_TOUCH = ("load", "sinkage")
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
     """Numbers of a column in SI units, each within the range of its kind."""
-    name, before = heading.name, len(columns.problems.found)
+    name, before = heading.name, len(columns.found)
     expected = spec.unit or None
     try:
         to_base(np.zeros(1), heading.unit or DIMENSIONLESS, expected if heading.unit else None)
@@ -255,7 +259,7 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     early = name in BEFORE_TOUCH
     rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
     check_range(columns, name, spec, values, rows)
-    if len(columns.problems.found) > before:
+    if len(columns.found) > before:
         values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
     if tiny.any():
@@ -340,7 +344,7 @@ def take_size(columns: Columns, name: str, size: float | None) -> None:
         return
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
-        columns.problems.add(f"{name} given as {size!r} m, expected {spec.expected()}")
+        columns.add(f"{name} given as {size!r} m, expected {spec.expected()}")
     elif name in columns.headings:
         columns.problem(
             f"{name} was given for all rows too, expected one of the two: leave the option or the "
