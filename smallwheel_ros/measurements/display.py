@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.measurements.units import DIMENSIONLESS, to_base
+from smallwheel_ros.measurements.units import shown_unit, to_base
 
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements
@@ -100,8 +100,7 @@ def column_display(measurements: Measurements, name: str) -> Display:
     if written is not None:
         zero, one = to_base(np.array([0.0, 1.0]), written)
         if zero == 0.0:  # no degrees Celsius
-            # A mass that was given for a load stands for its weight.
-            shown = "" if written == DIMENSIONLESS else written.replace("*g_0", "")
+            shown = shown_unit(written)
             return Display(1.0 / one, f"{words(name)} [{shown}]" if shown else words(name), shown)
     unit = measurements.units.get(name, unit_of(name))
     if unit == "m/s" and np.nanmax(np.abs(measurements.conditions[name])) < _SLOW:

@@ -7,14 +7,11 @@ sinkage = measured sinkage - compliance x load
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS, Mask, Texts
 from smallwheel_ros.measurements.reading import Columns, check_range
-from smallwheel_ros.measurements.settings import curves_of_rows
+from smallwheel_ros.measurements.settings import Index, curves_of_rows
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
 
@@ -148,11 +145,9 @@ def name_curves(columns: Columns, contact: Texts) -> None:
     if named or sinkage is None or (contact == ROLLING).any():
         return
     load, z = columns.numbers["load"], np.nan_to_num(sinkage)
-    key = [columns.numbers["diameter"], np.nan_to_num(columns.numbers.get("width", z * 0.0))]
-    for text in columns.texts.values():
-        key.append(np.unique(text, return_inverse=True)[1].reshape(-1).astype(float))
-    same = np.all(np.diff(np.array(key), axis=1) == 0.0, axis=0)
-    curve = curves_of_rows([load, z], lambda first, row: not same[row - 1])
+    sizes = [columns.numbers["diameter"], np.nan_to_num(columns.numbers.get("width", z * 0.0))]
+    another = np.any([c[1:] != c[:-1] for c in (*sizes, *columns.texts.values())], axis=0)
+    curve = curves_of_rows([load, z], lambda first, row: bool(another[row - 1]))
     columns.texts["run"] = np.array([f"curve {c + 1}" for c in curve])
     columns.understood.append(
         f"no column 'run': {int(curve[-1]) + 1} curves, each begins where size or soil changes or load "
@@ -186,37 +181,38 @@ def rows_on_soil(columns: Columns, contact: Texts, run: Texts) -> Mask:
     return np.asarray(~(early | off))
 
 
-def _ranks(one: NDArray[Any], other: Array) -> float:
-    """Spearman's rank correlation."""
-    from scipy.stats import spearmanr  # slow to import, and few tables have curves
-
-    return float(spearmanr(one, other)[0])
-
-
 def _unloaded(load: Array, sinkage: Array) -> Mask:
     """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
     end = 0 if np.isnan(sinkage).all() else int(np.nanargmax(sinkage))
     down = sinkage[: end + 1]
-    if end < _FEWEST or np.ptp(down) == 0.0 or not _ranks(np.arange(end + 1), down) > _IN_ORDER:
+    if end < _FEWEST or not _rise(np.arange(end + 1), down) > _IN_ORDER:
         return np.zeros(load.size, dtype=bool)
     reached, deepest = np.maximum.accumulate(load), np.fmax.accumulate(sinkage)
     back = sinkage < deepest - _REBOUND * sinkage[end]
     return np.asarray((load < _UNLOADED * reached) & back)
 
 
+def _rise(one: Array | Index, other: Array) -> float:
+    """Spearman's rank correlation; NaN where one of them is the same throughout."""
+    from scipy.stats import spearmanr  # slow to import, and few tables have curves
+
+    return np.nan if np.ptp(one) == 0 or np.ptp(other) == 0 else float(spearmanr(one, other)[0])
+
+
 def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> None:
+    """Warn of a load over depth that no soil bears. load (N), sinkage (m): of one curve."""
     known = np.isfinite(sinkage)
     if known.sum() < _FEWEST or np.ptp(sinkage[known]) == 0.0:
         return
-    if np.ptp(load) <= _SAME_LOAD * load.max():
-        if sinkage[known].max() > 2.0 * sinkage[known].min():
-            columns.warnings.append(
-                f"run '{name}': the load is {load.mean():.4g} N at all depths from "
-                f"{1e3 * sinkage[known].min():.3g} to {1e3 * sinkage[known].max():.3g} mm, and no soil bears "
-                "alike there: is it the load at that depth, or that of the whole test?"
-            )
-        return
-    if _ranks(load[known], sinkage[known]) < 0.0:
+    least, most = sinkage[known].min(), sinkage[known].max()
+    constant = np.ptp(load) <= _SAME_LOAD * load.max()
+    if constant and most > 2.0 * least:
+        columns.warnings.append(
+            f"run '{name}': the load is {load.mean():.4g} N at all depths from {1e3 * least:.3g} to "
+            f"{1e3 * most:.3g} mm, and no soil bears alike there: is it the load at that depth, or that of "
+            "the whole test?"
+        )
+    elif not constant and _rise(load[known], sinkage[known]) < 0.0:
         columns.warnings.append(
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,7 +32,13 @@ from smallwheel_ros.measurements.columns import (
 )
 from smallwheel_ros.measurements.layout import Layout, find_layout, listed, match_columns
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
-from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
+from smallwheel_ros.measurements.units import (
+    DIMENSIONLESS,
+    UnitsError,
+    base_unit,
+    shown_unit,
+    to_base,
+)
 from smallwheel_ros.measurements.words import (
     UNKNOWN,
     Heading,
@@ -43,6 +49,10 @@ from smallwheel_ros.measurements.words import (
 
 _MOST_TEXTS = 30  # that are told apart in one column
 _MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
+_GIVEN_TWICE = (
+    "{} was given for all rows too, expected one of the two: leave the option or the column out"
+)
+_MOST_SAID = 5  # rows that are left out, and texts that are read as blank
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
@@ -73,7 +83,7 @@ class Columns(Problems):
         heading = self.headings.get(name)
         return name if heading is None or name in heading.text else heading.text
 
-    def lacking(self, messages: Sequence[str]) -> None:
+    def lacking(self, messages: Iterable[str]) -> None:
         """Add a problem for each column that must be there and is not; the first says what is."""
         names = listed([heading.text for heading in self.headings.values()])
         hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
@@ -107,15 +117,14 @@ class Columns(Problems):
 
     def written(self, name: str, values: Array, row: int) -> str:
         """Show a value as it stands in the file, and converted where the file has another unit."""
-        cell, unit = shown(self.cells[name][row]), self.headings[name].unit
-        if unit in (None, DIMENSIONLESS):
+        cell, unit = shown(self.cells[name][row]), shown_unit(self.headings[name].unit)
+        if not unit:
             return cell
         try:
             same = float(values[row]) == float(cell)
         except ValueError:
             same = False
-        plain = str(unit).replace("*g_0", "")
-        return f"{cell} {plain}" + ("" if same else f" ({values[row]:.6g} in SI)")
+        return f"{cell} {unit}" + ("" if same else f" ({values[row]:.6g} in SI)")
 
 
 def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
@@ -141,13 +150,11 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             rows=[row for row, n in ragged.items() if n == count],
         )
     columns.understood += layout.said
-    columns.understood += [
-        f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
-        for row, text in [*left_out.items()][:5]
-    ]
-    columns.understood += (
-        [f"and {len(left_out) - 5} more rows like it"] if len(left_out) > 5 else []
-    )
+    for row, text in [*left_out.items()][:_MOST_SAID]:
+        what = f"row {layout.numbers[row]} '{clipped(text.strip())}'"
+        columns.understood.append(f"{what} is no measurement: left out")
+    if (more := len(left_out) - _MOST_SAID) > 0:
+        columns.understood.append(f"and {more} more rows like it")
     if left_out or ragged:
         layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
         columns.lines = layout.numbers
@@ -165,9 +172,8 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
 
 
 def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[int, Numbers]:
-    positions = [i for i, heading in named.items() if heading.name not in TEXTS]
-    found = read_numbers([layout.columns[i] for i in positions], comma)
-    return dict(zip(positions, found, strict=True))
+    columns = {i: layout.columns[i] for i, h in named.items() if h.name not in TEXTS}
+    return dict(zip(columns, read_numbers([*columns.values()], comma), strict=True))
 
 
 def rows_not_measured(
@@ -213,11 +219,11 @@ def is_label(heading: Heading, parsed: Numbers) -> bool:
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
-    name = heading.name
+    name, cells = heading.name, columns.cells[heading.name]
+    spec = COLUMNS.get(name) or (LAB_COLUMNS.get(name) if heading.rank != UNKNOWN else None)
     if parsed is None:
-        if heading.unit not in (None, DIMENSIONLESS):
+        if shown_unit(heading.unit):
             columns.problem(f"unit '{heading.unit}' on a text", name)
-        cells = columns.cells[name]
         if name == "contact":
             cells = [contact_of(shown(cell)) for cell in cells]
         columns.texts[name] = array_of_texts(cells)
@@ -226,15 +232,13 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
             columns.problem("the whole column is blank", name)
         else:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
-    elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
-        _take_numbers(columns, heading, parsed, (LAB_COLUMNS | COLUMNS)[name])
-    elif heading.rank == UNKNOWN and is_label(heading, parsed):
-        columns.texts[name] = array_of_texts(columns.cells[name])
+    elif spec is None and heading.rank == UNKNOWN and is_label(heading, parsed):
+        columns.texts[name] = array_of_texts(cells)
         columns.notes.append(
             f"column '{clipped(name)}' is text: kept as a label, not used by any model"
         )
     else:
-        _take_numbers(columns, heading, parsed, OTHER)
+        _take_numbers(columns, heading, parsed, spec or OTHER)
 
 
 # Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
@@ -243,19 +247,23 @@ BEFORE_TOUCH = ("load", "sinkage")
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
     """Numbers of a column in SI units, each within the range of its kind."""
-    name, before = heading.name, len(columns.found)
-    expected = spec.unit or None
+    name, unit, before = heading.name, heading.unit, len(columns.found)
+    expected, values = spec.unit or None, parsed.values
     try:
-        to_base(np.zeros(1), heading.unit or DIMENSIONLESS, expected if heading.unit else None)
-        columns.units[name] = expected or ("" if heading.unit is None else base_unit(heading.unit))
+        to_base(np.zeros(1), unit or DIMENSIONLESS, expected if unit else None)
+        columns.units[name] = expected or ("" if unit is None else base_unit(unit))
     except UnitsError as error:
         # Of a column in the wrong unit every value may look wrong: say nothing of those.
         columns.problem(str(error).replace("*g_0", ""), name)
         return
     _check_cells(columns, name, parsed)
-    values = heading.factor * _in_header_unit(columns, heading, parsed, expected)
-    if heading.unit is not None:
-        values = to_base(values, heading.unit, expected)
+    if unit == "%":  # a cell of 20 % is 20 below [%]
+        values = np.where(parsed.percent, 100.0 * values, values)
+    elif shown_unit(unit) or shown_unit(expected):
+        columns.problem(f"cells in per cent, expected {unit or expected}", name, parsed.percent)
+    values = heading.factor * values
+    if unit is not None:
+        values = to_base(values, unit, expected)
     early = name in BEFORE_TOUCH
     rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
     check_range(columns, name, spec, values, rows)
@@ -263,9 +271,8 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
         values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
     if tiny.any():
-        columns.notes.append(
-            f"column '{clipped(name)}': {tiny.sum()} numbers under {LEAST:g} are taken as 0"
-        )
+        many = f"{tiny.sum()} numbers under {LEAST:g}"
+        columns.notes.append(f"column '{clipped(name)}': {many} are taken as 0")
         values = np.where(tiny, 0.0, values)
     columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
 
@@ -285,21 +292,6 @@ def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, ro
     columns.outside(name, values, bad, wanted + hint)
 
 
-def _in_header_unit(
-    columns: Columns, heading: Heading, parsed: Numbers, expected: str | None
-) -> Array:
-    """Values as if every cell were in the unit of the header: a cell of 20 % is 20 below [%]."""
-    if not parsed.percent.any():
-        return parsed.values
-    if heading.unit == "%":
-        return np.where(parsed.percent, 100.0 * parsed.values, parsed.values)
-    if heading.unit not in (None, DIMENSIONLESS) or expected not in (None, DIMENSIONLESS):
-        columns.problem(
-            f"cells in per cent, expected {heading.unit or expected}", heading.name, parsed.percent
-        )
-    return parsed.values
-
-
 def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     """Add a problem for each text that is no number, and for what is not finite."""
     cells = columns.cells[name]
@@ -317,11 +309,8 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
     text = shown(cells[int(np.argmax(bad))])
-    columns.problem(
-        f"{text} found, expected a finite number, or a blank cell where nothing was measured",
-        name,
-        bad,
-    )
+    wanted = "a finite number, or a blank cell where nothing was measured"
+    columns.problem(f"{text} found, expected {wanted}", name, bad)
 
 
 def _number_hint(text: str) -> str:
@@ -346,11 +335,7 @@ def take_size(columns: Columns, name: str, size: float | None) -> None:
     if np.isnan(size) or spec.bad(np.array([size])).any():
         columns.add(f"{name} given as {size!r} m, expected {spec.expected()}")
     elif name in columns.headings:
-        columns.problem(
-            f"{name} was given for all rows too, expected one of the two: leave the option or the "
-            "column out",
-            name,
-        )
+        columns.problem(_GIVEN_TWICE.format(name), name)
     columns.numbers[name] = np.full(columns.lines.size, size)
     columns.units[name] = spec.unit
 
@@ -360,18 +345,16 @@ def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
     for heading in columns.headings.values():
         if heading.rank == UNKNOWN:
             continue
-        unit = "" if heading.unit in (None, DIMENSIONLESS) else f" [{heading.unit}]"
-        if heading.text in {f"{heading.name}{usual}" for usual in ("", unit, " [-]", " [1]")}:
-            continue
-        weight = ", the weight of that mass" if "*g_0" in unit else ""
+        unit = f" [{shown_unit(heading.unit)}]".replace(" []", "")
+        weight = ", the weight of that mass" if "*g_0" in str(heading.unit) else ""
         twice = ", twice the radius" if heading.factor == 2.0 else ""
-        columns.understood.append(
-            f"'{clipped(heading.text)}' -> {heading.name}{unit.replace('*g_0', '')}{weight}{twice}"
-        )
+        made = f"{heading.name}{unit}{weight}{twice}"
+        if heading.text not in (heading.name, made, f"{heading.name} [-]", f"{heading.name} [1]"):
+            columns.understood.append(f"'{clipped(heading.text)}' -> {made}")
     if any(p.comma for p in parsed):
         columns.understood.append("decimal commas")
     if any(p.percent.any() for p in parsed):
         columns.understood.append("cells in per cent")
     missing = sorted({text for p in parsed for text in p.missing})
     if missing:
-        columns.understood.append(f"{', '.join(missing[:5])}: read as blank")
+        columns.understood.append(f"{', '.join(missing[:_MOST_SAID])}: read as blank")

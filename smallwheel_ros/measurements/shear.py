@@ -69,12 +69,11 @@ def shear_tests(columns: Columns) -> ShearTests:
 
     Raises MeasurementsError that lists everything that is wrong.
     """
-    lacking = [
+    columns.lacking(
         f"no column '{name}' ({LAB_COLUMNS[name].description})"
         for name in _NEEDED
         if name not in columns.headings
-    ]
-    columns.lacking(lacking)
+    )
     columns.raise_any()
     for name in (n for n in _NEEDED if n not in columns.numbers):
         columns.problem("the whole column is blank", name)
@@ -88,17 +87,10 @@ def shear_tests(columns: Columns) -> ShearTests:
         columns.keep(~blank)
     sigma, stress, j = (columns.numbers[name] for name in _NEEDED)
     soil = columns.texts.get("soil", np.full(sigma.size, ""))
+    run = _runs(columns, sigma, j, soil)
+    said = tuple(columns.notes), tuple(columns.understood)
     return ShearTests(
-        sigma,
-        stress,
-        j,
-        _runs(columns, sigma, j, soil),
-        soil,
-        columns.lines,
-        tuple(columns.notes),
-        tuple(columns.understood),
-        columns.source,
-        columns.sha256,
+        sigma, stress, j, run, soil, columns.lines, *said, columns.source, columns.sha256
     )
 
 

@@ -151,6 +151,11 @@ def spelled(text: str, expected: str | None) -> str | None:
     return None
 
 
+def shown_unit(unit: str | None) -> str:
+    """The unit as people read it, "" for a pure number or none; a mass that is a weight as the mass."""
+    return "" if unit in (None, DIMENSIONLESS) else str(unit).replace("*g_0", "")
+
+
 def fits(unit: str, expected: str) -> bool:
     """Whether values in the unit are of the kind that the SI unit `expected` measures."""
     return _base(_unit(unit)) == _base(_unit(expected))
