@@ -20,6 +20,7 @@ MOST_COLUMNS = 20_000  # a sheet of Excel has 16,384
 MOST_CHARACTERS = 64_000_000  # rows times the longest cell, summed over the columns of texts
 EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 SMALLER = "split the table, or thin out rows of long records"
+TOO_MANY = f"expected at most {MOST_CELLS} cells: {SMALLER}"
 
 
 class MeasurementsError(SmallwheelError):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -52,6 +53,14 @@ _MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means an
 _GIVEN_TWICE = (
     "{} was given for all rows too, expected one of the two: leave the option or the column out"
 )
+# How a cell begins that is no number, and what to do about it.
+_ODD_CELLS = (
+    ("#", "an error of the spreadsheet: mend the formula, or leave the cell blank"),
+    ("[0-9]{4}-", "a date; a spreadsheet makes one of 1.5 where it expects 1,5"),
+    (r".*(±|\+/-)", "write the deviation in a column of its own, as in 'sinkage_std [mm]'"),
+    ("[<>~≈≤≥]", "a limit is no measurement: write what was read, or leave the cell blank"),
+    (r"[0-9].*[^\W\d_]$", "write the unit in the header, not in the cell"),
+)
 _MOST_SAID = 5  # rows that are left out, and texts that are read as blank
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
@@ -61,7 +70,7 @@ class Columns(Problems):
     """A table's columns by our names, SI units; what was understood, noted, and is wrong.
 
     headings: as the file has them. numbers: NaN where blank. texts: of the contract and labels
-    alike.
+    alike. contact: what meets the soil in each row (`plates.take_contact`).
     """
 
     sha256: str = ""
@@ -70,6 +79,7 @@ class Columns(Problems):
     numbers: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     texts: dict[str, Texts] = field(default_factory=dict)
+    contact: Texts = field(default_factory=lambda: np.array([], dtype=np.str_))
     notes: list[str] = field(default_factory=list)
     understood: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -77,6 +87,14 @@ class Columns(Problems):
     def there(self, name: str) -> bool:
         """Whether the table has the column or a value for all rows."""
         return name in self.headings or name in self.numbers
+
+    def read(self, name: str) -> bool:
+        """Whether the table has the column with numbers."""
+        return name in self.headings and name in self.numbers
+
+    def values(self, name: str, default: float = np.nan) -> Array:
+        """Numbers of the column, the default throughout where there is none; shape (rows,)."""
+        return self.numbers.get(name, np.full(self.lines.size, default))
 
     def title(self, name: str) -> str:
         """The column as messages name it: by our name where the file does so too."""
@@ -97,6 +115,7 @@ class Columns(Problems):
         self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
         self.numbers = {name: values[index] for name, values in self.numbers.items()}
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
+        self.contact = self.contact[index] if self.contact.size else self.contact
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
         """Add a problem of a column: of its header, or of these rows if there are any."""
@@ -299,7 +318,7 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     for row, fault in parsed.faults.items():
         # Of cells that are wrong in the same way the first says it all.
         text = shown(cells[row])
-        why = fault or _number_hint(text)
+        why = fault or next((why for start, why in _ODD_CELLS if re.match(start, text)), "")
         many = why or len(by_text) >= _MOST_TEXTS
         key = next((t for t, w in by_text if w == why), text) if many else text
         by_text.setdefault((key, why), []).append(row)
@@ -311,20 +330,6 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     text = shown(cells[int(np.argmax(bad))])
     wanted = "a finite number, or a blank cell where nothing was measured"
     columns.problem(f"{text} found, expected {wanted}", name, bad)
-
-
-def _number_hint(text: str) -> str:
-    if text.startswith("#"):
-        return "an error of the spreadsheet: mend the formula, or leave the cell blank"
-    if text[:4].isdigit() and text[4:5] == "-":
-        return "a date; a spreadsheet makes one of 1.5 where it expects 1,5"
-    if "±" in text or "+/-" in text:
-        return "write the deviation in a column of its own, as in 'sinkage_std [mm]'"
-    if text[:1] in "<>~≈≤≥":
-        return "a limit is no measurement: write what was read, or leave the cell blank"
-    if text[:1].isdigit() and text[-1:].isalpha():
-        return "write the unit in the header, not in the cell"
-    return ""
 
 
 def take_size(columns: Columns, name: str, size: float | None) -> None:

@@ -8,6 +8,7 @@ import hashlib
 import io
 import os
 import stat
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from smallwheel_ros.measurements.cells import (
     MOST_CELLS,
     MOST_CHARACTERS,
     SMALLER,
+    TOO_MANY,
     Cell,
     Grid,
     MeasurementsError,
@@ -109,30 +111,29 @@ def text_grid(data: bytes, source: str, digest: str) -> Grid:
     if start in ("{", "<") or (start == "[" and "\n" not in text.strip()):
         kind = "JSON" if start in "{[" else "HTML or XML"
         raise MeasurementsError(f"{source}: looks like {kind}, {EXPECTED}")
-    line = 1
+    before = 0  # lines
     if text[:4].lower() == "sep=":  # a line that only Excel knows
-        text, line = text.partition("\n")[2], 2
+        text, before = text.partition("\n")[2], 1
     separator = _separator(text)
     if separator != ",":
         said.append(f"cells are separated by {_SEPARATORS[separator]}")
     # Before any list is made of them. Twice the cells: texts in quotes have separators too.
-    too_many = f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}"
     most = 2 * MOST_CELLS
     if len(text) > most and sum(map(text.count, (separator, "\n", "\r"))) > most:
-        raise MeasurementsError(too_many)
+        raise MeasurementsError(f"{source}: {TOO_MANY}")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     grid = Grid(source, digest, [], [], "line", comma=separator != ",", said=said)
-    before = line - 1
+    line = before + 1
     try:
         for row in reader:  # a text in quotes may have several lines
             grid.rows.append(row)
             grid.numbers.append(line)
             line = before + reader.line_num + 1
     except csv.Error as error:
-        at = before + reader.line_num
-        raise MeasurementsError(f"{source}, line {at}: not CSV: {error}") from None
+        line = before + reader.line_num
+        raise MeasurementsError(f"{source}, line {line}: not CSV: {error}") from None
     if sum(map(len, grid.rows)) > MOST_CELLS:
-        raise MeasurementsError(too_many)
+        raise MeasurementsError(f"{source}: {TOO_MANY}")
     return grid
 
 
@@ -148,30 +149,23 @@ def _decoded(data: bytes, source: str) -> tuple[str, list[str]]:
                 "save it as CSV UTF-8"
             ) from None
     if b"\x00" in data:
-        return _without_mark(data, source), ["text in UTF-16, without the mark of it"]
+        # UTF-16 of Latin letters has zeros in every second byte; any other zeros are no text.
+        for code, zeros in (("utf-16-le", data[1:2000:2]), ("utf-16-be", data[0:2000:2])):
+            with suppress(UnicodeDecodeError):
+                if zeros.count(0) > 0.9 * len(zeros):
+                    return data.decode(code), ["text in UTF-16, without the mark of it"]
+        raise MeasurementsError(f"{source}: a binary file, {EXPECTED}")
     try:
         return data.decode("utf-8"), []
     except UnicodeDecodeError as error:
         bad = error.start
-    try:
+    with suppress(UnicodeDecodeError):
         return data.decode("cp1252"), ["text in Windows-1252, as it is not UTF-8"]
-    except UnicodeDecodeError:
-        line = data.count(b"\n", 0, bad) + 1
-        raise MeasurementsError(
-            f"{source}, line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
-            f"{EXPECTED} (save it as CSV UTF-8)"
-        ) from None
-
-
-def _without_mark(data: bytes, source: str) -> str:
-    """UTF-16 of Latin letters has zeros in every second byte; any other zeros are no text."""
-    for code, zeros in (("utf-16-le", data[1:2000:2]), ("utf-16-be", data[0:2000:2])):
-        if zeros.count(0) > 0.9 * len(zeros):
-            try:
-                return data.decode(code)
-            except UnicodeDecodeError:
-                break
-    raise MeasurementsError(f"{source}: a binary file, {EXPECTED}")
+    line = data.count(b"\n", 0, bad) + 1
+    raise MeasurementsError(
+        f"{source}, line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
+        f"{EXPECTED} (save it as CSV UTF-8)"
+    )
 
 
 def _separator(text: str) -> str:

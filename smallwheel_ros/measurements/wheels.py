@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.measurements.cells import clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
 from smallwheel_ros.measurements.plates import (
-    contact_of_rows,
+    keep_rows_on_soil,
     name_curves,
-    rows_on_soil,
+    take_contact,
     take_plates,
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
@@ -99,48 +99,48 @@ def read_tests(
         columns.raise_any()
     take_size(columns, "diameter", diameter)
     take_size(columns, "width", width)
-    kinds = contact_of_rows(columns, contact)
-    take_plates(columns, kinds, compliance)
-    _check_there(columns, kinds)
-    _check_blanks(columns, kinds)
-    _check_heights(columns, kinds)
+    take_contact(columns, contact)
+    take_plates(columns, compliance)
+    _check_there(columns)
+    _check_blanks(columns)
+    _check_heights(columns)
     columns.raise_any()
-    name_curves(columns, kinds)
-    if (kinds != ROLLING).any():
-        keep = rows_on_soil(columns, kinds, _runs(columns))
-        if not keep.any():
-            columns.add("no row of load and sinkage over 0 is left")
-            columns.raise_any()
-        columns.keep(keep)
-        kinds = kinds[keep]
-    return _measurements(columns, kinds)
+    name_curves(columns)
+    if (columns.contact != ROLLING).any():
+        keep_rows_on_soil(columns, _runs(columns))
+    return _measurements(columns)
 
 
-def _measurements(columns: Columns, contact: Texts) -> Measurements:
+def _measurements(columns: Columns) -> Measurements:
     """The table of columns in which nothing is wrong."""
-    numbers, rows, notes = dict(columns.numbers), columns.lines.size, columns.notes
-    channels = {name: numbers.pop(name) for name in CHANNELS if name in numbers}
-    declared = {n: numbers.pop(f"{n}_std") for n in CHANNELS if f"{n}_std" in numbers}
+    numbers, notes = columns.numbers, columns.notes
+    sizes = {n: columns.values(n) for n in ("load", "diameter", "width")}
+    channels = {name: numbers[name] for name in CHANNELS if name in numbers}
+    declared = {n: numbers[f"{n}_std"] for n in CHANNELS if f"{n}_std" in numbers}
     for name in [name for name in declared if name not in channels]:
         notes.append(f"column '{name}_std' is left out: there is no '{name}'")
         del declared[name]
-    load, d, b = (numbers.pop(n, np.full(rows, np.nan)) for n in ("load", "diameter", "width"))
     covariates: dict[str, Array] = {}
     for name, values in numbers.items():
-        gaps = np.isnan(values)
-        holes = gaps & (contact == ROLLING)
+        if name in sizes or name.removesuffix("_std") in CHANNELS:
+            continue
+        holes = np.isnan(values) & (columns.contact == ROLLING)
         if holes.any():
             blank = columns.count(holes, "rolling rows")
             notes.append(f"column '{name}' is blank in {blank}: not used as a covariate")
-            continue
-        covariates[name] = np.where(gaps, _AT_REST.get(name, np.nan), values)
+        else:
+            at_rest = _AT_REST.get(name, np.nan)
+            covariates[name] = np.where(np.isnan(values), at_rest, values)
     texts, headings = columns.texts, columns.headings
-    conditions = Conditions(load, d, b, contact, texts.get("soil"), covariates)
-    runs_given = bool((texts.get("run", np.array([""])) != "").any())
+    conditions = Conditions(
+        **sizes, contact=columns.contact, soil=texts.get("soil"), covariates=covariates
+    )
+    run = _runs(columns)
+    runs_given = bool((run != "").any())
     data = Measurements(
         conditions,
         channels,
-        _runs(columns) if runs_given else np.full(rows, ""),
+        run,
         texts["wheel"] if "wheel" in texts else _wheels(conditions),
         columns.lines,
         declared,
@@ -164,8 +164,8 @@ def _measurements(columns: Columns, contact: Texts) -> Measurements:
         ("columns of your own, used as covariates", set_columns(data)),
         ("order of the runs, for drifts", order_columns(data)),
     ):
-        listed = ", ".join([clipped(name) for name in own if name in names][:30])
-        columns.understood += [f"{use}: {listed}"] if listed else []
+        if listed := ", ".join([clipped(name) for name in own if name in names][:30]):
+            columns.understood.append(f"{use}: {listed}")
     return replace(
         data,
         notes=tuple(notes),
@@ -174,9 +174,9 @@ def _measurements(columns: Columns, contact: Texts) -> Measurements:
     )
 
 
-def _check_there(columns: Columns, contact: Texts) -> None:
+def _check_there(columns: Columns) -> None:
     """Add a problem for each column that there must be; a table of plates needs no width."""
-    needed = ["load", "diameter", *(["width"] if np.any(contact != PLATE) else [])]
+    needed = ["load", "diameter", *(["width"] if np.any(columns.contact != PLATE) else [])]
     nearly = {meant(heading) for heading in columns.headings.values() if heading.rank == UNKNOWN}
     lacking = [
         f"no column '{name}' ({COLUMNS[name].description})"
@@ -193,24 +193,24 @@ def _check_there(columns: Columns, contact: Texts) -> None:
         columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
 
-def _check_blanks(columns: Columns, contact: Texts) -> None:
+def _check_blanks(columns: Columns) -> None:
     """Add a problem for cells that are blank where a value is needed."""
 
     def check(names: Sequence[str], needed: Mask, words: str) -> None:
         for name in names:
-            blank = np.isnan(columns.numbers.get(name, np.nan))
+            blank = np.isnan(columns.values(name))
             if not blank.all():  # what is not there or wrong throughout is said elsewhere
                 columns.problem(words, name, blank & needed)
 
-    check(("load", "diameter"), np.ones(contact.size, dtype=bool), _BLANK)
-    check(("width",), contact != PLATE, _BLANK)
+    check(("load", "diameter"), np.ones(columns.lines.size, dtype=bool), _BLANK)
+    check(("width",), columns.contact != PLATE, _BLANK)
     for name in ("soil", "wheel"):
         texts = columns.texts.get(name)
         if texts is not None and (texts == "").all():
             del columns.texts[name]
         elif texts is not None:
             columns.problem(f"{_BLANK}; merged cells have to be filled", name, texts == "")
-    check(SETTINGS, contact == ROLLING, _BLANK_ROLLING)
+    check(SETTINGS, columns.contact == ROLLING, _BLANK_ROLLING)
 
 
 def _runs(columns: Columns) -> Texts:
@@ -254,7 +254,7 @@ def _wheels(conditions: Conditions) -> Texts:
     return np.array(names, dtype=np.str_)[index]
 
 
-def _check_heights(columns: Columns, contact: Texts) -> None:
+def _check_heights(columns: Columns) -> None:
     """Add a problem for a wheel that is deeper than its axle, and for lugs higher than its radius.
 
     It carries by its lower half, so that is a mistake. A wheel dragged across its plane is ploughed
@@ -264,23 +264,20 @@ def _check_heights(columns: Columns, contact: Texts) -> None:
     d = columns.numbers.get("diameter")
     if d is None:
         return
-    angle = columns.numbers.get("slip_angle", np.zeros(d.size))
-    rolled = (contact != PLATE) & (np.abs(angle) <= _PLOUGHED)
-    unit = "; without a unit it is metres: for mm the header is 'sinkage [mm]'"
+    angle = columns.values("slip_angle", 0.0)
+    rolled = (columns.contact != PLATE) & (np.abs(angle) <= _PLOUGHED)
+    metres = columns.there("sinkage") and columns.headings["sinkage"].unit is None
+    hint = "; without a unit it is metres: for mm the header is 'sinkage [mm]'" if metres else ""
     for name, where, words in (
-        ("sinkage", rolled, "half the diameter"),
-        ("grouser_height", np.ones(d.size, dtype=bool), "the wheel's radius: is the unit right?"),
+        ("sinkage", rolled, f"half the diameter{hint}"),
+        ("grouser_height", np.ones_like(rolled), "the wheel's radius: is the unit right?"),
     ):
-        if name not in columns.numbers:
-            continue
-        values = columns.numbers[name]
+        values = columns.values(name, 0.0)
         over = over_half(values, d) & where
-        hint = unit if name == "sinkage" and columns.headings[name].unit is None else ""
-        half = 0.5 * d[int(np.argmax(over))]
-        columns.outside(name, values, over, f"at most {half:.6g} m, {words}{hint}")
+        columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
 
 
-# Rows, what to say of them ({0}: where they are, {1}: a value of the first), and that value's column.
+# Rows, what to say of them ({0}: where they are, {1}: the first of the values there), and the values.
 Suspicion = tuple[Mask, str, Array]
 
 
@@ -369,7 +366,7 @@ def _odd_runs(data: Measurements) -> Iterator[str]:
             continue
         low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
         if (low < high).any():
-            run = names[np.flatnonzero(low < high)[0]]
+            run = names[int(np.argmax(low < high))]
             yield (
                 f"run '{run}' has rows of several {what}: rows of one run are repeats of one "
                 "setting. If runs are numbered anew for each, give each a name of its own"
@@ -380,7 +377,7 @@ def _odd_runs(data: Measurements) -> Iterator[str]:
     rolling = np.bincount(index, data.conditions.rolling) > 0  # what is pressed in is a curve
     wide = rolling & (high > _STEADY_LOAD * low)
     if wide.any():
-        first = int(np.flatnonzero(wide)[0])
+        first = int(np.argmax(wide))
         yield (
             f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[first]}': "
             f"{low[first]:.4g} to {high[first]:.4g} N): a curve, not repeats. Its rows stay "

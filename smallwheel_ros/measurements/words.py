@@ -159,8 +159,11 @@ def find(text: str) -> Match | None:
                 return Match(match.name, 1)
     spread = next((w for w in _DEVIATIONS if whole.startswith(w) or whole.endswith(w)), None)
     if spread is not None:
-        return _deviation(whole.removeprefix(spread) if whole.startswith(spread)
-                          else whole.removesuffix(spread), text)  # fmt: skip
+        of = whole.removeprefix(spread) if whole.startswith(spread) else whole.removesuffix(spread)
+        channel = _BY_WORD.get(of, SYMBOLS.get(tokens[0], ""))
+        # only of what a wheel's measurement is weighed by
+        rank = 0 if whole == plain(f"{channel}_std") else 1
+        return Match(f"{channel}_std", rank) if channel in CHANNELS else None
     rest = [token for token in tokens if plain(token) not in _QUALIFIERS]
     if rest and len(rest) < len(tokens):
         match = find(" ".join(rest))
@@ -169,14 +172,6 @@ def find(text: str) -> Match | None:
             return None
         return Match(match.name, 2)
     return None
-
-
-def _deviation(of: str, text: str) -> Match | None:
-    """`sinkage_std` and the like; only of what a wheel's measurement is weighed by."""
-    name = f"{_BY_WORD.get(of, SYMBOLS.get(_tokens(text)[0], ''))}_std"
-    if name not in {f"{channel}_std" for channel in CHANNELS}:
-        return None
-    return Match(name, 0 if plain(text) == plain(name) else 1)
 
 
 class Heading(NamedTuple):
@@ -252,19 +247,21 @@ def _splits(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _fits(tail: str, expected: str | None) -> bool:
-    if tail in _PURE_NUMBERS:
-        return expected == DIMENSIONLESS
-    unit = spelled(tail.replace("_", "/"), expected)
-    if unit is None:
-        return False
-    return is_common(tail) if expected is None else fits(unit, expected)
+    unit = _unit(tail, expected)
+    return unit is not None and (is_common(tail) if expected is None else fits(unit, expected))
+
+
+def _unit(text: str, expected: str | None) -> str | None:
+    """The unit that stands behind a name, as `units.to_base` takes it; None where none is known."""
+    if text in _PURE_NUMBERS:
+        return DIMENSIONLESS
+    return spelled(text, expected) or spelled(text.replace("_", "/"), expected)
 
 
 def _heading(text: str, name: str, match: Match | None, unit: str | None) -> Heading:
     expected = None if match is None else expected_unit(match.name)
     if unit is not None:
-        ours = DIMENSIONLESS if unit in _PURE_NUMBERS else spelled(unit, expected)
-        ours = ours or spelled(unit.replace("_", "/"), expected)
+        ours = _unit(unit, expected)
         unit = ours or unit  # one that nobody knows is said with its values
         by_symbol = match is not None and match.rank == 1 and name in SYMBOLS
         if by_symbol and ours and expected and not fits(ours, expected):

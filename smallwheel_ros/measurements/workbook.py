@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 from smallwheel_ros.measurements.cells import (
     MOST_CELLS,
     SMALLER,
+    TOO_MANY,
     Cell,
     Grid,
     MeasurementsError,
@@ -49,7 +50,14 @@ def workbook_grid(data: bytes, source: str, digest: str, sheet: str | None) -> G
                 f"{source}: this is a ZIP archive and no xlsx or ods workbook: unpack it first, or "
                 "save the table as xlsx"
             )
-        name, rows, numbers = _chosen(sheets, source, sheet)
+        name = _chosen(sheets, source, sheet)
+        grid, cells = Grid(source, digest, [], [], "row"), 0
+        for number, row in sheets.rows(name):
+            cells += len(row)
+            if cells > MOST_CELLS:
+                raise MeasurementsError(f"{source}: {TOO_MANY}")
+            grid.rows.append(row)
+            grid.numbers.append(number)
     except MeasurementsError:
         raise
     except Exception as error:  # the libraries raise many kinds for a damaged file
@@ -57,13 +65,13 @@ def workbook_grid(data: bytes, source: str, digest: str, sheet: str | None) -> G
         raise MeasurementsError(
             f"{source}: a damaged xlsx or ods workbook or ZIP archive: {reason}"
         ) from None
-    if not rows:
+    if not grid.rows:
         raise MeasurementsError(f"{source}: sheet '{clipped(name)}' is empty")
-    said = [f"sheet '{clipped(name)}'"] if len(sheets.names) > 1 else []
+    grid.said += [f"sheet '{clipped(name)}'"] if len(sheets.names) > 1 else []
     if sheets.hidden and sheet is None:
         hidden = ", ".join(f"'{clipped(name)}'" for name in sheets.hidden[:5])
-        said.append(f"hidden sheets are left out: {hidden}")
-    return Grid(source, digest, list(rows), numbers, "row", said=said)
+        grid.said.append(f"hidden sheets are left out: {hidden}")
+    return grid
 
 
 def _refuse_bombs(archive: zipfile.ZipFile, source: str) -> None:
@@ -103,7 +111,8 @@ class _Sheets(NamedTuple):
     hidden: Sequence[str] = ()
 
 
-def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list[Row], list[int]]:
+def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> str:
+    """The name of the sheet that was asked for, else of the one that has a table."""
     listed = ", ".join(f"'{clipped(name)}'" for name in sheets.names[:30])
     if not sheets.names:
         raise MeasurementsError(f"{source}: no sheet with cells in it")
@@ -112,33 +121,20 @@ def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list
         called |= {name.casefold(): name for name in reversed(sheets.names)}
         if wanted.strip().casefold() not in called:
             raise MeasurementsError(f"{source}: no sheet '{clipped(wanted)}', there is: {listed}")
-        name = called[wanted.strip().casefold()]
-    elif len(sheets.names) == 1:
-        name = sheets.names[0]
-    else:
-        tables = [
-            name
-            for name in sheets.names
-            if name not in sheets.hidden
-            and any(known_cells(row) > 1 for _, row in islice(sheets.rows(name), SEARCHED))
-        ]
-        if len(tables) != 1:
-            what = "several sheets have tables" if tables else "no sheet has a header that is known"
-            raise MeasurementsError(
-                f"{source}: {what}: name one with --sheet, there is: "
-                f"{', '.join(repr(clipped(name)) for name in tables) or listed}"
-            )
-        name = tables[0]
-    rows: list[Row] = []
-    numbers: list[int] = []
-    cells = 0
-    for number, row in sheets.rows(name):
-        cells += len(row)
-        if cells > MOST_CELLS:
-            raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
-        rows.append(row)
-        numbers.append(number)
-    return name, rows, numbers
+        return called[wanted.strip().casefold()]
+    if len(sheets.names) == 1:
+        return sheets.names[0]
+    tables = [
+        name
+        for name in sheets.names
+        if name not in sheets.hidden
+        and any(known_cells(row) > 1 for _, row in islice(sheets.rows(name), SEARCHED))
+    ]
+    if len(tables) != 1:
+        what = "several sheets have tables" if tables else "no sheet has a header that is known"
+        listed = ", ".join(repr(clipped(name)) for name in tables) or listed
+        raise MeasurementsError(f"{source}: {what}: name one with --sheet, there is: {listed}")
+    return tables[0]
 
 
 def _xlsx_sheets(data: bytes, source: str) -> _Sheets:
@@ -212,7 +208,7 @@ def _ods_rows(content: bytes, name: str, source: str) -> Iterator[tuple[int, Row
             repeated = int(element.get(f"{_TABLE}number-rows-repeated", "1"))
             row = _ods_row(element) if inside else []
             if row and repeated * len(row) > MOST_CELLS:
-                raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
+                raise MeasurementsError(f"{source}: {TOO_MANY}")
             if row:
                 yield from ((number + i, row) for i in range(repeated))
             number += repeated
@@ -241,14 +237,6 @@ def _ods_cell(cell: ElementTree.Element) -> Cell:
     if kind in ("float", "percentage", "currency"):
         value = float(cell.get(f"{_OFFICE}value", "nan"))
         return Percent(value) if kind == "percentage" else value
-    return "\n".join(_ods_text(p) for p in cell.findall(f"{_TEXT}p")).strip()
-
-
-def _ods_text(paragraph: ElementTree.Element) -> str:
-    """The text of a paragraph, runs of blanks (text:s) included."""
-    parts: Iterable[str] = (
-        (" " if e.tag == f"{_TEXT}s" else e.text or "")
-        + (e.tail or "" if e is not paragraph else "")
-        for e in paragraph.iter()
-    )
-    return "".join(parts)
+    for blank in cell.iter(f"{_TEXT}s"):  # a run of blanks
+        blank.text = " "
+    return "\n".join("".join(p.itertext()) for p in cell.findall(f"{_TEXT}p")).strip()
