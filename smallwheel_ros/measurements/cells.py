@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,14 +43,24 @@ class Grid:
     header: names that the file keeps apart from its rows. comma: a comma can only be a decimal mark.
     """
 
-    source: str
-    sha256: str
     rows: list[Sequence[Cell]]
     numbers: list[int]
     place: str
     header: list[str] | None = None
     comma: bool = False
     said: list[str] = field(default_factory=list)
+    source: str = "data frame"
+    sha256: str = ""
+
+
+@contextmanager
+def naming(source: str) -> Iterator[None]:
+    """Say in which table it is what is refused inside."""
+    try:
+        yield
+    except MeasurementsError as error:
+        comma = ", " if str(error).startswith(("line ", "row ", "column ")) else ": "
+        raise MeasurementsError(f"{source}{comma}{error}") from None
 
 
 def clipped(text: str) -> str:
@@ -107,26 +118,23 @@ class Problems:
 
     def raise_any(self) -> None:
         """Raise MeasurementsError with all that was found, if anything was."""
-        if len(self.found) == 1:
-            comma = ", " if self.found[0].startswith(("line ", "row ", "column ")) else ": "
-            raise MeasurementsError(f"{self.source}{comma}{self.found[0]}")
-        if self.found:
-            lines = [f"{self.source}: {len(self.found)} problems", *self.found[:_MOST_PROBLEMS]]
-            if (more := len(self.found) - _MOST_PROBLEMS) > 0:
-                lines.append(
-                    f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause"
-                )
-            raise MeasurementsError("\n  ".join(lines))
+        lines = self.found[:_MOST_PROBLEMS]
+        if len(self.found) > 1:
+            lines.insert(0, f"{len(self.found)} problems")
+        if (more := len(self.found) - _MOST_PROBLEMS) > 0:
+            lines.append(f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause")
+        with naming(self.source):
+            if lines:
+                raise MeasurementsError("\n  ".join(lines))
 
 
-def refuse_many_cells(source: str, rows: int, columns: int) -> None:
+def refuse_many_cells(rows: int, columns: int) -> None:
     """Refuse a table of more cells than `MOST_CELLS`, or more columns than `MOST_COLUMNS`."""
     if columns > MOST_COLUMNS:
-        raise MeasurementsError(f"{source}: {columns} columns, expected at most {MOST_COLUMNS}")
+        raise MeasurementsError(f"{columns} columns, expected at most {MOST_COLUMNS}")
     if rows * columns > MOST_CELLS:
         raise MeasurementsError(
-            f"{source}: {rows} rows of {columns} columns, expected at most {MOST_CELLS} cells: "
-            f"{SMALLER}"
+            f"{rows} rows of {columns} columns, expected at most {MOST_CELLS} cells: {SMALLER}"
         )
 
 

@@ -84,9 +84,7 @@ def find_layout(grid: Grid) -> Layout:
     headers, header_line = grid.header, None
     if headers is None:
         if not rows:
-            raise MeasurementsError(
-                f"{grid.source}: nothing but empty cells, expected a header and rows"
-            )
+            raise MeasurementsError("nothing but empty cells, expected a header and rows")
         at = _header(grid, rows)
         said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
@@ -107,14 +105,14 @@ def find_layout(grid: Grid) -> Layout:
             break
         rows = rows[1:]
     if not rows:
-        raise MeasurementsError(f"{grid.source}: no rows below the header")
+        raise MeasurementsError("no rows below the header")
     numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
     inner = sum(rows[0] < i < rows[-1] for i in comments)
     blank = int(numbers[-1] - numbers[0]) + 1 - len(rows) - inner
     if blank > 0 and rows[-1] - rows[0] + 1 - len(rows) + (grid.place == "row") > 0:
         said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
-    refuse_many_cells(grid.source, len(rows) + (grid.header is None), width)
+    refuse_many_cells(len(rows) + (grid.header is None), width)
     body = [_fitted(grid.rows[i], width) for i in rows]
     headers = [*headers[:width], *[""] * (width - len(headers))]
     columns = list(zip(*body, strict=True))
@@ -127,7 +125,7 @@ def _header(grid: Grid, rows: list[int]) -> int:
     known = [known_cells(row) for row in first]
     if len(rows) <= SEARCHED and known_cells([row[0] for row in first]) > max(2, *known):
         raise MeasurementsError(
-            f"{grid.source}: names of quantities stand in the first column, expected them in one row: "
+            "names of quantities stand in the first column, expected them in one row: "
             "turn the table (in a spreadsheet: copy, paste special, transpose)"
         )
     if max(known) > 0:

@@ -17,6 +17,7 @@ from smallwheel_ros.measurements.cells import (
     array_of_texts,
     clipped,
     is_blank,
+    naming,
     refuse_long_texts,
     shown,
 )
@@ -152,7 +153,8 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     mapping: our name -> their header, where words do not say it. What is wrong is in `problems`.
     Raises MeasurementsError where there is no table.
     """
-    layout = find_layout(grid)
+    with naming(grid.source):
+        layout = find_layout(grid)
     columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line)
     columns.sha256 = grid.sha256
     named = match_columns(layout, mapping, columns)

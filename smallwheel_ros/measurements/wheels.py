@@ -135,12 +135,11 @@ def _measurements(columns: Columns) -> Measurements:
     conditions = Conditions(
         **sizes, contact=columns.contact, soil=texts.get("soil"), covariates=covariates
     )
-    run = _runs(columns)
-    runs_given = bool((run != "").any())
+    runs_given = bool((texts.get("run", np.array([""])) != "").any())
     data = Measurements(
         conditions,
         channels,
-        run,
+        _runs(columns) if runs_given else np.full(columns.lines.size, ""),
         texts["wheel"] if "wheel" in texts else _wheels(conditions),
         columns.lines,
         declared,
@@ -273,7 +272,7 @@ def _check_heights(columns: Columns) -> None:
         ("grouser_height", np.ones_like(rolled), "the wheel's radius: is the unit right?"),
     ):
         values = columns.values(name, 0.0)
-        over = over_half(values, d) & where
+        over = over_half(values, d) & where & columns.read(name)
         columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
 
 
