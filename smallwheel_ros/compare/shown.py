@@ -28,9 +28,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.results import Index, ModelResult
-from smallwheel_ros.fitting.held_out import Score
+from smallwheel_ros.compare.comparison import Comparison, Index, ModelResult
 from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.model.model import Model
 
@@ -57,27 +55,19 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "noise_floor": {name: asdict(floor) for name, floor in comparison.noise.items()},
         "models": [_model(comparison, result) for result in comparison.models],
         "differences": [
-            difference
+            {
+                "channel": channel,
+                "best": best.contender.name,
+                "other": name,
+                "increase": -change.reduction[channel],
+                "z_score": change.z_score[channel],
+                "within_standard_error": channel not in change.worse,
+            }
             for channel in comparison.channels
-            for difference in _differences(comparison, channel)
+            if (best := comparison.best(channel)) is not None
+            for name, change in comparison.differences(channel).items()
         ],
     }
-
-
-def _differences(comparison: Comparison, channel: str) -> list[dict[str, Any]]:
-    best = comparison.best(channel)
-    return [
-        {
-            "channel": channel,
-            "best": best.contender.name,
-            "other": name,
-            "increase": -change.reduction[channel],
-            "z_score": change.z_score[channel],
-            "within_standard_error": channel not in change.worse,
-        }
-        for name, change in comparison.differences(channel).items()
-        if best is not None
-    ]
 
 
 def _reason(why: str, lines: Index) -> dict[str, Any]:
@@ -126,11 +116,8 @@ def _parameters(model: Model | None) -> dict[str, Any]:
 def _scores(
     comparison: Comparison, result: ModelResult, channel: str, rows: Mask | None = None
 ) -> dict[str, Any]:
-    return {
-        "in_sample": _score(comparison.score(result, channel, rows=rows)),
-        "held_out": _score(comparison.score(result, channel, held_out=True, rows=rows)),
+    scores = {
+        "in_sample": comparison.score(result, channel, rows=rows),
+        "held_out": comparison.score(result, channel, held_out=True, rows=rows),
     }
-
-
-def _score(score: Score | None) -> dict[str, Any] | None:
-    return None if score is None else asdict(score)
+    return {kind: None if score is None else asdict(score) for kind, score in scores.items()}

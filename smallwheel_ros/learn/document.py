@@ -193,18 +193,14 @@ def _implied(fitter: Fitter, best: Candidate) -> list[Entry]:
     if law.drivers and (first := law.by_name[law.drivers[0]]).columns:
         x = first.values(points.conditions) + first.reference
     rows, at = np.unique(points.row, return_index=True)
-    found = []
-    for i, (row, run) in enumerate(zip(rows, points.run[at], strict=True)):
-        entry: Entry = {"run": points.runs[run], "x": float(x[row])}
-        for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
-            value, std = (float(a[i]) for a in asks[channel]) if channel in asks else (np.nan,) * 2
-            if not law.place.added:
-                value = np.exp(value)
-                std = value * std
-            known = np.isfinite(value)
-            entry[channel], entry[key] = (float(value), float(std)) if known else (None, None)
-        found.append(entry)
-    return found
+    columns: Entry = {"run": [points.runs[run] for run in points.run[at]], "x": x[rows]}
+    for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
+        value, std = asks.get(channel, np.full((2, rows.size), np.nan))
+        if not law.place.added:
+            value = np.exp(value)
+            std = value * std
+        columns |= {channel: value, key: std}
+    return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
 
 
 def _disagreements(fitter: Fitter, best: Judged) -> dict[str, float | None]:

@@ -7,8 +7,7 @@ from html import escape
 
 import numpy as np
 
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.results import ModelResult
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import (

@@ -9,8 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.results import Floor
+from smallwheel_ros.compare.comparison import Comparison, Floor
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.text import SAID, verdict_sentences
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
