@@ -17,7 +17,7 @@ from smallwheel_ros.diagnosis.held_out import Step, steps_of
 from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, most_bad
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.search import Search, search
-from smallwheel_ros.diagnosis.text import diagnosis_text, verdict_sentences
+from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide
 from smallwheel_ros.diagnosis.zero import fault_told, with_fault
 from smallwheel_ros.effects.registry import Registry, default_registry
@@ -88,10 +88,6 @@ class Diagnosis(Result):
     def headline(self) -> str:
         """The verdict in a sentence."""
         return verdict_sentences(self.document)[0]
-
-    def text(self) -> str:
-        """As `smallwheel diagnose` prints it."""
-        return diagnosis_text(self.document)
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel diagnose --json` writes it."""
