@@ -32,7 +32,8 @@ GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "sli
 
 def write(path: Path, **cells: str) -> Path:
     plain = ",".join([*GOOD, *(name for name in cells if name not in GOOD)])
-    first = ",".join([*GOOD.values(), *("1" for name in cells if name not in GOOD)])
+    extra = ["0.01" if name == "grouser_height" else "1" for name in cells if name not in GOOD]
+    first = ",".join([*GOOD.values(), *extra])
     second = ",".join((GOOD | cells).values())
     path.write_text(f"{plain}\n{first}\n{second}\n")
     return path
@@ -190,6 +191,7 @@ def test_lugs_higher_than_the_radius_are_refused(tmp_path: Path) -> None:
     assert str(caught.value) == (
         f"{path}, line 3, column 'grouser_height': grouser_height is 101 mm (0.101 in SI), "
         "expected at most 0.1 m, the wheel's radius: is the unit right? (and 1 more like it: line 4)"
+        "; the row begins with '60'"
     )
 
 

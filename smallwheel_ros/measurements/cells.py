@@ -93,7 +93,8 @@ class Problems:
     """What is wrong with a table, all of it: said at once, by `raise_any`.
 
     place, lines: what the lines or rows of the file are called, and that of each row of the table.
-    header: the header's line.
+    header: the header's line. begins: the first cell of each row, that of column `first`, by which
+    people know it.
     """
 
     source: str
@@ -101,12 +102,15 @@ class Problems:
     lines: NDArray[np.intp]
     header: int | None = None
     found: list[str] = field(default_factory=list)
+    begins: Sequence[Cell] = ()
+    first: str = ""
 
     def add(
         self, message: str, column: str | None = None, rows: Iterable[int] | None = None
     ) -> None:
         """Add a problem of these rows; without rows it is one of the header."""
-        lines = [] if rows is None else [int(self.lines[row]) for row in rows]
+        rows = [] if rows is None else list(rows)
+        lines = [int(self.lines[row]) for row in rows]
         first = lines[0] if lines else self.header
         where = [] if first is None else [f"{self.place} {first}"]
         where += [] if column is None else [f"column '{clipped(column)}'"]
@@ -114,6 +118,10 @@ class Problems:
             dots = ", ..." if len(lines) > _MOST_ROWS + 1 else ""
             listed = ", ".join(map(str, lines[1 : _MOST_ROWS + 1]))
             message += f" (and {len(lines) - 1} more like it: {self.place} {listed}{dots})"
+        if self.begins and (column is None or column not in self.first):
+            texts = dict.fromkeys(shown(self.begins[row]) for row in rows[: _MOST_ROWS + 1])
+            if names := ", ".join(f"'{text}'" for text in texts if text.strip()):
+                message += f"; the row{'s begin' if len(texts) > 1 else ' begins'} with {names}"
         self.found.append(f"{', '.join(where)}: {message}" if where else message)
 
     def raise_any(self) -> None:

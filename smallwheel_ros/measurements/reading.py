@@ -33,6 +33,7 @@ from smallwheel_ros.measurements.columns import (
     Texts,
 )
 from smallwheel_ros.measurements.layout import Layout, find_layout, listed, match_columns
+from smallwheel_ros.measurements.not_measured import is_label, lines_left_out, rows_not_measured
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import (
     DIMENSIONLESS,
@@ -45,12 +46,9 @@ from smallwheel_ros.measurements.words import (
     UNKNOWN,
     Heading,
     contact_of,
-    is_summary,
-    may_have_summary,
 )
 
 _MOST_TEXTS = 30  # that are told apart in one column
-_MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
 _GIVEN_TWICE = (
     "{} was given for all rows too, expected one of the two: leave the option or the column out"
 )
@@ -62,8 +60,7 @@ _ODD_CELLS = (
     ("[<>~≈≤≥]", "a limit is no measurement: write what was read, or leave the cell blank"),
     (r"[0-9].*[^\W\d_]$", "write the unit in the header, not in the cell"),
 )
-_MOST_SAID = 5  # rows that are left out, and texts that are read as blank
-_MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
+_MOST_SAID = 5  # texts that are read as blank
 
 
 @dataclass
@@ -84,6 +81,13 @@ class Columns(Problems):
     notes: list[str] = field(default_factory=list)
     understood: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    faulty: dict[str, Mask] = field(default_factory=dict)  # rows of a column that have a problem
+
+    def begin(self, layout: Layout) -> None:
+        """Take the first filled column of a layout as that by which people know the rows."""
+        filled = (i for i, column in enumerate(layout.columns) if not all(map(is_blank, column)))
+        at = next(filled, 0)
+        self.begins, self.first = layout.columns[at], layout.headers[at]
 
     def there(self, name: str) -> bool:
         """Whether the table has the column or a value for all rows."""
@@ -96,6 +100,10 @@ class Columns(Problems):
     def values(self, name: str, default: float = np.nan) -> Array:
         """Numbers of the column, the default throughout where there is none; shape (rows,)."""
         return self.numbers.get(name, np.full(self.lines.size, default))
+
+    def sound(self, name: str) -> Mask:
+        """Rows of a column that have no problem."""
+        return ~self.faulty.get(name, np.zeros(self.lines.size, dtype=bool))
 
     def title(self, name: str) -> str:
         """The column as messages name it: by our name where the file does so too."""
@@ -113,6 +121,7 @@ class Columns(Problems):
         """Keep the rows of that mask."""
         index = np.flatnonzero(rows)
         self.lines = self.lines[index]
+        self.begins = [self.begins[i] for i in index.tolist()]
         self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
         self.numbers = {name: values[index] for name, values in self.numbers.items()}
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
@@ -122,6 +131,8 @@ class Columns(Problems):
         """Add a problem of a column: of its header, or of these rows if there are any."""
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
         if at is None or at.size:
+            mask = self.faulty.setdefault(name, np.zeros(self.lines.size, dtype=bool))
+            mask[slice(None) if at is None else at] = True
             self.add(message, self.title(name), None if at is None else at.tolist())
 
     def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
@@ -158,6 +169,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line)
     columns.sha256 = grid.sha256
     named = match_columns(layout, mapping, columns)
+    columns.begin(layout)
     parsed = _numbers(layout, named, grid.comma)
     texts = [i for i in range(len(layout.headers)) if i not in parsed or parsed[i].faults]
     refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], columns)
@@ -171,14 +183,11 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             rows=[row for row, n in ragged.items() if n == count],
         )
     columns.understood += layout.said
-    for row, text in [*left_out.items()][:_MOST_SAID]:
-        what = f"row {layout.numbers[row]} '{clipped(text.strip())}'"
-        columns.understood.append(f"{what} is no measurement: left out")
-    if (more := len(left_out) - _MOST_SAID) > 0:
-        columns.understood.append(f"and {more} more rows like it")
+    columns.understood += lines_left_out(layout, left_out)
     if left_out or ragged:
         layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
         columns.lines = layout.numbers
+        columns.begin(layout)
         if not columns.lines.size:
             columns.add("no rows of measurements are left")
             columns.raise_any()
@@ -195,48 +204,6 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
 def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[int, Numbers]:
     columns = {i: layout.columns[i] for i, h in named.items() if h.name not in TEXTS}
     return dict(zip(columns, read_numbers([*columns.values()], comma), strict=True))
-
-
-def rows_not_measured(
-    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
-) -> dict[int, str]:
-    """Rows that are no measurements, by what they say.
-
-    Means and sums of others, remarks between and below the measurements, the header once more.
-    """
-    found: dict[int, str] = {}
-    for position, heading in named.items():
-        cells, rows = layout.columns[position], range(len(layout.numbers))
-        texts = [*rows]
-        if position in parsed:
-            known = heading.name in COLUMNS or position == 0
-            numeric = not (known or is_label(heading, parsed[position]))
-            texts = [] if numeric else [*parsed[position].faults][:_MOST_FAULTS]
-        elif not may_have_summary("\n".join(dict.fromkeys(map(str, cells)))):
-            continue
-        names = frozenset(map(str, cells)) if heading.name == "run" else frozenset[str]()
-        said = {i: c for i in texts if isinstance(c := cells[i], str) and is_summary(c, names)}
-        if len(said) < len(cells):  # else each row is the mean of a few, and the column says so
-            found |= said
-    nothing = np.all([numbers.blank for numbers in parsed.values()], axis=0)
-    remarks = {*np.flatnonzero(nothing).tolist()} if parsed else set(range(layout.numbers.size))
-    again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
-    again = [i for i in again if [shown(c[i]) for c in layout.columns] == layout.headers]
-    for row in {*layout.ragged, *again}:
-        # a remark may have commas: it has texts only where the table has numbers
-        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
-            remarks.add(row)
-    for row in remarks:
-        filled = (c[row] for c in layout.columns if not is_blank(c[row]))
-        found[row] = ", ".join(map(shown, filled))
-    return dict(sorted(found.items()))
-
-
-def is_label(heading: Heading, parsed: Numbers) -> bool:
-    """Whether a column of no known name is one of texts: too few of its cells are numbers."""
-    filled = int((~parsed.blank).sum())
-    texts = sum(not why for why in parsed.faults.values())
-    return heading.unit is None and filled - texts < _MOSTLY * filled
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
@@ -268,7 +235,7 @@ BEFORE_TOUCH = ("load", "sinkage")
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
     """Numbers of a column in SI units, each within the range of its kind."""
-    name, unit, before = heading.name, heading.unit, len(columns.found)
+    name, unit = heading.name, heading.unit
     expected, values = spec.unit or None, parsed.values
     try:
         to_base(np.zeros(1), unit or DIMENSIONLESS, expected if unit else None)
@@ -288,8 +255,7 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     early = name in BEFORE_TOUCH
     rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
     check_range(columns, name, spec, values, rows)
-    if len(columns.found) > before:
-        values = np.full(values.size, np.nan)
+    values = np.where(columns.sound(name), values, np.nan)  # the others are checked on
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
     if tiny.any():
         many = f"{tiny.sum()} numbers under {LEAST:g}"

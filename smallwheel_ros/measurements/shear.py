@@ -74,12 +74,11 @@ def shear_tests(columns: Columns) -> ShearTests:
         for name in _NEEDED
         if name not in columns.headings
     )
+    sigma = columns.values("normal_stress")
+    columns.outside("normal_stress", sigma, sigma <= 0.0, "over 0")
     columns.raise_any()
     for name in (n for n in _NEEDED if n not in columns.numbers):
         columns.problem("the whole column is blank", name)
-    columns.raise_any()
-    sigma = columns.numbers["normal_stress"]
-    columns.outside("normal_stress", sigma, sigma <= 0.0, "over 0")
     columns.raise_any()
     blank = np.any([np.isnan(columns.numbers[name]) for name in _NEEDED], axis=0)
     if blank.any():

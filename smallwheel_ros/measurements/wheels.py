@@ -199,7 +199,7 @@ def _check_blanks(columns: Columns) -> None:
         for name in names:
             blank = np.isnan(columns.values(name))
             if not blank.all():  # what is not there or wrong throughout is said elsewhere
-                columns.problem(words, name, blank & needed)
+                columns.problem(words, name, blank & needed & columns.sound(name))
 
     check(("load", "diameter"), np.ones(columns.lines.size, dtype=bool), _BLANK)
     check(("width",), columns.contact != PLATE, _BLANK)
