@@ -99,6 +99,7 @@ class TestRead:
         ("text", "words"),
         [
             ("1,2,3\n", r"axis.txt, line 1: 3 columns, expected 7"),
+            ("1,2,3,4,5,6,7,8,9\n", r"axis.txt, line 1: 9 columns, expected 7"),
             ("\n1,2,3,4,x,6,7\n", r"axis.txt, line 2: not numbers"),
             ("1,2,3,4,nan,6,7\n", r"axis.txt, line 1: 7 columns, expected 7 finite"),
             ("", "axis.txt has no lines"),

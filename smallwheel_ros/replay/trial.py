@@ -28,6 +28,7 @@ from smallwheel_ros.onboard.streams import SECOND, nanoseconds
 Array = NDArray[np.float64]
 
 _COLUMNS = 7
+_MOST_COLUMNS = 8  # later logs of that rig end with one more
 _Z, _UNIX_TIME = 4, 6
 _LOAD = "geometry_msgs/msg/WrenchStamped"
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -180,7 +181,8 @@ def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
             values = [float(text) for text in line.split(",")]
         except ValueError:
             raise TrialError(f"log {path}, line {number}: not numbers: {line[:60]!r}") from None
-        if len(values) != _COLUMNS or not np.all(np.isfinite(values)):
+        enough = _COLUMNS <= len(values) <= _MOST_COLUMNS
+        if not enough or not np.all(np.isfinite(values)):
             raise TrialError(
                 f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS} finite"
                 " numbers (X, Vx, rim speed, slip angle, Z, controller clock, unix time)"
