@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 from lab_truth import plate_rows, write
 
+from smallwheel_ros.benchmark.benchmark import benchmark
 from smallwheel_ros.benchmark.laws import CONSTANT, FOUND, INTEGRAL, SIZE_LAWS, WONG_REECE
 from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.cli import main
@@ -71,6 +72,18 @@ def test_the_law_of_the_soil_wins_and_a_loss_is_said(
     assert min(theirs, key=lambda law: theirs[law]) == "Reece"
     assert "Reece" in document["tasks"][1]["lost"].values()
     assert "Ours loses on" in result.output
+
+
+def test_each_table_is_told_when_it_is_done(found: tuple[Path, Result, dict[str, Any]]) -> None:
+    folder, result, _ = found
+    heard: list[str] = []
+    whole = benchmark(folder, lambda step: heard.append(step), lambda errors: heard.append("done"))
+    first, second = (i for i, text in enumerate(heard) if text == "done")
+    assert all(text.startswith("ours/") for text in heard[:first])
+    assert all(text.startswith("theirs/") for text in heard[first + 1 : second])
+    tables = "\n\n".join(errors.text() for errors in whole.tasks)
+    assert result.stdout.startswith(tables + "\n\n")
+    assert whole.text().startswith(tables + "\n\n")
 
 
 def test_what_is_not_used_is_said(found: tuple[Path, Result, dict[str, Any]]) -> None:

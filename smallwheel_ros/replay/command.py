@@ -165,9 +165,9 @@ def _many(
                 for outcome in source:
                     found[outcome.spec.name] = outcome
                     bar.update()
-                    if outcome.state == "failed":
-                        bar.clear()
-                        click.echo(f"{outcome.spec.bag}: {outcome.error}", err=True)
+                    said = outcome.error or outcome.state.replace("_", " ")
+                    with tqdm.external_write_mode():
+                        click.echo(f"{outcome.spec.bag}: {said}", err=True)
         except KeyboardInterrupt:
             stopped = True
         outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
