@@ -109,7 +109,10 @@ def test_a_click_shows_what_was_fitted_beforehand_and_asks_nobody(
     browser.look()
     browser.open(page)
     browser.events.clear()
-    assert "The base model. The model lacks slip sinkage" in shown(browser)
+    assert "The base model: sinkage" in shown(browser)
+    assert (
+        browser.run("document.body.innerText.split('The model lacks slip').length") == 2
+    )  # said once
     before, after = (step["held_out_rmse"] for step in session.document["steps"])
     # Drawn within the click itself: what is there right after it is what it shows.
     said = browser.run(
@@ -215,6 +218,29 @@ def test_the_page_can_be_read_at_any_width_and_in_the_dark(
     assert drawn(browser, "--with") > 300
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("which", ["page", "drive"])
+def test_axe_finds_nothing(
+    browser: Browser, request: pytest.FixtureRequest, which: str, width: int
+) -> None:
+    package = pytest.importorskip("axe_core_python", reason="axe-core-python is not installed")
+    browser.look(width)
+    browser.open(request.getfixturevalue(which))
+    browser.run("document.querySelectorAll('details').forEach(part => part.open = true)")
+    browser.run((Path(package.__file__).parent / "axe.min.js").read_text(encoding="utf-8"))
+    found = "axe.run().then(r => r.violations.map(v => [v.id, v.nodes.map(n => n.html)]))"
+    assert browser.run(found) == []
+    assert browser.run("document.documentElement.scrollWidth") <= width
+
+
+def test_large_numbers_on_axes_are_written_as_people_do(browser: Browser, page: str) -> None:
+    browser.open(page)
+    values = "[0, 0.01, 2000, -250000, 1.1e6, 1e7, -1e6, 2.5e-5, 1e-5].map(tick)"
+    assert browser.run(values) == [
+        "0", "0.01", "2000", "-250000", "1.1·10⁶", "10⁷", "-1·10⁶", "2.5·10⁻⁵", "10⁻⁵",
+    ]  # fmt: skip
+
+
 def test_paper_is_light_and_no_plot_is_wider_than_it(
     browser: Browser, page: str, tmp_path: Path
 ) -> None:
@@ -239,7 +265,7 @@ def test_a_compared_model_can_be_chosen(browser: Browser, page: str) -> None:
     legend = "document.querySelector('[data-models] .legend').innerText"
     browser.run("const m = document.querySelector('[name=model]'); m.value = '1';"
                 "m.dispatchEvent(new Event('change', {bubbles: true}))")  # fmt: skip
-    assert "bekker" in browser.run(legend)
+    assert "Bekker" in browser.run(legend)
     assert browser.complaints == []
 
 

@@ -7,14 +7,16 @@ import hashlib
 import json
 import math
 import re
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_examples import examples
 
 from smallwheel_ros.common.files import OutputError
 from smallwheel_ros.compare.comparison import Comparison, compare
@@ -150,7 +152,7 @@ def test_a_comparison_with_hostile_names_makes_a_harmless_page(compared: str) ->
     assert EVIL in parsed.text  # shown as it is
     for title in ("In short", "The data", "The models", "Where it fails", "What to keep in mind"):
         assert title in parsed.text
-    for name in ("bekker", "meirion_griffith_spenko", "contact_integral"):
+    for name in ("Bekker", "Meirion-Griffith & Spenko", "contact integral"):
         assert name in parsed.text
     assert re.search(r"\bnan\b", parsed.text) is None
 
@@ -196,7 +198,7 @@ def test_every_verdict_is_said_in_words(verdict: str, more: dict[str, Any], word
 
 def test_the_diagnosis_tells_errors_limits_and_what_to_measure() -> None:
     text = Parsed(whole_report(DOCUMENT)).text
-    assert "Sinkage: 4.30 mm -> 0.900 mm with what is named" in text
+    assert "Sinkage: 4.30 mm → 0.900 mm with what is named" in text
     assert "the table has no column 'grouser_height'" in text
     assert "load 60 N, slip 0 to 0.4" in text
     assert "hardpan from moisture" in text
@@ -346,7 +348,7 @@ def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> No
     assert "times the expected error of a true model, 1.23 mm" in text
     assert "0.456" in text
     assert "could not tell noise from misfit" in text  # of resistance
-    assert text.index("The model lacks slip sinkage") < text.index("bekker")
+    assert text.index("The model lacks slip sinkage") < text.index("Bekker")
     with pytest.raises(ReportError, match="not a diagnosis"):
         whole_report({"verdict": "maybe"}, comparison=comparison)
 
@@ -354,9 +356,59 @@ def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> No
 def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
     notes = ["rig_sand.n is at its bound, 2.9: the data wants to go further", "some rows are out"]
     text = Parsed(whole_report({**DOCUMENT, "notes": notes, "reason": "slip_sinkage is in"})).text
-    assert "rig_sand.n is at its bound" in text
+    assert "n of rig_sand is at its bound" in text
     assert "Some rows are out." in text
-    assert "slip_sinkage is in." in text
+    assert "slip sinkage is in." in text
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("rig_sand.friction_angle is not determined", "friction angle of rig_sand is not determined"),
+        ("slip_sinkage.a and sand.n are tied", "a of slip sinkage and n of sand are tied"),
+        ("slip_angle never varies", "slip angle never varies"),
+        ("the data has no column 'grouser_height'", "the data has no column 'grouser_height'"),
+        ("add `--effects slip_sinkage` to it", "add --effects slip_sinkage to it"),
+        ("a/slip_sinkage.yaml, my_slip_angle, sand_1", "a/slip_sinkage.yaml, my_slip_angle, sand_1"),
+        ("1.68e+07 Pa, 3.0e-05, -2e+06", "1.68·10⁷ Pa, 3.0·10⁻⁵, -2·10⁶"),
+        ("run 1e5, 0x1e-3, v1.2e+3", "run 1e5, 0x1e-3, v1.2e+3"),
+        ("bekker, meirion_griffith_spenko", "Bekker, Meirion-Griffith & Spenko"),
+        ("4.30 mm -> 0.900 mm", "4.30 mm → 0.900 mm"),
+    ],
+)  # fmt: skip
+def test_pages_say_names_and_numbers_as_people_do(text: str, shown: str) -> None:
+    html = Text(text).html()
+    assert unescape(re.sub("<[^>]+>", "", html)) == shown
+    assert ("<code>" in html) == ("`" in text)
+    assert Text(text).lines() == [text]  # on the terminal as it was: names there are for pasting
+
+
+@given(st.text(st.sampled_from("ab<>&'\"`_. \u202e"), max_size=40))
+@settings(max_examples=examples(300))
+def test_whatever_stands_between_backticks_is_text(text: str) -> None:
+    html = Text("x" + text).html().removeprefix("<p>").removesuffix("</p>")
+    bare = html.replace("<code>", "").replace("</code>", "")
+    assert "<" not in bare
+    pairs = re.sub("`([^`]+)`", r"\1", "x" + text)
+    assert unescape(bare) == pairs
+
+
+@pytest.mark.parametrize(("suffix", "place"), [(".csv", "line"), (".xlsx", "row")])
+def test_a_page_says_line_of_a_text_file_and_row_of_a_sheet(
+    tmp_path: Path, suffix: str, place: str
+) -> None:
+    table = simulate_rig(RigSettings(seed=3, runs=12)).table
+    column = next(name for name in table if name.startswith("sinkage"))
+    table.loc[4, column] /= 4.0
+    path = tmp_path / f"rig{suffix}"
+    table.to_excel(path, index=False) if suffix == ".xlsx" else table.to_csv(path, index=False)
+    read = read_measurements(path)
+    assert read.place == read.take([0]).place == place
+    html = comparison_page(compare(read)).html()
+    other = {"line": "row", "row": "line"}[place]
+    assert re.search(rf"\b{place}s? 6\b", html)
+    assert not re.search(rf"\b{other}s? \d", html)
+    assert f'"place":"{place}"' in html
 
 
 def test_effects_have_drawings_and_unknown_ones_have_none() -> None:

@@ -63,7 +63,7 @@ def test_page_and_json_tell_the_same_story(rig: Path, tmp_path: Path) -> None:
     assert diagnosis["schema"] == 1
     before, after = (s["held_out_rmse"]["sinkage"] for s in diagnosis["steps"][:2])
     assert diagnosis["missing_effects"] == ["slip_sinkage"]
-    assert f"Sinkage: {1e3 * before:.2f} mm -&gt; {1e3 * after:#.3g} mm" in html
+    assert f"Sinkage: {1e3 * before:.2f} mm → {1e3 * after:#.3g} mm" in html
     assert html.count("<h2>") >= 8
     data = json.loads(re.search(r'id="data">(.*?)</script>', html)[1])  # type: ignore[index]
     views = next(value for key, value in data.items() if key.startswith("effects"))["views"]
@@ -107,7 +107,7 @@ def test_a_model_with_effects_and_effects_of_ones_own(few: Path, tmp_path: Path)
     assert not page.exists()
     done = smallwheel(*options, "--effects", tmp_path / "warm.py")
     assert done.exit_code == 0, done.output
-    assert "slip_sinkage, warm" in page.read_text()
+    assert "slip sinkage, warm" in page.read_text()
 
 
 @pytest.mark.parametrize(

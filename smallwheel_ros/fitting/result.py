@@ -322,8 +322,11 @@ def _notes(found: FitResult, points: Points) -> list[str]:
     if found.outliers.size:
         lines = ", ".join(str(line) for line in points.measurements.line[found.outliers][:20])
         count = found.outliers.size
-        few = "1 row lies" if count == 1 else f"{count} rows lie"
-        notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
+        place = points.measurements.place + ("" if count == 1 else "s")
+        few = "1 row lies far off the others of its run and is" if count == 1 else (
+            f"{count} rows lie far off the others of their run and are"
+        )  # fmt: skip
+        notes.append(f"{few} left out: {place} {lines}")
     for name in points.forces:
         said, far = off_by(found.errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {said}"] if far else []
