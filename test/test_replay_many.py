@@ -133,6 +133,7 @@ def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, job
     result = smallwheel(*arguments, code=1)
     assert "bad.mcap: cannot be read" in result.stderr
     assert "2 of 3 bags are done" in result.stderr
+    assert all(f"{bag}: complete" in result.stderr for bag in bags[:2])  # each when it is done
     expected = {bag.name: "complete" for bag in bags[:2]} | {"bad.mcap": "failed"}
     assert states(out) == expected
     assert_merged(out, ["drive_1", "drive_2"])
