@@ -434,13 +434,13 @@ def predict(
     model
         The model or soil.
     load : number, several, or text
-        Normal load [N]: a number, 20:140:10, or 20,60.
+        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf.
     diameter : as the load
         Wheel diameter [m], or with a unit: '17 cm'.
     width : as the load
         Wheel width [m].
     slip : as the load
-        Slip, -1 to 1; without it there is no thrust.
+        Slip, -1 to 1, or as 30%; without it there is no thrust.
     soil
         Which soil of a model that has several.
     effects : or what `sw.effects.load` made of it
@@ -461,9 +461,12 @@ def predict(
     given |= {} if slip is None else {"slip": slip}
     for name in others:
         check_setting(name)
-    settings = {name: levels_of(name, value) for name, value in (given | others).items()}
+    levels = {name: levels_of(name, value) for name, value in (given | others).items()}
     name = "the model" if not isinstance(model, (str, PathLike)) else str(model)
-    return predict_table(on_one_soil(model_of(model, registry_of(effects)), soil, name), settings)
+    on_soil = on_one_soil(model_of(model, registry_of(effects)), soil, name)
+    table = predict_table(on_soil, {name: level.values for name, level in levels.items()})
+    said = [level.said for level in levels.values() if level.said]
+    return changed(table, notes=(*said, *table.notes))
 
 
 def replay(
