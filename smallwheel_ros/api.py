@@ -145,7 +145,7 @@ def fit(
     """Calibrate soil and effects on measurements; with plates or shear tests, all tests of a lab.
 
     Plates of several sizes are put under the laws of Bekker and Reece too; shear tests give cohesion,
-    friction angle and shear modulus.
+    friction angle and shear modulus, also alone: then a model is made only where `model` is given.
 
     Parameters
     ----------
@@ -166,6 +166,9 @@ def fit(
     >>> fitted = sw.fit("rig.csv", effects="slip_sinkage")
     >>> fitted.model.effects[0].id
     'slip_sinkage'
+    >>> k = fitted["k"]
+    >>> bool(0.0 < k.std < k.value), k.unit
+    (True, 'Pa/m^(n+m)')
     >>> again = sw.fit("rig.csv", model=sw.Model("dry_sand") + sw.effects.slip_sinkage)
     >>> sorted(again.held_out)
     ['resistance', 'sinkage']
