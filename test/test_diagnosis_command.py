@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 import smallwheel_ros as sw
 from smallwheel_ros.cli import main
 from smallwheel_ros.commands.inputs import levels_of
-from smallwheel_ros.model.model_file import read_model
+from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 OWN = """
@@ -254,6 +254,36 @@ def test_sizes_for_all_rows_are_typed_as_cells_are(
     refused(run(command, digging, "--width", "5 kg"), "unit 'kg' is a mass, expected a length")
     refused(run(command, digging, "--width", "0.1,0.2"), "found '0.1,0.2', expected a number")
     refused(run(command, digging, "--width", "1:3:1"), "found '1:3:1', expected one number")
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose", "compare", "add"])
+def test_a_soil_of_the_library_is_a_model_in_every_command(
+    digging: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """Its name says what a file of it says; a file of the same name goes first."""
+    monkeypatch.chdir(tmp_path)
+    table = ["slip_sinkage", "--data", digging, "-o", "out.yaml"] if command == "add" else [digging]
+    write_model("sand.yaml", sw.Model("moist_earth"))
+
+    def found(model: str) -> tuple[object, str]:
+        done = run(command, *table, "--model", model, "--json", "-")
+        assert done.exit_code == 0, done.output
+        document = json.loads(done.stdout)
+        if command == "compare":
+            standing = document["models"].pop()
+            assert (standing["file"] is None) == (not Path(model).exists())
+            document = (document["models"], standing["channels"])
+        return document, done.stderr
+
+    by_name, said = found("moist_earth")
+    assert "--model" not in said
+    assert found("sand.yaml")[0] == by_name
+    write_model("moist_earth", sw.Model("wong_snow"))
+    by_file, said = found("moist_earth")
+    assert "--model moist_earth is the file of that name" in said
+    write_model("snow.yaml", sw.Model("wong_snow"))
+    assert found("snow.yaml")[0] == by_file
+    refused(run(command, *table, "--model", "moist_earht"), "did you mean 'moist_earth'?")
 
 
 def test_an_unknown_effect_cannot_be_left_out(digging: Path) -> None:

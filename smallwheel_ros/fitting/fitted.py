@@ -50,7 +50,7 @@ class FittedParameter:
         value = f"{self.value:.4g}" if large else number(self.value, 4)
         std = ""
         if self.std is not None:
-            std = f" +- {self.std:.2g}" if large else f" +- {number(self.std)}"
+            std = f" +- {number(self.std, 2 if large else 3)}"
         # What follows from a number that is held is known as far as the others are.
         status = "with m held" if self.status == "held" and std else self.status
         said = "" if status == "determined" else f"  ({status})"
