@@ -195,7 +195,7 @@ def check_setting(name: str) -> None:
 class Typed(NamedTuple):
     """What was typed for a setting: values in SI units, shape (values,), and how they were read.
 
-    said: "" where the text can only be read in one way.
+    said: of a mass that was taken as its weight, or a decimal comma; "" of anything else.
     """
 
     values: Array
