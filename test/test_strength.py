@@ -357,7 +357,8 @@ def test_words_say_what_is_not_determined() -> None:
     )
 )
 def test_no_sample_breaks_the_filter(rows: list[tuple[object, ...]]) -> None:
-    estimator, steps, distance = TractionEstimator(PRIOR, WHEELS, MASS), PathSteps(), 0.0
+    estimator, distance = TractionEstimator(PRIOR, WHEELS, MASS), 0.0
+    steps = PathSteps(lambda _, contacts: contacts[0])
     for i, (slip, force, torque, pull, way, forward) in enumerate(rows):
         distance += way
         quantity = None if pull is None else Quantity(pull, 0.6)

@@ -76,15 +76,32 @@ class _Anew:
 
 
 class LocalLaw(NamedTuple):
-    """The soil's law under one wheel, with what ruts and the side of the vehicle make of it, and its load.
+    """The law under one wheel, with what ruts and the side of the vehicle make of it; and its load cell.
 
-    law: ln of the pressure at the soil's reference, n and m, shape (3,). load: N, corrected. covariance: of
-    the law and of ln load, shape (4, 4), without the noise of the load.
+    law: ln of the pressure at the soil's reference, n and m, shape (3,). log_scale: of the load cell;
+    zero: N, what it shows too much. covariance: of the law, and of ln of the load by scale and, per N^-1,
+    by zero, shape (5, 5).
     """
 
     law: Array
-    load: float
+    log_scale: float
+    zero: float
     covariance: Array
+
+    def net(self, shown: float) -> float:
+        """A load that is shown (N) without the cell's zero."""
+        return max(shown - self.zero, LEAST_SHARE * shown)
+
+    def load(self, shown: Quantity) -> Quantity:
+        """The load itself (N) under one that is shown; its deviation, that of noise, stays as a share."""
+        corrected = self.net(shown.value) * math.exp(-self.log_scale)
+        return Quantity(corrected, corrected * shown.standard_deviation / shown.value)
+
+    def with_load(self, shown: float) -> Array:
+        """Covariance of ln load, but for its noise, with the law and with itself, shape (4,)."""
+        by_zero = 1.0 / self.net(shown)
+        column = self.covariance[:, 3] + by_zero * self.covariance[:, 4]
+        return np.append(column[:3], column[3] + by_zero * column[4])
 
 
 class LawFilter:
@@ -92,7 +109,6 @@ class LawFilter:
 
     wheels: how many have a place. settled: whether the law has been linearised where it is. mean,
     covariance: of the soil's numbers (`LawModel.soil`). law: of ln pressure at the soil's reference, n and m.
-    version: rises with every change of them.
     """
 
     def __init__(self, model: LawModel, prior: SoilPrior, settings: EstimatorSettings) -> None:
@@ -111,7 +127,6 @@ class LawFilter:
         self.used = 0
         self.settled = False
         self._anew: _Anew | None = None
-        self.version = 0
         self._border = Border()
         self._remember()
         self._mix()
@@ -209,28 +224,33 @@ class LawFilter:
         spread = shown.variance(self.covariance) + shown.by_load**2 * missed
         return shown.value, spread + self.scatter.at_a_place(now, shown)
 
-    def local(self, position: Position, load: float) -> LocalLaw:
-        """The law under one wheel (see `LocalLaw`) that is shown a load (N)."""
+    def local(self, position: Position) -> LocalLaw:
+        """The law under one wheel, the same until the law changes."""
+        found = self._local.get(position)
+        if found is None:
+            found = self._local[position] = self._locally(position)
+        return found
+
+    def _locally(self, position: Position) -> LocalLaw:
         x, model, index = self.mean, self.model, position.index
         reference = model.reference[0]
-        weight = max(load - x[LOAD_ZERO] * reference, LEAST_SHARE * load)
         scale, passes = float(x[LOAD_SCALE]), position.passes
         law, jacobian = model.law(x)
-        rows = np.zeros((4, len(x)))
+        rows = np.zeros((5, len(x)))
         rows[:LAW] = jacobian
         # A wheel that sinks deeper by a factor under the same load is on so much softer soil.
         rows[0, SIDE] += position.side
         rows[0, PASS] -= (x[N] + 0.5) * passes
         rows[0, N] -= x[PASS] * passes
-        rows[LAW, LOAD_SCALE], rows[LAW, LOAD_ZERO] = -1.0, -reference / weight
+        rows[LAW, LOAD_SCALE], rows[LAW + 1, LOAD_ZERO] = -1.0, -reference
         if index is not None:
             own = WHEELS + EACH * index + 1
             rows[LAW, own] = -1.0
             scale += float(x[own])
         softer = position.side * x[SIDE] - (x[N] + 0.5) * x[PASS] * passes
+        zero = float(x[LOAD_ZERO]) * reference
         covariance = rows @ self.covariance @ rows.T
-        carried = float(weight * math.exp(-scale))
-        return LocalLaw(law + np.array([softer, 0.0, 0.0]), carried, covariance)
+        return LocalLaw(law + np.array([softer, 0.0, 0.0]), scale, zero, covariance)
 
     def weigh(self, loads: Sequence[tuple[int | None, float]], weight: Quantity) -> None:
         """Use what all loads together should be: the vehicle's weight (N).
@@ -296,7 +316,7 @@ class LawFilter:
 
     def _mix(self) -> None:
         """Mean and covariance of the soil's numbers (`LawModel.soil`)."""
-        self.version += 1
+        self._local: dict[Position, LocalLaw] = {}
         weights = np.exp([member.log_weight for member in self._bank])
         self._weights, self._best = weights / weights.sum(), int(np.argmax(weights))
         model = self.model

@@ -44,11 +44,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.point_sinkage import Law, point_pressure, point_sinkage
 from smallwheel_ros.estimator.segment import Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
-from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
+from smallwheel_ros.estimator.wheel_sinkage import (
+    Law,
+    LoadedWheel,
+    point_pressure,
+    point_sinkage,
+    wheel_sinkage,
+)
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
@@ -49,6 +50,7 @@ class Position:
         found = cls(index, side=side, ahead=place, leads=not ahead)
         return found.on_pass(1.0 + len(ahead))
 
+    @lru_cache(maxsize=64)  # noqa: B019  # of positions there are two a wheel, and of numbers a few
     def on_pass(self, number: float | None) -> Position:
         """The position where the number of the pass is known; None: as the wheels' places say.
 

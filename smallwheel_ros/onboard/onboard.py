@@ -7,7 +7,7 @@
         print(result.forces, result.soil.n)
 
 Results may come with any message: a measured sinkage waits for what belongs to it (see
-`synchroniser`).
+`synchroniser`), and each wheel has as many a second as `mobility.rate` says.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class Onboard(Assessor):
 
     What is in a message never raises: what cannot be used is counted and said (`problems`).
 
-    on_result: is given each result as soon as it is there, before the next one is worked out.
+    on_result: is given each result as soon as it is there, before the next one is worked out. on_reading: is
+    given each instant after that, whether a result was due or not.
 
     Attributes
     ----------
@@ -39,9 +40,12 @@ class Onboard(Assessor):
     """
 
     def __init__(
-        self, settings: OnboardSettings, on_result: Callable[[Result], None] | None = None
+        self,
+        settings: OnboardSettings,
+        on_result: Callable[[Result], None] | None = None,
+        on_reading: Callable[[Instant], None] | None = None,
     ) -> None:
-        self._on_result = on_result
+        self._on_result, self._on_reading = on_result, on_reading
         self._synchroniser = Synchroniser(settings, self._on_time_jump)
         super().__init__(settings, self._synchroniser.problems)
         self.received, self.counts = self._synchroniser.received, self.problems.counts
@@ -132,7 +136,11 @@ class Onboard(Assessor):
     def _results(self, instants: list[Instant]) -> list[Result]:
         results = []
         for instant in instants:
-            results.append(self.assess(instant))
-            if self._on_result is not None:
-                self._on_result(results[-1])
+            result = self.assess(instant)
+            if result is not None:
+                results.append(result)
+                if self._on_result is not None:
+                    self._on_result(result)
+            if self._on_reading is not None and self.latest is not None:
+                self._on_reading(self.latest)
         return results

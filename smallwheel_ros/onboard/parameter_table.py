@@ -94,6 +94,10 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     number("reference_slip", REFERENCE_SLIP, "1", 0.02, 0.9): (
         "Slip at which mobility margin and steepest slope are worked out, and so the cost map."
     ),
+    number("mobility.rate", 10.0, "Hz", 0.0, 1000.0): (
+        "So many estimates a second of each wheel's mobility at most, by stamps. 0: one for each measured"
+        " sinkage. Soil, strength and warnings go by every measurement at any rate."
+    ),
     text("model_file", "", form="path", changes="unconfigured"): (
         "Model file (of fit, add or diagnose --apply): its soil in place of the library's, and its"
         " effects. Of several soils soil.name says which."

@@ -59,6 +59,9 @@ _PATH = click.Path(path_type=Path)
               "otherwise only by each other.")  # fmt: skip
 @click.option("--copy", type=click.Choice(COPIES), default="all", show_default=True,
               help="Topics that go into the new bag beside the estimates.")  # fmt: skip
+@click.option("--rate", type=click.FloatRange(0.0, 1000.0), metavar="HZ",
+              help="Estimates a second of each wheel at most, in place of the parameter mobility.rate; "
+              "0: one for each measured sinkage.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True,
               help="Bags at a time.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
@@ -75,6 +78,7 @@ def replay(
     only_topics: bool,
     clock: bool,
     copy: Copy,
+    rate: float | None,
     jobs: int,
     scheduler: str | None,
     one_map: bool,
@@ -98,7 +102,7 @@ def replay(
         return
     if output is None:
         raise click.UsageError("give -o FOLDER (or --topics)")
-    like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy)
+    like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy, rate)
     if config is None:
         like = with_assumed_config(like)
     for note in check_parameters(like):
