@@ -10,7 +10,7 @@ import pytest
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
+from smallwheel_ros.estimator.missing_effect import NearbySinkage
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
 from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, wheel_sinkage
 from smallwheel_ros.model.model import Model, Prediction, predict

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.estimator.traction_samples import RollingContact
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 CELL = 0.1  # m
@@ -31,6 +30,25 @@ _ALIKE = 0.3
 # Of the specific force's mean over a step: 0.05 m/s^2 of acceleration, as much of a pitch that shakes.
 _FORCE_STD = 0.07
 _LAG = 0.2  # s, by which an acceleration from speeds is late
+
+
+class RollingContact(NamedTuple):
+    """A wheel that rolls: load on the soil (N), sinkage, diameter, width (m), and the soil's exponent n.
+
+    other: resistance (N) of the model's effects. thrust_factor: of the effects on thrust, 1 without. own:
+    what is the wheel's own, by place and load: variances and covariance of sinkage and ln load (zz, zw, ww).
+    """
+
+    load: float
+    sinkage: float
+    diameter: float
+    width: float
+    exponent: float
+    other: float = 0.0
+    thrust_factor: float = 1.0
+    own: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
 # Gives the mean contact of a wheel on its soil over a step; None where it has none.
 MeanContact = Callable[[str, Sequence[Any]], RollingContact | None]
 

@@ -5,7 +5,7 @@ estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=vehicle.
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-The algorithm (symbols as in `law_model` and `law_filter`):
+The algorithm (symbols as in `law_model` and `soil_filter`):
 
     x     law (u, n', m) and what may be wrong with sensors and ground; prior N(x0, P0)
     at each reading (sinkage z_i, load W_i) of wheel w:
@@ -39,7 +39,6 @@ from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.estimator.law_filter import LocalLaw
 from smallwheel_ros.estimator.law_model import LAW, reference_wheel
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
@@ -47,7 +46,6 @@ from smallwheel_ros.estimator.missing_effect import (
     MissingEffectWatch,
 )
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.estimator.segment import NOWHERE, Position, Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
@@ -58,9 +56,10 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     covariates_of,
     find_problem,
 )
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.soils import Reported, Soils
+from smallwheel_ros.estimator.stretches import NOWHERE, Position, Segment, WheelTrack
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
-from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 

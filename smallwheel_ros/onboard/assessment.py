@@ -13,16 +13,14 @@ from pathlib import Path
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelSample
+from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, RollingContact, WheelSample
 from smallwheel_ros.estimator.soil_estimator import (
     Outcome,
     SinkageMeasurement,
     SoilEstimator,
     UpdateResult,
 )
-from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_samples import RollingContact
+from smallwheel_ros.estimator.traction import StrengthEstimate, TractionEstimator
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.level import Level
 from smallwheel_ros.onboard.load_watch import LoadWatch

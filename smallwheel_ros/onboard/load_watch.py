@@ -27,7 +27,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_member import CONTRADICTION
+from smallwheel_ros.estimator.soil_filter import CONTRADICTION
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.streams import SECOND

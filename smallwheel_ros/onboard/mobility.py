@@ -13,9 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from smallwheel_ros.estimator.strength_filter import OTHER, WheelStep
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_samples import WheelStep
-from smallwheel_ros.estimator.traction_state import OTHER
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
     MobilityError,

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.law_filter import LocalLaw
+from smallwheel_ros.estimator.path_steps import RollingContact
 from smallwheel_ros.estimator.sinkage_measurement import covariates_of
-from smallwheel_ros.estimator.traction_samples import RollingContact
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.wheel_sinkage import (
     NO_SINKAGE,
     Law,
