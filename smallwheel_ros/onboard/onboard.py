@@ -27,25 +27,24 @@ class Onboard(Assessor):
 
     What is in a message never raises: what cannot be used is counted and said (`problems`).
 
-    on_result: is given each result as soon as it is there, before the next one is worked out. on_reading: is
-    given each instant after that, whether a result was due or not.
+    on_result: is given each result as soon as it is there, before the next one is worked out.
 
     Attributes
     ----------
     received, counts
         How many messages have come, by stream, good and bad; and how many of them could not be
         used, by stream and reason.
+    on_result, on_reading
+        Are given each result as above, and each instant after that, whether a result was due or not.
     time_jumps
         How often everything was forgotten because time went back.
     """
 
     def __init__(
-        self,
-        settings: OnboardSettings,
-        on_result: Callable[[Result], None] | None = None,
-        on_reading: Callable[[Instant], None] | None = None,
+        self, settings: OnboardSettings, on_result: Callable[[Result], None] | None = None
     ) -> None:
-        self._on_result, self._on_reading = on_result, on_reading
+        self.on_result = on_result
+        self.on_reading: Callable[[Instant], None] | None = None
         self._synchroniser = Synchroniser(settings, self._on_time_jump)
         super().__init__(settings, self._synchroniser.problems)
         self.received, self.counts = self._synchroniser.received, self.problems.counts
@@ -139,8 +138,8 @@ class Onboard(Assessor):
             result = self.assess(instant)
             if result is not None:
                 results.append(result)
-                if self._on_result is not None:
-                    self._on_result(result)
-            if self._on_reading is not None and self.latest is not None:
-                self._on_reading(self.latest)
+                if self.on_result is not None:
+                    self.on_result(result)
+            if self.on_reading is not None and self.latest is not None:
+                self.on_reading(self.latest)
         return results

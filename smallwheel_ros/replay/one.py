@@ -119,7 +119,7 @@ class _Session:
             notes.append("soil_file is not read: a replay begins with the configured soil")
         notes = [*spec.notes, *notes]
         self._reader = reader
-        self._onboard = Onboard(settings.onboard, self._write, self._on_reading)
+        self._onboard = Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
         self._ground = GroundMapper(CostMap(settings.cost, settings.onboard.wheels))
         self._grid_due = 0
@@ -172,6 +172,7 @@ class _Session:
         """Read the bag to its end, its damage, or a signal."""
         result, total = self.result, self.result.message_count
         self._add_row, self._bag = add_row, bag
+        self._onboard.on_result, self._onboard.on_reading = self._write, self._on_reading
         try:
             for raw in self._reader.raw_messages(self._read):
                 self._time = raw.log_time
@@ -189,6 +190,8 @@ class _Session:
                 raise  # of the new bag
             result.state, result.ended = "ended_early", str(error)
         self._onboard.flush()
+        # The result keeps the estimator, which would keep all of this.
+        self._onboard.on_result = self._onboard.on_reading = None
         if self._last is not None and self._ground.map.changed:
             self._write_grid(self._last.result.instant.stamp)
         bag.finish()
