@@ -57,12 +57,7 @@ class Unpacker:
     def __call__(self, data: bytes) -> bytes:
         """Return the data unpacked; as it is where it is not compressed (zstd, lz4, bz2).
 
-        What ends too early gives what it holds.
-
-        Raises
-        ------
-        UnpackError
-            If it is damaged, or a limit is passed.
+        What ends too early gives what it holds. Raises UnpackError.
         """
         if not data.startswith(_MAGICS):
             return data
