@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.bags import BagReader, BagWriter, Message, header
 from smallwheel_ros.bags.files import Storage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
@@ -194,25 +194,12 @@ def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
 
 
 def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Any]]:
-    vector = message_type("geometry_msgs/msg/Vector3")
-    wrench, stamped = message_type("geometry_msgs/msg/Wrench"), message_type(_LOAD)
-    header, stamp_type = (
-        message_type("std_msgs/msg/Header"),
-        message_type("builtin_interfaces/msg/Time"),
-    )
-    measured = message_type(_SINKAGE)
-    wheel = settings.wheel
-
-    def head(time: int) -> Any:
-        stamp = stamp_type(sec=time // SECOND, nanosec=time % SECOND)
-        return header(stamp=stamp, frame_id=wheel)
-
-    nothing = vector(x=0.0, y=0.0, z=0.0)
+    wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
     for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
-        force = wrench(force=vector(x=0.0, y=0.0, z=load), torque=nothing)
-        yield time, f"/{wheel}/load", _LOAD, stamped(header=head(time), wrench=force)
+        wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
+        yield time, f"/{wheel}/load", _LOAD, Message(header=header(time, wheel), wrench=wrench)
     variance = settings.sinkage_std**2
     for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
         if sinkage >= 0:
-            message = measured(header=head(time), sinkage=sinkage, variance=variance)
+            message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
             yield time, f"/{wheel}/sinkage", _SINKAGE, message

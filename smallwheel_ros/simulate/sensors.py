@@ -32,35 +32,37 @@ _GAP = 1.5  # s
 
 
 @dataclass(frozen=True)
-class LoadReadings:
+class Readings:
+    """When something was measured, and when it was recorded: ns since the epoch."""
+
+    stamp: Nanoseconds
+    log_time: Nanoseconds
+
+
+@dataclass(frozen=True)
+class LoadReadings(Readings):
     """Of one wheel, in its frame: `normal` positive when the soil pushes the wheel up, N.
 
     `pull` is what the soil pushes the wheel forward with, thrust less resistance, N.
     """
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     normal: Array
     pull: Array
 
 
 @dataclass(frozen=True)
-class SinkageReadings:
+class SinkageReadings(Readings):
     """Of one wheel; sinkage in m, positive down, variance in m^2; `outlier` marks gross errors."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     sinkage: Array
     variance: Array
     outlier: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class OdometryReadings:
+class OdometryReadings(Readings):
     """Of a source other than the wheels (visual and inertial): pose in odom, twist in base."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     x: Array
     y: Array
     z: Array
@@ -72,22 +74,18 @@ class OdometryReadings:
 
 
 @dataclass(frozen=True)
-class JointReadings:
+class JointReadings(Readings):
     """All wheels at once, shape (times, wheels): rad, rad/s and N m, positive forward."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     position: Array
     velocity: Array
     effort: Array
 
 
 @dataclass(frozen=True)
-class ImuReadings:
+class ImuReadings(Readings):
     """In base_link: angles of REP 103 (rad), and what is felt (m/s^2), shape (times, 3)."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     roll: Array
     pitch: Array
     yaw: Array
