@@ -6,19 +6,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from smallwheel_ros.bags.files import STORAGES, Storage, check_new_bag
+from smallwheel_ros.common.options import Command, settings_options
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.files import check_folder, check_suffix, write_json, write_table
 from smallwheel_ros.simulate.rig import RigSettings, simulate_rig
-from smallwheel_ros.simulate.settings import options_of
 from smallwheel_ros.simulate.truth import SimulationError
-
-Command = TypeVar("Command", bound=Callable[..., Any])
 
 _FIRST = ("hidden", "seed", "strength", "form")  # options that drive and rig have alike
 _ANSWER = click.option(
@@ -34,28 +32,6 @@ _JSON = click.option(
 def _output(metavar: str, text: str) -> Callable[[Command], Command]:
     path = click.Path(path_type=Path)
     return click.option("-o", "--output", type=path, required=True, metavar=metavar, help=text)
-
-
-def _options(settings: type) -> Callable[[Command], Command]:
-    """Make options of the fields of settings, with their defaults."""
-    said = options_of(settings)
-    order = [*_FIRST, *(name for name in said if name not in _FIRST)]
-
-    def add(command: Command) -> Command:
-        for name in reversed(order):
-            default, option = getattr(settings, name), said[name]
-            words = {"type": type(default), "default": default}
-            if isinstance(default, tuple):
-                words = {"callback": _names, "default": ",".join(default)}
-            words = {"show_default": True, "help": option.text, **words, **option.words}
-            command = click.option(f"--{name.replace('_', '-')}", **words)(command)
-        return command
-
-    return add
-
-
-def _names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _places(output: Path, answer: Path | None, json_file: str | None) -> Path:
@@ -84,7 +60,7 @@ def simulate() -> None:
 
 @simulate.command()
 @_output("BAG", "Folder for the bag; it must not exist.")
-@_options(DriveSettings)
+@settings_options(DriveSettings, _FIRST)
 @click.option("--storage", type=click.Choice(STORAGES), default="mcap", show_default=True)
 @_ANSWER
 @_JSON
@@ -113,7 +89,7 @@ def drive(
 
 @simulate.command()
 @_output("FILE", "Table to write, .csv or .parquet; one that exists is replaced.")
-@_options(RigSettings)
+@settings_options(RigSettings, _FIRST)
 @_ANSWER
 @_JSON
 def rig(output: Path, answer: Path | None, json_file: str | None, **settings: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
     FormOfHidden,
     Hidden,
@@ -29,7 +30,7 @@ from smallwheel_ros.simulate.sensors import (
     Sensors,
     SinkageReadings,
 )
-from smallwheel_ros.simulate.settings import FRACTION, Option, Seed, Strength, check_ranges
+from smallwheel_ros.simulate.settings import FRACTION, Seed, Strength, check_ranges
 from smallwheel_ros.simulate.terrain import (
     FINISHES,
     TERRAINS,
@@ -210,14 +211,7 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     truth = ride(
         rover, ground, stretches, effects, travel(ground, settings.distance, settings.speed)
     )
-    sensors = Sensors(
-        truth,
-        rover,
-        settings.seed,
-        noise=settings.noise,
-        outliers=settings.outliers,
-        dropouts=settings.dropouts,
-    )
+    sensors = Sensors(truth, rover, settings)
     names = [wheel.name for wheel in rover.wheels]
     return Drive(
         settings=settings,

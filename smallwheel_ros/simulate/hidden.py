@@ -16,8 +16,8 @@ from typing import Annotated
 import click
 import numpy as np
 
+from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden_effects import FORMS, LAWS, Form, HiddenEffect
-from smallwheel_ros.simulate.settings import Option
 from smallwheel_ros.simulate.truth import SimulationError
 
 EFFECTS = {name: law for name, law in LAWS.items() if name != "column"}

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
     FormOfHidden,
     Hidden,
@@ -33,7 +34,7 @@ from smallwheel_ros.simulate.rig_design import (
     draw_runs,
     typical_run,
 )
-from smallwheel_ros.simulate.settings import FRACTION, Option, Seed, Strength, check_ranges
+from smallwheel_ros.simulate.settings import FRACTION, Seed, Strength, check_ranges
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     SimulationError,

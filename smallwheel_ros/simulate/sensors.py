@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.ride import WheelTruth
 from smallwheel_ros.simulate.rover import GRAVITY, Rover
 from smallwheel_ros.simulate.travel import STANDS
+
+if TYPE_CHECKING:
+    from smallwheel_ros.simulate.drive import DriveSettings
 
 Nanoseconds = NDArray[np.int64]
 
@@ -94,29 +98,12 @@ class ImuReadings(Readings):
 
 
 class Sensors:
-    """Reads a truth; each kind of reading has a random stream of its own.
+    """Reads a truth; each kind of reading has a random stream of its own, by the drive's seed."""
 
-    Parameters
-    ----------
-    seed
-        Of the drive.
-    noise, outliers, dropouts
-        As in `DriveSettings`.
-    """
-
-    def __init__(
-        self,
-        truth: WheelTruth,
-        rover: Rover,
-        seed: int,
-        *,
-        noise: float,
-        outliers: float,
-        dropouts: float,
-    ) -> None:
-        self.truth, self.rover = truth, rover
-        self._seed = seed
-        self.noise, self.outliers, self.dropouts = noise, outliers, dropouts
+    def __init__(self, truth: WheelTruth, rover: Rover, settings: DriveSettings) -> None:
+        self.truth, self.rover, self._seed = truth, rover, settings.seed
+        self.noise, self.outliers = settings.noise, settings.outliers
+        self.dropouts = settings.dropouts
 
     def _stream(self, *purpose: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, *purpose])
