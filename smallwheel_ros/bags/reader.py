@@ -20,8 +20,7 @@ from smallwheel_ros.bags.files import (
     storage_files,
     storage_kind,
 )
-from smallwheel_ros.bags.storage import FORMATS, Key, StorageFile
-from smallwheel_ros.bags.unpack import unpack_file
+from smallwheel_ros.bags.storage import FORMATS, Key, StorageFile, unpack_file
 from smallwheel_ros.bags.writer import Channel
 
 _LAST = (1 << 63) - 1  # ns, of the times that there are

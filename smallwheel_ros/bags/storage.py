@@ -3,21 +3,25 @@
 
 rosbags reads mcap and sqlite3 too, but whole ones alone: it refuses all of a file for one topic of an
 encoding that it does not know, unpacks without a limit, and does not see what a killed recorder left
-in the log beside a database.
+in the log beside a database. Decompression here knows when to stop: a few kilobytes can be made to
+unpack to gigabytes.
 """
 
 from __future__ import annotations
 
+import bz2
 import contextlib
 import sqlite3
+import sys
 from bisect import bisect_left
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
@@ -27,8 +31,12 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 
 from smallwheel_ros.bags.files import BagTopic, RawMessage, reason
 from smallwheel_ros.bags.types import LATCHED, qos_of
-from smallwheel_ros.bags.unpack import Unpacker, UnpackError
 from smallwheel_ros.common.errors import SmallwheelError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
 
 Key = tuple[str, str]  # topic and type
 _MOST_PROBLEMS = 5
@@ -42,10 +50,75 @@ _COUNTS = (
 _MESSAGES = "SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
 _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 _KINDS = {int: "an integer", float: "a real", str: "text", bytes: "a blob"}
+# What one chunk or message may unpack to: the largest that robots record, raw pictures and clouds
+# of points, are some tens of megabytes.
+LARGEST = 64 << 20
+# What a file may unpack to, as a multiple of its size. Pictures of depth, mostly zeros, reach 30.
+MOST_TIMES = 100
+_PIECE = 1 << 20
+_DECOMPRESSORS: dict[bytes, Callable[[], Any]] = {
+    b"\x28\xb5\x2f\xfd": zstd.ZstdDecompressor,
+    b"\x04\x22\x4d\x18": LZ4FrameDecompressor,
+    b"BZh": bz2.BZ2Decompressor,
+}
+_MAGICS = tuple(_DECOMPRESSORS)
 
 
 class StorageError(SmallwheelError):
     """A file that holds no bag, or only by SQLite's own means."""
+
+
+class UnpackError(SmallwheelError):
+    """Compressed data is damaged, or unpacks to more than the limit."""
+
+
+def _check(size: int, limit: int) -> None:
+    if size > limit:
+        raise UnpackError(
+            f"it unpacks to more than {limit >> 20} MiB, the limit here: a chunk or message may"
+            f" unpack to {LARGEST >> 20} MiB, a file to {MOST_TIMES} times its size; if the bag is"
+            " sound, decompress it with the tool that made it"
+        )
+
+
+class Unpacker:
+    """Decompresses the parts of one file, within limits on each part and on the whole.
+
+    size: of the file, bytes.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._left = max(LARGEST, MOST_TIMES * size)
+
+    def __call__(self, data: bytes) -> bytes:
+        """Return the data unpacked; as it is where it is not compressed (zstd, lz4, bz2).
+
+        What ends too early gives what it holds. Raises UnpackError.
+        """
+        if not data.startswith(_MAGICS):
+            return data
+        make = next(make for magic, make in _DECOMPRESSORS.items() if data.startswith(magic))
+        limit = min(LARGEST, self._left)
+        try:
+            found: bytes = make().decompress(data, limit + 1)
+        except Exception as error:  # each library has errors of its own
+            raise UnpackError(f"compressed data is damaged ({error})") from error
+        _check(len(found), limit)
+        self._left -= len(found)
+        return found
+
+
+def unpack_file(source: Path, target: Path) -> str:
+    """Decompress a file (zstd) to wherever it ends; return what is wrong with it, or nothing."""
+    limit = max(LARGEST, MOST_TIMES * source.stat().st_size)
+    try:
+        with zstd.open(source, "rb") as packed, target.open("wb") as plain:
+            while piece := packed.read1(_PIECE):
+                plain.write(piece)
+                _check(plain.tell(), limit)
+    except (zstd.ZstdError, EOFError, UnpackError) as error:
+        return str(error)
+    return ""
 
 
 class StorageFile:

@@ -11,10 +11,14 @@ import numpy as np
 
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
+    FRACTION,
     FormOfHidden,
     Hidden,
+    Seed,
+    Strength,
     check_form,
     check_hidden,
+    check_ranges,
     draw_effects,
     in_drives,
 )
@@ -30,7 +34,6 @@ from smallwheel_ros.simulate.sensors import (
     Sensors,
     SinkageReadings,
 )
-from smallwheel_ros.simulate.settings import FRACTION, Seed, Strength, check_ranges
 from smallwheel_ros.simulate.terrain import (
     FINISHES,
     TERRAINS,

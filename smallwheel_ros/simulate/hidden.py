@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hidden effects by name: what `--hidden` takes, and how their numbers are drawn for a seed.
+"""Settings that rigs and drives have alike: above all the hidden effects, and how they are drawn.
 
 A name may carry the size that the effect has, in SI units of its formula: `load_offset=-4`. Then
 nothing of it is drawn, and `strength` has no say in it.
@@ -11,14 +11,14 @@ import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 import numpy as np
 
-from smallwheel_ros.common.options import Option
+from smallwheel_ros.common.options import Option, options_of
 from smallwheel_ros.simulate.hidden_effects import FORMS, LAWS, Form, HiddenEffect
-from smallwheel_ros.simulate.truth import SimulationError
+from smallwheel_ros.simulate.truth import SimulationError, check_range
 
 EFFECTS = {name: law for name, law in LAWS.items() if name != "column"}
 MOISTURE = "moisture"  # a column like any other, only better known
@@ -42,6 +42,8 @@ def hidden_names() -> tuple[str, ...]:
     return ("none", *EFFECTS, MOISTURE, f"{_COLUMN}NAME")
 
 
+Seed = Annotated[int, Option("Same seed, same data.", (0, 2**63 - 1))]
+Strength = Annotated[float, Option("Factor on the size of the hidden effects.", (0.0, 10.0))]
 Hidden = Annotated[
     tuple[str, ...],
     Option(
@@ -57,6 +59,16 @@ FormOfHidden = Annotated[
         words={"type": click.Choice(FORMS)},
     ),
 ]
+
+
+FRACTION = {"metavar": "FRACTION"}  # of options that are a share
+
+
+def check_ranges(settings: Any) -> None:
+    """Raise `SimulationError` for the first setting that is outside its range."""
+    for name, option in options_of(type(settings)).items():
+        if option.within:
+            check_range(name.replace("_", " "), getattr(settings, name), *option.within)
 
 
 def column_unit(column: str) -> str:

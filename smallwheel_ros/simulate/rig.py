@@ -16,10 +16,14 @@ from tqdm import tqdm
 
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
+    FRACTION,
     FormOfHidden,
     Hidden,
+    Seed,
+    Strength,
     check_form,
     check_hidden,
+    check_ranges,
     column_unit,
     draw_effects,
 )
@@ -34,7 +38,6 @@ from smallwheel_ros.simulate.rig_design import (
     draw_runs,
     typical_run,
 )
-from smallwheel_ros.simulate.settings import FRACTION, Seed, Strength, check_ranges
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     SimulationError,
