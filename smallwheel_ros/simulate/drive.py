@@ -24,7 +24,7 @@ from smallwheel_ros.simulate.hidden import (
 )
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.ride import WheelTruth, ride
-from smallwheel_ros.simulate.rover import ROVERS, Rover
+from smallwheel_ros.simulate.rover import ROVERS, Rover, travel
 from smallwheel_ros.simulate.sensors import (
     EPOCH,
     ImuReadings,
@@ -42,7 +42,6 @@ from smallwheel_ros.simulate.terrain import (
     draw_ground,
     draw_stretches,
 )
-from smallwheel_ros.simulate.travel import travel
 from smallwheel_ros.simulate.truth import SimulationError
 
 

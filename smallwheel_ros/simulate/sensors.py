@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.ride import WheelTruth
-from smallwheel_ros.simulate.rover import GRAVITY, Rover
-from smallwheel_ros.simulate.travel import STANDS
+from smallwheel_ros.simulate.rover import GRAVITY, STANDS, Rover
 
 if TYPE_CHECKING:
     from smallwheel_ros.simulate.drive import DriveSettings
