@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import multiprocessing
 import signal
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -168,8 +169,11 @@ def _pool(jobs: int) -> Iterator[Executor]:
         children = multiprocessing.active_children()
         for child in children:
             child.terminate()  # those at work take it as a wish to stop
+        end = time.monotonic() + _PATIENCE
         for child in children:
-            child.join(_PATIENCE)
+            child.join(max(end - time.monotonic(), 0.0))
+            # Who was at work may now wait for ever, for a lock that an idle one has taken with it.
+            child.kill()
         raise
 
 
