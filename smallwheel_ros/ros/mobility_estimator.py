@@ -25,7 +25,6 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
-from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.description import RobotDescription
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
@@ -33,11 +32,12 @@ from smallwheel_ros.ros.frames import VelocityFrame
 from smallwheel_ros.ros.guards import answers, says_why
 from smallwheel_ros.ros.namesakes import namesakes
 from smallwheel_ros.ros.parameters import NodeParameters
-from smallwheel_ros.ros.session import Session, check_topics
+from smallwheel_ros.ros.session import Session
 
 EXIT_BAD_INPUT = 2
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
+_Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
@@ -48,7 +48,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._session: Session | None = None
         self.problem = ""  # why it could not be configured, or is no more
         self._doubled = ""  # what was said of other nodes of its name
-        self._table = NodeParameters(self, partial(check_topics, self), self._apply)
+        self._table = NodeParameters(self, self._configure_anew)
         for text in self._table.unknown:
             self.get_logger().warning(text)
         self._description = RobotDescription(self, self._table)
@@ -62,9 +62,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_soil", self._on_save_soil)
         self.create_service(Trigger, "~/terrain_margins", self._on_terrain_margins)
-        # rclpy (#1209) lets a transition that does not fit the state end the node.
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        # rclpy (#1209) lets a transition that does not fit the state raise: nobody would be answered.
+        (service,) = (s for s in self.services if s.srv_type is ChangeState)
+        service.callback = partial(self._on_change_state, service.callback)
 
     @property
     def autostart(self) -> bool:
@@ -96,7 +96,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
         self._session, self.problem = session, ""
-        self._table.in_use = True
         values = self._table.values()
         words = ", ".join(f"{k}={v}" for k, v in values.items() if v is not None)
         self.get_logger().info(f"effective parameters: {words}")
@@ -112,6 +111,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         result = super().on_activate(state)
         assert self._session is not None
         self._session.activate()
+        self._table.active = True
         return result
 
     @says_why
@@ -119,6 +119,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Listen no more; what was learnt is kept for the next activation."""
         assert self._session is not None
         self._session.deactivate()
+        self._table.active = False
         return super().on_deactivate(state)
 
     @says_why
@@ -145,36 +146,35 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _forget(self) -> None:
         session, self._session = self._session, None
-        self._table.in_use = False
+        self._table.active = False
         if session is not None:
             session.destroy()
 
-    @answers
     def _on_change_state(
-        self, request: ChangeState.Request, response: ChangeState.Response
+        self, change: _Service, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
         try:
-            return self._change_state(request, response)
-        except rclpy._rclpy_pybind11.RCLError:
+            return change(request, response)
+        except Exception:  # rcl's, of which rclpy makes no type public
             asked = request.transition.label or request.transition.id
-            _, state = self._state_machine.current_state
+            state = "not configured" if self._session is None else "inactive"
+            state = "active" if self._table.active else state
             self.get_logger().warning(f"transition {asked} does not fit the state, {state}")
             response.success = False
             return response
 
-    # --- Parameters and services
+    def _configure_anew(self, changes: str) -> None:
+        """Go by what the robot description or tf has said after the configuration."""
+        if self._session is None:
+            return
+        self.get_logger().info(f"configured anew, the soil starts over: {changes}")
+        active = self._session.active
+        steps = [self.trigger_cleanup, self.trigger_configure]
+        if active:
+            steps = [self.trigger_deactivate, *steps, self.trigger_activate]
+        all(step() == _SUCCESS for step in steps)  # as far as it goes; it says why itself
 
-    def _apply(self, settings: NodeSettings, changes: str) -> None:
-        """Go by parameters that were changed while they are in use; they have been checked."""
-        assert self._session is not None
-        try:
-            self._session.apply(settings, changes)
-        except Exception as error:
-            self.fail(f"unconfigured: {changes} could not be applied: {error}")
-            if self._session.active:
-                self.trigger_deactivate()
-            if self._session is not None:  # a deactivation that fails has forgotten it
-                self.trigger_cleanup()
+    # --- Services
 
     @answers
     def _on_save_soil(
