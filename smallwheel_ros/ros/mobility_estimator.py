@@ -13,8 +13,8 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from functools import partial, wraps
+from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -26,11 +26,8 @@ from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.description import RobotDescription
+from smallwheel_ros.ros.described import RobotDescription, VelocityFrame
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
-from smallwheel_ros.ros.frames import VelocityFrame
-from smallwheel_ros.ros.guards import answers, says_why
-from smallwheel_ros.ros.namesakes import namesakes
 from smallwheel_ros.ros.parameters import NodeParameters
 from smallwheel_ros.ros.session import Session
 
@@ -38,6 +35,39 @@ EXIT_BAD_INPUT = 2
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 _Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
+
+_Call = TypeVar("_Call", bound=Callable[..., Any])
+
+
+def _says_why(transition: _Call) -> _Call:
+    """Log what a transition raises, which rclpy swallows: on_error is next."""
+
+    @wraps(transition)
+    def guarded(self: Any, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            return transition(self, state)
+        except Exception as error:
+            self.fail(f"{transition.__name__} failed: {' '.join(str(error).split())}")
+            return TransitionCallbackReturn.ERROR
+
+    return guarded  # type: ignore[return-value]  # the same signature, by construction
+
+
+def _answers(service: _Call) -> _Call:
+    """Answer with success=False what a service raises: nobody is to wait for an answer in vain."""
+
+    @wraps(service)
+    def guarded(self: Any, request: Any, response: Any) -> Any:
+        try:
+            return service(self, request, response)
+        except Exception as error:
+            self.get_logger().error(f"{service.__name__} failed:\n{traceback.format_exc()}")
+            response.success = False
+            if hasattr(response, "message"):
+                response.message = f"failed: {type(error).__name__}: {error}"
+            return response
+
+    return guarded  # type: ignore[return-value]  # the same signature, by construction
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
@@ -84,7 +114,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Transitions
 
-    @says_why
+    @_says_why
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters, and make everything but the subscriptions."""
         try:
@@ -105,7 +135,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().info(session.restored)
         return super().on_configure(state)
 
-    @says_why
+    @_says_why
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and publish the soil as it is believed before any measurement."""
         result = super().on_activate(state)
@@ -114,7 +144,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._table.active = True
         return result
 
-    @says_why
+    @_says_why
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen no more; what was learnt is kept for the next activation."""
         assert self._session is not None
@@ -122,14 +152,14 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._table.active = False
         return super().on_deactivate(state)
 
-    @says_why
+    @_says_why
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         result = super().on_cleanup(state)
         self._forget()
         return result
 
-    @says_why
+    @_says_why
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End for good."""
         self._forget()
@@ -176,7 +206,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Services
 
-    @answers
+    @_answers
     def _on_save_soil(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -187,7 +217,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.get_logger().info(f"save_soil: {response.message}")
         return response
 
-    @answers
+    @_answers
     def _on_terrain_margins(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -197,7 +227,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             response.success, response.message = True, self._session.terrain_margins()
         return response
 
-    @answers
+    @_answers
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._session is None:
             response.message = "not configured: there is nothing to reset"
@@ -235,6 +265,18 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+
+def namesakes(node: LifecycleNode) -> str:
+    """Say that there are other nodes of this one's name, and what to do; empty: there is none."""
+    own = (node.get_name(), node.get_namespace())
+    if node.get_node_names_and_namespaces().count(own) < 2:
+        return ""
+    return (
+        f"another node is called {node.get_fully_qualified_name()} too: listeners get the answers of"
+        " both, a service reaches either, and both save to one soil.file; end one, or give it another"
+        " name (--ros-args -r __node:=NAME). One that was killed is taken for alive for 20 s"
+    )
 
 
 def _spin(
