@@ -244,8 +244,8 @@ class TestInstalledByPip:
             "assert importlib.util.find_spec('rclpy') is None\n"
             "assert importlib.util.find_spec('smallwheel_ros.msg') is None\n"
             "assert message_directory().name == 'definitions'\n"
-            "from smallwheel_ros.report.page import page\n"
-            "assert 'uPlot' in page('a page has its script', [])\n"
+            "from smallwheel_ros.report.page import Page\n"
+            "assert 'uPlot' in Page('a page has its script', []).html()\n"
             "print(sorted(message_definitions()), smallwheel_ros.__version__)\n"
         )
         result = run(pip_environment / "bin" / "python", "-c", code, cwd=tmp_path, **NO_ROS)

@@ -30,7 +30,7 @@ from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.replay.drive_data import read_courses, with_gaps
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.replay_report import write_replay_report
+from smallwheel_ros.replay.replay_report import replay_page
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -440,7 +440,7 @@ def test_a_bag_without_what_is_needed_says_what_it_lacks(bag, rover, tmp_path):
 def test_one_missing_topic_is_named_and_the_rest_goes_on(bag, rover, tmp_path):
     other = renamed(bag, tmp_path / "other", {"/odom": "/elsewhere"})
     result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out")
-    assert "missing: /odom (nav_msgs/msg/Odometry): not in the bag" in result.stdout
+    assert "/odom (nav_msgs/msg/Odometry): not in the bag" in result.stdout
     table = table_of(tmp_path / "out")
     assert table["slip"].isna().all()
     assert table["x"].isna().all()
@@ -794,8 +794,7 @@ def test_changes_of_soil_are_told_where_they_are(three_soils, tmp_path):
     assert summary["soil"]["changes"] == len(places) == 2
     # Within the rover's length and some turns of its wheels.
     np.testing.assert_allclose(places, true, atol=2.5)
-    write_replay_report(found, tmp_path / "report.html")
-    assert "The soil changed twice" in (tmp_path / "report.html").read_text()
+    assert "The soil changed twice" in replay_page(found).html()
 
 
 def test_the_measurements_are_a_table_for_the_bench(three_soils):

@@ -31,7 +31,8 @@ from smallwheel_ros.replay.many import (
     specs_of,
 )
 from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.result import Replayed, summary_text
+from smallwheel_ros.replay.replay_report import summary_text
+from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.settings import check_parameters, read_settings, with_assumed_config
 from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
 
@@ -109,9 +110,9 @@ def replay(
 
 def _write_report(result: Replayed, path: Path) -> None:
     """Write the page; what it needs is loaded when it comes to that."""
-    from smallwheel_ros.replay.replay_report import write_replay_report
+    from smallwheel_ros.replay.replay_report import replay_page
 
-    write_replay_report(result, path)
+    replay_page(result).save(path)
 
 
 def _one(spec: ReplaySpec, json_file: str | None) -> None:
