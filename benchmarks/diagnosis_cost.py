@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._world_curves import curves
 from smallwheel_ros.diagnosis import Base, base_of, diagnose
-from smallwheel_ros.fitting import fit_model
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
@@ -62,7 +62,7 @@ def cases() -> Iterator[tuple[str, Measurements, Base, float]]:
         pressed = whole.take(whole.conditions.contact == "pressed")
         rolling = read_measurements(RIG / "rolling_smooth_wheel.csv")
         some = rolling.take(np.abs(rolling.conditions["slip_angle"]) < np.radians(16.0))
-        base = base_of(fit_model(pressed).model, some)
+        base = base_of(Problem.of(pressed).result().model, some)
         yield "real rig, slip angle 0 and 15 deg", some, base, 6.0
     yield "plate curves", thousands_of_rows(), Base(), 20.0
 

@@ -27,8 +27,8 @@ from tqdm import tqdm
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import Base, Problem, fit_model
-from smallwheel_ros.fitting.forces import of_load
+from smallwheel_ros.fitting import Base, Problem
+from smallwheel_ros.fitting.noise import of_load
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model
@@ -233,7 +233,7 @@ def run(truth: str, design: str, seed: int) -> tuple[list[Outcome], tuple[float,
     at = rows_of(wheels, loads, slips)
     data = read_measurements(table(s, law, at, repeats, rng, torque=seed % 2 == 0))
     effects = effects_of(at)
-    fit = fit_model(data, effects)
+    fit = Problem.of(data, Base(parts=tuple(part_of(e) for e in effects))).result()
     fresh = rows_of(wheels, [0.8 * loads[0], 1.2 * loads[-1]], (min(slips) * 0.8, 0.05, 0.25, 0.5))
     other = rows_of([(0.3, 0.13, 0.0)], loads, (0.05, 0.25, 0.5))
     sand = Soil("sand", s.k, s.n, 0.0, s.c, s.phi, s.K)

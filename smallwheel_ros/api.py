@@ -3,16 +3,18 @@
 
 Wherever data is asked for, a path, a DataFrame of pandas or what `read` returned will do; wherever a
 model is, a `Model`, a model file's path, a soil of the library or its name, or a result that has a model.
+The options of the commands, their texts and the table in docs/python.md are made of the signatures
+and docstrings here (`commands.from_signature`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace as changed
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from smallwheel_ros.arguments import (
     ArgumentError,
@@ -28,7 +30,19 @@ from smallwheel_ros.arguments import (
 
 # A function imports what it needs when it is called: a model in a notebook needs no search for effects.
 if TYPE_CHECKING:
-    from smallwheel_ros.arguments import AnyEffect, AnyModel, Data, OwnEffects, Setting
+    from smallwheel_ros.arguments import (
+        AnyEffect,
+        AnyModel,
+        Data,
+        Effects,
+        Headers,
+        Ids,
+        Levels,
+        Models,
+        OwnEffects,
+        Setting,
+        Tests,
+    )
     from smallwheel_ros.compare.comparison import Comparison
     from smallwheel_ros.diagnosis.apply import Added
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
@@ -38,7 +52,6 @@ if TYPE_CHECKING:
     from smallwheel_ros.learn.learning import Learnt
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.model.model import Geometry
     from smallwheel_ros.prediction.prediction import PredictionTable
     from smallwheel_ros.replay.result import Replayed
     from smallwheel_ros.replay.spec import Copy
@@ -46,12 +59,12 @@ if TYPE_CHECKING:
 
 def read(
     data: Data,
-    map: Mapping[str, str] | None = None,
+    map: Headers | None = None,
     *,
     sheet: str | int | None = None,
     diameter: float | None = None,
     width: float | None = None,
-    contact: str | None = None,
+    contact: Literal["rolling", "pressed", "plate"] | None = None,
     compliance: float | None = None,
 ) -> Measurements:
     """Read a table of measurements: a file, or a DataFrame of pandas.
@@ -60,16 +73,19 @@ def read(
     ----------
     data
         CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
-    map
-        By the name of a quantity, the header of its column: ``{"load": "Fz"}``.
+    map : by name, as ``{"load": "F3", "width [cm]": "b"}``
+        Which column is what, where its header does not say it.
     sheet
-        Of a spreadsheet, by name or number.
-    diameter, width
-        Of the wheel (m), for all rows, where the table has no such column.
+        Sheet of a workbook, by name or number.
+    diameter
+        Wheel diameter [m] for all rows.
+    width
+        Wheel width [m] for all rows.
     contact
-        ``plate``, ``pressed`` or ``rolling``, for all rows, where the table has no such column.
+        What meets the soil in all rows, where the table does not say.
     compliance
-        m/N by which the machine gives way: the soil's sinkage is that measured less this times the load.
+        By how much the machine gives way [m/N]: times the load it is taken off each measured sinkage; 1 mm
+        under 500 N is 2e-6.
 
     Raises
     ------
@@ -120,28 +136,29 @@ def _source(data: Any) -> Any:
 
 
 def fit(
-    data: Data | ShearTests | Sequence[Data | ShearTests],
-    effects: AnyEffect | Iterable[AnyEffect] = (),
+    data: Tests,
+    effects: Effects = (),
     model: AnyModel | None = None,
     *,
-    geometry: Geometry | None = None,
+    geometry: Literal["contact_integral", "closed_form"] | None = None,
 ) -> FitResult | LabFit:
     """Calibrate soil and effects on measurements; with plates or shear tests, all tests of a lab.
+
+    Plates of several sizes are put under the laws of Bekker and Reece too; shear tests give cohesion,
+    friction angle and shear modulus.
 
     Parameters
     ----------
     data
-        The measurements: one table, or several of one lab (plates, wheels, shear tests), as files or as
-        what ``read`` returned.
-    effects
-        To fit with the soil: ids (``"slip_sinkage"``, or with a form ``"slip_sinkage/exponential"``),
-        classes, effects with numbers to start from, or a Python file with effects of your own, which
-        is run.
+        One table, or several of one lab: plates, pressed and rolling wheels, shear tests.
+    effects : or classes, or effects with numbers to start from
+        Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a name that ends in
+        .py is a file with effects of your own, which is run.
     model
-        To start from: soils and effects are refitted within what it says of its own uncertainty;
-        an effect of which it says nothing is fitted freely.
+        Start from this model; soils and effects are refitted within its covariance, freely where that says
+        nothing of them.
     geometry
-        ``contact_integral`` (the default) or ``closed_form``, where there is no model.
+        How load and sinkage belong together; contact_integral where there is no model.
 
     Examples
     --------
@@ -154,11 +171,12 @@ def fit(
     ['resistance', 'sinkage']
     """
     from smallwheel_ros.fitting import Base, Problem
-    from smallwheel_ros.fitting.files import base_of
     from smallwheel_ros.fitting.parameters import part_of
+    from smallwheel_ros.fitting.problem import base_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
-    from smallwheel_ros.measurements.joining import joined, joined_shear
+    from smallwheel_ros.measurements.shear import joined_shear
+    from smallwheel_ros.measurements.table import joined
 
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None
@@ -183,9 +201,7 @@ def fit(
     return changed(found, held_out=rmse, notes=(*found.notes, *said))
 
 
-def _tests_of(
-    data: Data | ShearTests | Sequence[Data | ShearTests],
-) -> tuple[list[ShearTests], list[Measurements]]:
+def _tests_of(data: Tests) -> tuple[list[ShearTests], list[Measurements]]:
     """Shear tests, and tables of load and sinkage."""
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
@@ -200,25 +216,27 @@ def _tests_of(
 
 def compare(
     data: Data,
-    models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel] = (),
+    models: Models = (),
     *,
-    effects: OwnEffects = None,
+    effects: OwnEffects | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Comparison:
-    """Compare models with measurements: error held out and in sample, by channel, soil and wheel.
+    """Compare models with measurements.
 
-    Bekker's law, that of Meirion-Griffith & Spenko and the contact integral are fitted to the data, and so
-    is that of Wong and Reece where pull or torque was measured. Beside them is a constant, the mean of the
-    other runs.
+    The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
+    torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
+    held out of the fit, beside a constant, the mean of the other runs. Errors are given for each
+    channel, soil, wheel and range of conditions, beside what rows of one run differ by. How much less error
+    a true model would leave is what `diagnose` works out.
 
     Parameters
     ----------
     data
         The measurements.
-    models
-        Further ones, which stand as they are; by name, if you like.
-    effects
-        A Python file with effects of your own that a model file names, or `sw.effects.load` of it.
+    models : one, several, or several by name
+        A model to compare too, which stands as it is.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
     progress
         Told how many of how many fits are done.
 
@@ -239,26 +257,30 @@ def diagnose(
     data: Data,
     model: AnyModel | None = None,
     *,
-    effects: OwnEffects = None,
-    without: str | Collection[str] = (),
-    can: Mapping[str, Sequence[float]] | None = None,
+    effects: OwnEffects | None = None,
+    without: Ids = (),
+    can: Levels | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Say which physical effect a model of the measurements is missing, as far as they can tell.
+    """Say which physical effect a model of the measurements is missing.
+
+    Or that none is, that none known explains it, that several cannot be told apart, or that the
+    data is too small; where the model fails, what the data cannot show, and what to measure next.
 
     Parameters
     ----------
     data
         The measurements.
     model
-        What is in the model already; the contact integral and nothing else if not given.
-    effects
-        A Python file with effects of your own that compete too, or `sw.effects.load` of it.
+        Start from this model; its soil is refitted within its covariance. If not given, the contact
+        integral and nothing else.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
     without
-        Ids of effects that do not compete; ``"unknown"`` for curves without a name.
-    can
-        By setting (SI), the levels that you can set, for the measurements to make next.
+        Effects that do not compete, by id; `unknown` for curves without a name.
+    can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
+        What you can set, for the measurements to make next (SI units, angles in rad).
     seed
         Of the simulations behind the p-values: the same seed gives the same result.
     progress
@@ -289,32 +311,37 @@ def learn(
     data: Data,
     model: AnyModel | None = None,
     *,
-    effects: OwnEffects = None,
-    without: str | Collection[str] = (),
+    effects: OwnEffects | None = None,
+    without: Ids = (),
     name: str | None = None,
     most: int = 1,
-    can: Mapping[str, Sequence[float]] | None = None,
+    can: Levels | None = None,
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Learnt:
-    """Learn a law that a model lacks and no known effect explains, as far as measurements can tell.
+    """Learn which law a model of the measurements lacks, where no known effect explains it.
+
+    The program searches some 40,000 formulas inside the model. It drafts a law only where chance
+    would not gain as much, and where the law also predicts settings that the search never saw.
+    Nothing could be learnt is a normal answer.
 
     Parameters
     ----------
     data
         The measurements.
     model
-        What is in the model already; the contact integral and nothing else if not given.
-    effects
-        A Python file with effects of your own (laws learnt before, say), or `sw.effects.load` of it.
+        Start from this model; its soil is refitted within its covariance. If not given, the contact
+        integral and nothing else.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
     without
-        Ids of effects that are taken out of the model, and that the law is not held against.
+        Effects that are taken out of the model, by id, and that the law is not held against.
     name
         Id of the law; made of what it follows if not given.
     most
         Laws to learn, one after the other.
-    can
-        By setting (SI), the levels that you can set, for the measurements to make next.
+    can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
+        What you can set, for the measurements to make next (SI units, angles in rad).
     seed
         Of permutations and folds: the same seed gives the same result, to the byte.
     progress
@@ -348,22 +375,26 @@ def add(
     model: AnyModel | None = None,
     data: Data | None = None,
     *,
-    effects: OwnEffects = None,
-    without: str | Collection[str] = (),
+    effects: OwnEffects | None = None,
+    without: Ids = (),
     seed: int = 0,
 ) -> Added:
     """Add one effect to a model, fit it with the soil, and compare the held-out errors.
 
     Parameters
     ----------
-    effect
-        Its id or class; the form that fits best is taken.
-    model
-        To add it to; the contact integral and nothing else if not given.
+    effect : or its class
+        Its id, as in `slip_sinkage`; the form that fits best is taken.
+    model : the contact integral and nothing else if not given
+        The model to add it to.
     data
-        The measurements.
-    effects, without, seed
-        As in `diagnose`, which is asked whether the effect is recommended.
+        Measurements, which a diagnosis is asked of, too: whether the effect is recommended.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
+    without
+        Effects that do not compete, by id; `unknown` for curves without a name.
+    seed
+        Of the simulations behind the p-values: the same seed gives the same result.
 
     Examples
     --------
@@ -391,24 +422,31 @@ def predict(
     width: Setting,
     slip: Setting | None = None,
     soil: str | None = None,
-    effects: OwnEffects = None,
+    effects: OwnEffects | None = None,
     **others: Setting,
 ) -> PredictionTable:
-    """Predict sinkage, resistance and drawbar pull of a wheel, for every combination of the settings.
+    """Predict sinkage, resistance and drawbar pull of a wheel on a soil.
+
+    Ranges make a table of every combination of the settings.
 
     Parameters
     ----------
     model
         The model or soil.
-    load, diameter, width, slip
-        N, m, m and 1: a number, several, or a text as on the command line, ``"20:140:10"`` or
-        ``"17 cm"``. Without slip there is no thrust.
+    load : number, several, or text
+        Normal load [N]: a number, 20:140:10, or 20,60.
+    diameter : as the load
+        Wheel diameter [m], or with a unit: '17 cm'.
+    width : as the load
+        Wheel width [m].
+    slip : as the load
+        Slip, -1 to 1; without it there is no thrust.
     soil
         Which soil of a model that has several.
-    effects
-        A Python file with effects of your own that a model file names, or `sw.effects.load` of it.
-    others
-        Further columns that an effect needs, in SI units: ``speed=0.1``.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
+    others : as ``speed=0.1``
+        A further column that an effect needs, in SI or with a unit.
 
     Examples
     --------
@@ -494,19 +532,19 @@ def replay(
 def start_of(
     data: Data,
     model: AnyModel | None = None,
-    effects: OwnEffects = None,
-    without: str | Collection[str] = (),
+    effects: OwnEffects | None = None,
+    without: Ids = (),
 ) -> tuple[Measurements, Base, Registry, tuple[str, ...]]:
     """What a diagnosis starts from: table, model to fit, effects, and those that do not compete."""
     from smallwheel_ros.fitting import Base
-    from smallwheel_ros.fitting.files import base_of
+    from smallwheel_ros.fitting.problem import base_of
 
     measurements, known = read(data), registry_of(effects)
     base = Base() if model is None else base_of(model_of(model, known), measurements)
     return measurements, base, known, ids_of(without, known)
 
 
-def _limits(can: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
+def _limits(can: Levels | None) -> dict[str, list[float]]:
     """Levels by setting that can be set, as plain numbers."""
     return {name: list(map(float, levels)) for name, levels in (can or {}).items()}
 

@@ -1,43 +1,70 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What users may give to a public function, and what the library makes of it."""
+"""What users may give to a public function, and what the library makes of it.
+
+Numbers may be given as people type them on a command line: `60`, `20:140:10`, `0.1,0.2`, `17 cm`.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from smallwheel_ros.common.errors import SmallwheelError
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.measurements.columns import COLUMNS, unit_of
+from smallwheel_ros.measurements.units import UnitsError, to_base
+from smallwheel_ros.measurements.words import near_miss
+from smallwheel_ros.physics.soil import Soil, soil
+
+# What a command's `--help` does not need is imported by the functions that do.
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import ArrayLike
 
     from smallwheel_ros.compare.contenders import Contender
     from smallwheel_ros.diagnosis.apply import Added
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
-    from smallwheel_ros.effects.base import Effect
-    from smallwheel_ros.effects.registry import Registry
     from smallwheel_ros.fitting import FitResult
     from smallwheel_ros.lab.lab import LabFit
+    from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
     from smallwheel_ros.model.model import Model
     from smallwheel_ros.model.model_file import CalibratedModel
-    from smallwheel_ros.physics.soil import Soil
 
+    # The kinds of arguments; `commands.from_signature` makes an option of each.
     Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
+    Tests: TypeAlias = Data | ShearTests | Sequence[Data | ShearTests]
+    Headers: TypeAlias = Mapping[str, str]
     WithModel: TypeAlias = FitResult | LabFit | Diagnosis | Added
     AnyModel: TypeAlias = Model | Soil | WithModel | str | PathLike[str]
+    Models: TypeAlias = AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel]
     AnyEffect: TypeAlias = Effect | type[Effect] | str
-    OwnEffects: TypeAlias = Registry | str | PathLike[str] | None
+    Effects: TypeAlias = AnyEffect | Iterable[AnyEffect]
+    OwnEffects: TypeAlias = Registry | str | PathLike[str]
+    Ids: TypeAlias = str | Collection[str]
+    Levels: TypeAlias = Mapping[str, Sequence[float]]
     Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
 
+Array = NDArray[np.float64]
+
 _MODELS = "a Model, a model file, a soil or a result that has a model"
+_MOST = 100_000
+_EXPECTED = "a number, start:stop:step or a list a,b,c"
+_NUMBERS = re.compile(r"^[-+0-9.eE:,]+")
 
 
 class ArgumentError(SmallwheelError):
     """An argument of a public function that is of another kind than it takes."""
+
+
+class RangeError(SmallwheelError):
+    """A number or range that cannot be read."""
 
 
 def kind(value: object) -> str:
@@ -45,10 +72,8 @@ def kind(value: object) -> str:
     return "nothing" if value is None else type(value).__name__
 
 
-def registry_of(own: OwnEffects) -> Registry:
+def registry_of(own: OwnEffects | None) -> Registry:
     """All effects, with those of your own. Raises ArgumentError, EffectError."""
-    from smallwheel_ros.effects.registry import Registry, default_registry
-
     if own is None:
         return default_registry()
     if isinstance(own, Registry):
@@ -60,7 +85,7 @@ def registry_of(own: OwnEffects) -> Registry:
     )
 
 
-def ids_of(without: str | Collection[str], known: Registry) -> tuple[str, ...]:
+def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
     """Ids of effects, `unknown` among them. Raises EffectError for one that does not exist."""
     names = (without,) if isinstance(without, str) else tuple(without)
     for name in names:
@@ -74,10 +99,8 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
     Raises ArgumentError, ModelFileError.
     """
-    from smallwheel_ros.common.errors import nearest
     from smallwheel_ros.model.model import Model
     from smallwheel_ros.model.model_file import CalibratedModel, as_calibrated, read_model
-    from smallwheel_ros.physics.soil import Soil, soil
 
     of_result = getattr(given, "model", None)
     if isinstance(of_result, CalibratedModel):
@@ -95,11 +118,8 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
     raise ArgumentError(f"model: found {kind(given)}, expected {_MODELS}")
 
 
-def effects_of(given: AnyEffect | Iterable[AnyEffect], measurements: Measurements) -> list[Effect]:
+def effects_of(given: Effects, measurements: Measurements) -> list[Effect]:
     """Effects to start a fit from: what only scales is set from the data where it is not given."""
-    from smallwheel_ros.effects.base import Effect
-    from smallwheel_ros.effects.registry import default_registry
-
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else _listed("effects", given)
     )
@@ -130,13 +150,10 @@ def _listed(name: str, given: Any) -> list[Any]:
         raise ArgumentError(f"{name}: found {kind(given)}, expected one or several") from None
 
 
-def contenders_of(
-    models: AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel], known: Registry
-) -> list[Contender]:
+def contenders_of(models: Models, known: Registry) -> list[Contender]:
     """One contender for each model, each under a name of its own."""
     from smallwheel_ros.compare.contenders import STANDARD, Contender
     from smallwheel_ros.model.model import Model
-    from smallwheel_ros.physics.soil import Soil
 
     if isinstance(models, Mapping):
         named = [(str(name), model) for name, model in models.items()]
@@ -160,21 +177,13 @@ def contenders_of(
 
 def check_setting(name: str) -> None:
     """Raise ArgumentError for a setting that is one slip of the keyboard from a known one."""
-    from smallwheel_ros.measurements.columns import COLUMNS
-    from smallwheel_ros.measurements.words import near_miss
-
     near = None if name in COLUMNS else near_miss(name)
     if near is not None:
         raise ArgumentError(f"setting: found '{name}', which is nearly '{near}'")
 
 
-def levels_of(name: str, value: Setting) -> Any:
+def levels_of(name: str, value: Setting) -> Array:
     """Values of a setting in SI units, shape (values,)."""
-    import numpy as np
-
-    from smallwheel_ros.measurements.columns import unit_of
-    from smallwheel_ros.ranges import parse_range
-
     if isinstance(value, str):
         return parse_range(name, value, unit_of(name) or None)
     try:
@@ -184,3 +193,41 @@ def levels_of(name: str, value: Setting) -> Any:
     if not levels.size:
         raise ArgumentError(f"{name}: found no value, expected a number or several")
     return levels
+
+
+def parse_range(name: str, text: str, unit: str | None) -> Array:
+    """Values in the SI unit named (None: in SI whatever the unit), shape (values,).
+
+    `a`, `a,b,c` or `start:stop:step` (stop included), a unit behind it where it is not SI. Raises
+    RangeError naming the option.
+    """
+    text = text.strip()
+    match = _NUMBERS.match(text)
+    if match is None:
+        raise RangeError(f"{name}: found '{text}', expected {_EXPECTED}")
+    given = text[match.end() :].strip()
+    try:
+        values = np.concatenate([_piece(name, p) for p in match.group().split(",")])
+    except ValueError:
+        raise RangeError(f"{name}: found '{match.group()}', expected {_EXPECTED}") from None
+    try:
+        return to_base(values, given, unit) if given else values
+    except UnitsError as error:
+        raise RangeError(f"{name}: {error}") from error
+
+
+def _piece(name: str, piece: str) -> Array:
+    parts = [float(p) for p in piece.split(":")]
+    if not np.all(np.isfinite(parts)):
+        raise RangeError(f"{name}: found '{piece}', expected finite numbers")
+    if len(parts) == 1:
+        return np.array(parts)
+    if len(parts) != 3:
+        raise RangeError(f"{name}: found '{piece}', a range is start:stop:step")
+    start, stop, step = parts
+    if step <= 0 or stop < start:
+        raise RangeError(f"{name}: the range '{piece}' is empty; start <= stop and step > 0")
+    count = int((stop - start) / step + 1e-9) + 1
+    if count > _MOST:
+        raise RangeError(f"{name}: the range '{piece}' has {count} values, at most {_MOST}")
+    return np.asarray(start + step * np.arange(count))

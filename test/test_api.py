@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import doctest
+import inspect
 import json
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,8 +21,10 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 import smallwheel_ros as sw
+from docs.function_table import PAGE, with_table
 from smallwheel_ros import api
 from smallwheel_ros.cli import main
+from smallwheel_ros.commands.from_signature import described
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
@@ -125,6 +129,28 @@ def test_the_examples_on_the_page_hold(results: Results, repository: Path) -> No
     assert len(test.examples) >= 8
     kinds = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
     assert doctest.DocTestRunner(optionflags=kinds).run(test).failed == 0
+
+
+def test_the_table_of_functions_is_that_of_their_docstrings() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == with_table(page), "run python docs/function_table.py"
+
+
+@pytest.mark.parametrize("name", ["fit", "compare", "diagnose", "learn", "add", "predict"])
+def test_each_argument_of_a_function_is_an_option_with_its_text(name: str) -> None:
+    words, texts = described(getattr(api, name))
+    signature = inspect.signature(getattr(api, name))
+    assert list(texts) == list(signature.parameters)
+    command = main.get_command(click.Context(main), name)
+    assert command is not None
+    found = {option.name: option for option in command.params}
+    left_out = {"add": {"seed"}}.get(name, set()) | {"progress"}
+    assert set(texts) - set(found) == left_out & set(texts)
+    assert words in str(command.help)
+    shown = str(command.help) + " ".join(str(getattr(o, "help", "")) for o in found.values())
+    own = {"model", "soil"} if name == "predict" else set()
+    for parameter in set(texts) & set(found) - own:
+        assert texts[parameter].removesuffix(".") in shown, parameter
 
 
 def test_the_examples_of_diagnose_and_add_hold(results: Results) -> None:

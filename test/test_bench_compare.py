@@ -61,7 +61,7 @@ def done(folder: Path) -> Result:
 
 def test_everything_is_said_and_written(folder: Path, done: Result) -> None:
     assert done.exit_code == 0, done.output
-    for words in ("sinkage [mm], repeats of one run differ by", "resistance [N]", "contact_integral", "own",
+    for words in ("Sinkage [mm], repeats of one run differ by", "Resistance [N]", "contact_integral", "own",
                   "was fitted to this very file", "written: "):  # fmt: skip
         assert words in done.stdout
     document = json.loads((folder / "out.json").read_text())

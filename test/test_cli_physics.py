@@ -52,12 +52,6 @@ def test_version_and_commands() -> None:
         assert run(name, "--help").exit_code == 0, name
 
 
-def test_a_command_whose_module_is_missing_is_not_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(cli.COMMANDS, "predikt", ("commands.nowhere:predict", "Nothing."))
-    assert "predikt" not in run("--help").output
-    assert run("predikt").exit_code == 2
-
-
 def test_unknown_command() -> None:
     result = run("predikt")
     assert result.exit_code == 2

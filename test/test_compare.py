@@ -12,7 +12,7 @@ import pytest
 from smallwheel_ros import fit
 from smallwheel_ros.compare.comparison import Comparison, compare
 from smallwheel_ros.compare.contenders import Contender
-from smallwheel_ros.compare.shown import comparison_document, comparison_text
+from smallwheel_ros.compare.shown import comparison_document
 from smallwheel_ros.diagnosis import diagnose
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem
@@ -196,7 +196,7 @@ def test_rows_in_which_the_model_sinks_to_the_axle_are_said_and_count() -> None:
     score = found.score(found.models[0], "sinkage")
     assert score is not None
     assert score.rows == 12
-    assert f"sinks to the axle in {sunk.sum()} rows" in comparison_text(found)
+    assert f"sinks to the axle in {sunk.sum()} rows" in found.text()
 
 
 def test_a_model_whose_column_is_missing_predicts_nothing_and_says_so() -> None:
@@ -211,7 +211,7 @@ def test_a_model_whose_column_is_missing_predicts_nothing_and_says_so() -> None:
     (why, rows), *_ = found.models[0].not_predicted
     assert "effect 'slip_sinkage' needs the column 'slip'. There is: load" in why
     assert rows.size == 12
-    assert "12 rows not predicted" in comparison_text(found)
+    assert "12 rows not predicted" in found.text()
     assert found.score(found.models[1], "sinkage") is not None
     scores = document_of(found)["models"][0]["channels"]["sinkage"]
     assert scores == {"in_sample": None, "held_out": None}
@@ -244,7 +244,7 @@ def test_what_needs_slip_is_said_to_where_there_is_none(channel: str) -> None:
     found = standing(Model(SAND), data=data)
     assert channel not in found.channels
     for text in (
-        comparison_text(found),
+        found.text(),
         compare(data).text(),
         diagnose(data).text(),
         fit(data).text(),
@@ -271,7 +271,7 @@ def test_rows_without_a_soil_are_no_rows_of_a_model_of_several() -> None:
     assert why == "the rows name no soil, expected one of sand, snow"
     assert rows.size == 12
     assert found.channels == ()
-    assert "No model could predict" in comparison_text(found)
+    assert "No model could predict" in found.text()
 
 
 def test_wheels_measured_below_their_axle_are_left_out_with_their_lines() -> None:
@@ -287,7 +287,7 @@ def test_wheels_measured_below_their_axle_are_left_out_with_their_lines() -> Non
     document = document_of(found)["data"]
     assert document["rows"] == 12
     assert document["left_out"][0]["lines"] == [5]
-    assert comparison_text(found).count("deeper than its axle") == 1
+    assert found.text().count("deeper than its axle") == 1
 
 
 def test_no_row_to_compare_is_an_error_that_says_what_to_measure() -> None:
@@ -314,7 +314,7 @@ def test_without_repeats_no_noise_floor_is_known() -> None:
     floor = found.noise["sinkage"]
     assert (floor.value, floor.source, floor.repeatability) == (None, None, None)
     assert "repeat a few runs, or state sinkage_std" in floor.reason
-    assert "repeatability unknown" in comparison_text(found)
+    assert "repeatability unknown" in found.text()
 
 
 def test_each_of_several_soils_is_fitted_and_one_with_a_single_run_is_told_of() -> None:
@@ -393,7 +393,7 @@ def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
     assert best is found.models[0]
     assert law is not None
     assert law is not best
-    for said in (comparison_text(found), found.headline()):
+    for said in (found.text(), found.headline()):
         assert "o law has less error than a constant" in said
         assert law.contender.name in said
 
@@ -426,7 +426,7 @@ def test_wong_and_reece_stand_beside_ours_where_pull_or_torque_was_measured(
     }
     for model in found.models:
         assert found.score(model, "drawbar_pull", held_out=True) is not None
-    assert "peak moves with slip" in comparison_text(found)
+    assert "peak moves with slip" in found.text()
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason=f"no measurements at {SHARED}")
@@ -482,7 +482,7 @@ def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurem
 
 
 def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> None:
-    text = comparison_text(comparison)
+    text = comparison.text()
     for name in ("constant", "bekker", "meirion_griffith_spenko", "contact_integral"):
         assert text.count(name) >= 2
     lines = [line.split() for line in text.splitlines()]

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, rolled, table
 
 from smallwheel_ros.diagnosis import Base, add_effect, base_of, diagnose
 from smallwheel_ros.effects.base import Array, Effect, EffectError, parameter
 from smallwheel_ros.effects.registry import default_registry, effect
-from smallwheel_ros.fitting import fit_model
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import predict

@@ -21,13 +21,12 @@ from benchmarks._bench import rig_table
 from benchmarks.learn_worlds import table as without_a_law
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.diagnosis import Diagnosis, diagnose
-from smallwheel_ros.diagnosis.misfit import lack_of_fit
+from smallwheel_ros.diagnosis.misfit import bad_runs, lack_of_fit
 from smallwheel_ros.diagnosis.verdict import family_of
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
-from smallwheel_ros.fitting.bad_runs import bad_runs
 from smallwheel_ros.fitting.constants import ALARM
-from smallwheel_ros.fitting.runs import MOST_POINTS
+from smallwheel_ros.fitting.points import MOST_POINTS
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict
@@ -239,8 +238,10 @@ def lacking() -> Diagnosis:
 
 def test_the_text_has_a_line_for_each_channel_and_the_table_in_its_command() -> None:
     text = lacking().text()
-    assert re.search(r"^Sinkage: [\d.]+ mm -> [\d.]+ mm with what is named\.$", text, re.MULTILINE)
-    assert re.search(r"^Resistance: ", text, re.MULTILINE)
+    assert re.search(
+        r"^  Sinkage: [\d.]+ mm -> [\d.]+ mm with what is named\.$", text, re.MULTILINE
+    )
+    assert re.search(r"^  Resistance: ", text, re.MULTILINE)
     assert "smallwheel diagnose 'made up' --apply" in text
 
 

@@ -19,13 +19,13 @@ from smallwheel_ros.diagnosis import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.next_measurement import propose
 from smallwheel_ros.diagnosis.search import search
-from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import REPLICATES
 from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.report.diagnosis import diagnosis_page
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
 REGISTRY = default_registry()
@@ -72,7 +72,7 @@ def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise() -> None:
     for channel, error in last.items():
         assert error < 0.3 * first[channel]
         assert error < 1.5 * found["channels"][channel]["noise_floor"]
-    assert "The model lacks slip sinkage" in diagnosis_text(found)
+    assert "The model lacks slip sinkage" in diagnosis_page(found).text()
 
 
 def test_two_effects_are_named_and_each_step_falls(folder: Path) -> None:
@@ -132,7 +132,7 @@ def test_few_runs_are_insufficient(runs: int) -> None:
     assert found.document["reason"].startswith(f"{runs} run")
     assert found.document["missing_effects"] == []
     assert {row["status"] for row in found.document["ranking"]} == {"not_testable"}
-    assert "nothing was held out" in diagnosis_text(found.document)
+    assert "nothing was held out" in diagnosis_page(found.document).text()
     check(found.document)
 
 

@@ -26,7 +26,6 @@ from click.testing import CliRunner
 
 from smallwheel_ros import cli
 from smallwheel_ros.diagnosis import Base, base_of
-from smallwheel_ros.diagnosis.text import diagnosis_text
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.explore import ExploreError, ExploreServer, Session
 from smallwheel_ros.explore.data import SessionData
@@ -253,7 +252,7 @@ def test_a_view_holds_what_the_diagnosis_says(server: ExploreServer, session: Se
         assert shown["value"] == pytest.approx(scale * after[channel], rel=1e-3)
         assert f"{shown['text']} {unit}" == shown_value(channel, after[channel])
         assert f"→ {shown['text']} {unit}" in found["headline"]
-        assert shown["text"] in diagnosis_text(session.document)  # to the last digit
+        assert shown["text"] in session.diagnosis.text()  # to the last digit
     assert found["headline"].startswith("With slip sinkage")
     rows = [row for row in session.document["ranking"] if row["effect"] == "slip_sinkage"]
     assert {row[1] for row in found["parameters"]["rows"]} >= set(rows[0]["parameters"])

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from fitted import fit_model
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import Base, FittingError, fit_model
-from smallwheel_ros.fitting.files import soil_priors
+from smallwheel_ros.fitting import Base, FittingError
+from smallwheel_ros.fitting.fit import Predictor
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.fitting.predictor import Predictor
+from smallwheel_ros.fitting.problem import soil_priors
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model_file import read_model, write_model

@@ -7,14 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, joined
 from scipy.stats import binom
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import Base, FitResult, Problem, fit_model
+from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.fit import FittingError, inverse
-from smallwheel_ros.fitting.levels import fit_points
 from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.fitting.problem import fit_points
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.table import Measurements
 

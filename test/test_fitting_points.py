@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fitted import fit_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from plain_rig import PlainRig, table
 from random_examples import examples
 
-from smallwheel_ros.fitting import FittingError, Problem, fit_model
+from smallwheel_ros.fitting import FittingError, Problem
 from smallwheel_ros.fitting.constants import CURVE_POINTS, MOST_POINTS
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.measurements.table import Measurements

@@ -10,8 +10,7 @@ import pytest
 from lab_truth import TRUTHS, N, plate_rows, pressed_rows, write
 from scipy.optimize import curve_fit
 
-from smallwheel_ros.fitting.levels import fit_points
-from smallwheel_ros.fitting.problem import Base, Problem
+from smallwheel_ros.fitting.problem import Base, Problem, fit_points
 from smallwheel_ros.lab.lab import LabFit, fit_lab
 from smallwheel_ros.lab.plates import PlateLaws, laws_text, plate_laws, which_law
 from smallwheel_ros.measurements.table import Measurements

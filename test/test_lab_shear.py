@@ -30,7 +30,7 @@ from smallwheel_ros.model.model_file import CalibratedModel, read_model, write_m
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.shear import peaked_share, rising_share
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.prediction.uncertainty import predict_with_uncertainty
+from smallwheel_ros.prediction.prediction import predict_with_uncertainty
 
 
 def strength(tests: ShearTests) -> Strength:
@@ -87,6 +87,18 @@ def test_a_single_curve_tells_a_peak() -> None:
     rng = np.random.default_rng(5)
     assert fit_shear(shear(rng, residual=0.6, modulus=0.008, stresses=(3e4,), runs=1))[0].shows_peak
     assert not fit_shear(shear(rng, stresses=(3e4,), runs=1))[0].shows_peak
+
+
+def test_rounding_has_no_say_in_what_a_single_curve_tells() -> None:
+    tests = shear(np.random.default_rng(5), residual=0.7, modulus=0.008, stresses=(3e4,), runs=1)
+    found = []
+    for scale in (1.0, 1.7, 3.1, 7.7):
+        stresses = {
+            name: scale * getattr(tests, name) for name in ("normal_stress", "shear_stress")
+        }
+        (fit,) = fit_shear(replace(tests, **stresses))
+        found.append(np.sqrt(np.diag(fit.peaked.covariance))[2:])
+    assert np.all(np.ptp(found, axis=0) < 5e-3 * np.min(found, axis=0))
 
 
 def test_one_normal_stress_tells_no_friction_angle() -> None:

@@ -11,9 +11,18 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.measurements.columns import COLUMNS, TEXTS
-from smallwheel_ros.measurements.headers import UNKNOWN, mapped_heading, meant, read_heading
 from smallwheel_ros.measurements.units import UnitsError
-from smallwheel_ros.measurements.words import WORDS, contact_of, find, is_summary, near_miss
+from smallwheel_ros.measurements.words import (
+    UNKNOWN,
+    WORDS,
+    contact_of,
+    find,
+    is_summary,
+    mapped_heading,
+    meant,
+    near_miss,
+    read_heading,
+)
 
 
 @pytest.mark.parametrize(

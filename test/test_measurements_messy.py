@@ -12,7 +12,9 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from smallwheel_ros.commands.inputs import DATA, read_table, table_options
+from smallwheel_ros import api
+from smallwheel_ros.commands.from_signature import command
+from smallwheel_ros.commands.inputs import read_table
 from smallwheel_ros.measurements.table import Measurements, MeasurementsError
 from smallwheel_ros.measurements.wheels import read_measurements
 
@@ -44,12 +46,10 @@ def test_everything_that_is_wrong_is_said_at_once(tmp_path: Path, name: str) -> 
         assert word in str(caught.value)
 
 
-@click.command()
-@DATA
-@table_options
-def loads(data: Path, how: dict[str, object]) -> None:
+@command(api.diagnose, "data")
+def loads(given: dict[str, Path], how: dict[str, object]) -> None:
     """Print the loads of a table."""
-    click.echo(read_table(data, how).conditions.load.tolist())
+    click.echo(read_table(given["data"], how).conditions.load.tolist())
 
 
 def test_a_sheet_and_a_column_are_chosen_on_the_command_line(tmp_path: Path) -> None:

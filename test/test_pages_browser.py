@@ -19,10 +19,9 @@ from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.diagnosis import Base
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.explore import ExploreServer, Session
-from smallwheel_ros.explore.report import diagnosis_page
+from smallwheel_ros.explore.data import explored_page
 from smallwheel_ros.measurements.display import shown_value
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.report.page import write_page
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 pytestmark = needs_chromium
@@ -85,7 +84,7 @@ def page(session: Session, tmp_path_factory: pytest.TempPathFactory) -> str:
     session.beforehand = lambda pairs=True: [(), ("slip_sinkage",), ("multipass",),  # type: ignore[method-assign]
                                   ("multipass", "slip_sinkage")]  # fmt: skip
     comparison = compare(session.measurements)
-    write_page(path, diagnosis_page(session.diagnosis, session, comparison))
+    explored_page(session.diagnosis, session, comparison).save(path)
     return path.as_uri()
 
 

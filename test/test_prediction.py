@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from smallwheel_ros.arguments import RangeError, parse_range
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.estimator.settings import usual_strength
@@ -20,7 +21,6 @@ from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
 from smallwheel_ros.prediction.prediction import PredictionError, on_one_soil, predict_table
-from smallwheel_ros.ranges import RangeError, parse_range
 
 Array = NDArray[np.float64]
 

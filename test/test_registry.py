@@ -58,6 +58,8 @@ def test_effects_are_found_without_a_list() -> None:
     assert list(families()) == sorted(families())
     stated = [re.findall(r'^    id = "(\w+)"', file.read_text(), re.MULTILINE) for file in FILES]
     assert {id for ids in stated for id in ids} == set(families())
+    # `effects.grouser` is the effect: a file of its name would stand in its place
+    assert not {file.stem for file in FILES} & set(families())
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.stem))
@@ -149,7 +151,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[
     """Pretend that a package with that entry point is installed; the rest is the real thing."""
 
     def install(value: str) -> None:
-        point = EntryPoint("warm", value, registry.GROUP)
+        point = EntryPoint("warm", value, registry.PACKAGE)
         monkeypatch.setattr(registry, "entry_points", lambda group: [point])
         default_registry.cache_clear()
 

@@ -30,7 +30,7 @@ from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.replay.drive_data import read_courses, with_gaps
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.replay_report import write_replay_report
+from smallwheel_ros.replay.replay_report import replay_page
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -440,7 +440,7 @@ def test_a_bag_without_what_is_needed_says_what_it_lacks(bag, rover, tmp_path):
 def test_one_missing_topic_is_named_and_the_rest_goes_on(bag, rover, tmp_path):
     other = renamed(bag, tmp_path / "other", {"/odom": "/elsewhere"})
     result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out")
-    assert "missing: /odom (nav_msgs/msg/Odometry): not in the bag" in result.stdout
+    assert "/odom (nav_msgs/msg/Odometry): not in the bag" in result.stdout
     table = table_of(tmp_path / "out")
     assert table["slip"].isna().all()
     assert table["x"].isna().all()
@@ -732,14 +732,24 @@ def test_a_type_that_the_bag_defines_otherwise_is_named(bag, rover, tmp_path):
 # --- Damaged bags
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_truncated_bag_gives_what_could_be_read(bag, rover, usual, tmp_path, storage):
-    other = tmp_path / "other"
-    with BagReader(bag) as reader, BagWriter(other, storage=storage) as writer:
+def truncated(bag: Path, target: Path, storage: str) -> Path:
+    with BagReader(bag) as reader, BagWriter(target, storage=storage) as writer:
         for raw in reader.raw_messages():
             writer.write_raw(*raw)
-    file = next(f for f in other.iterdir() if f.suffix != ".yaml")
+    file = next(f for f in target.iterdir() if f.suffix != ".yaml")
     os.truncate(file, int(0.6 * file.stat().st_size))
+    return target
+
+
+def test_a_truncated_sqlite3_bag_names_what_saves_its_messages(bag, rover, tmp_path):
+    other = truncated(bag, tmp_path / "other", "sqlite3")
+    result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", code=2)
+    assert "`sqlite3 other.db3 .recover | sqlite3 saved.db3` saves" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truncated_bag_gives_what_could_be_read(bag, rover, usual, tmp_path):
+    other = truncated(bag, tmp_path / "other", "mcap")
     result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", code=1)
     assert re.search(r"ended early: .*\d+ messages could be read, the last at \d+", result.stderr)
     table = table_of(tmp_path / "out")
@@ -784,8 +794,7 @@ def test_changes_of_soil_are_told_where_they_are(three_soils, tmp_path):
     assert summary["soil"]["changes"] == len(places) == 2
     # Within the rover's length and some turns of its wheels.
     np.testing.assert_allclose(places, true, atol=2.5)
-    write_replay_report(found, tmp_path / "report.html")
-    assert "The soil changed twice" in (tmp_path / "report.html").read_text()
+    assert "The soil changed twice" in replay_page(found).html()
 
 
 def test_the_measurements_are_a_table_for_the_bench(three_soils):

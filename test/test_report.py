@@ -30,27 +30,21 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.pictures.comparison import measured_against_predicted, residuals
 from smallwheel_ros.pictures.diagnosis import ranking_bars, staircase, unknown_curves
-from smallwheel_ros.report.compare_report import compare_report
+from smallwheel_ros.report.blocks import Callout, Details, Drawing, Section, Table, Text
+from smallwheel_ros.report.comparison import comparison_page
+from smallwheel_ros.report.diagnosis import ReportError, diagnosis_page
 from smallwheel_ros.report.drawings import drawing
-from smallwheel_ros.report.page import (
-    Callout,
-    Details,
-    Drawing,
-    ReportError,
-    Section,
-    Table,
-    Text,
-    embedded,
-    page,
-    write_page,
-)
-from smallwheel_ros.report.whole_report import whole_report
+from smallwheel_ros.report.page import Page, embedded
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 DOCUMENT: dict[str, Any] = json.loads(
     (Path(__file__).parent / "data" / "diagnosis_document.json").read_text()
 )
 EVIL = '<script>document.title="evil"</script><img src=x onerror=alert(1)> $x^{ "&\' \u202e\u2028'
+
+
+def whole_report(document: dict[str, Any], comparison: Comparison | None = None) -> str:
+    return diagnosis_page(document, comparison=comparison).html()
 
 
 class Parsed(HTMLParser):
@@ -99,12 +93,12 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
 
 @pytest.fixture(scope="module")
 def compared(comparison: Comparison) -> str:
-    return compare_report(comparison)
+    return comparison_page(comparison).html()
 
 
 @pytest.fixture(scope="module")
 def compared_again(comparison: Comparison) -> str:
-    return compare_report(comparison)
+    return comparison_page(comparison).html()
 
 
 @pytest.fixture(scope="module")
@@ -385,7 +379,7 @@ def test_blocks_escape_and_keep_their_text() -> None:
         Table([EVIL, "b"], [[EVIL, "1"]], EVIL, numbers=[1], strong=[0]),
         Details(EVIL, [Text(EVIL), Drawing("xy", {EVIL: [EVIL, 1.0, math.nan]}, EVIL)]),
     ]
-    parsed = assert_harmless(page(EVIL, [Section(EVIL, blocks)], EVIL, EVIL))
+    parsed = assert_harmless(Page(EVIL, [Section(EVIL, blocks)], EVIL, EVIL).html())
     # title, heading, subtitle, link, section's heading, the blocks' ten, footer
     assert parsed.text.count(EVIL) == 5 + 10 + 1
     (content,) = json.loads(parsed.scripts[0]).values()
@@ -394,14 +388,14 @@ def test_blocks_escape_and_keep_their_text() -> None:
 
 def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     target = tmp_path / "a.html"
-    write_page(target, page("one", []))
-    write_page(target, page("two", []))
+    Page("one", []).save(target)
+    Page("two", []).save(target)
     assert "two" in target.read_text()
     assert [p.name for p in tmp_path.iterdir()] == ["a.html"]
     with pytest.raises(OutputError, match="does not exist"):
-        write_page(tmp_path / "no" / "a.html", "x")
+        Page("x", []).save(tmp_path / "no" / "a.html")
     with pytest.raises(OutputError, match="a folder"):
-        write_page(tmp_path, "x")
+        Page("x", []).save(tmp_path)
 
 
 # Pictures

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.benchmark.parts import Task
 from smallwheel_ros.diagnosis.pipeline import diagnose
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.levels import fit_points
+from smallwheel_ros.fitting.held_out import leave_out
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.problem import Base, Problem
+from smallwheel_ros.fitting.problem import Base, Problem, fit_points
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, left_out, reference_size
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.contact import AXLE_RATIO
@@ -58,11 +58,7 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
     Raises FittingError where the points are too few.
     """
     points = Problem.of(task.measurements, Base()).points
-    depths = points
-    for channel in points.channels:
-        if channel != "sinkage":
-            depths = depths.without_channel(channel)
-    group, of_depths = _parts(task, points), _parts(task, depths)
+    depths = points.only(("sinkage",))
     found = []
     # Of bodies of one size all four are the same law of depth.
     one = not {"diameter", "width"} & set(depths.varied)
@@ -70,15 +66,14 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
     fitter, fit = fit_points(depths, problem.vector)
     for law in SIZE_LAWS[-1:] if one else SIZE_LAWS:
         progress(law.name)
-        name = ONE_SIZE if one else law.name
-        predicted = _of_law(law, fitter, fit, of_depths)
-        found += _summary(task, name, depths, of_depths, predicted)
+        predicted = _of_law(law, fitter, fit, task.part[_first(depths)])
+        found += _summary(task, ONE_SIZE if one else law.name, depths, predicted)
     constant, stresses, alone, named = np.full((4, len(points)), np.nan)
     effects: dict[str, tuple[str, ...]] = {}
-    for part, name in enumerate(task.names):
+    for out in leave_out(task.part):
+        name = task.names[task.part[out][0]]
         progress(f"diagnosis without {task.what} {name}")
-        others = task.measurements.take(np.flatnonzero(task.part != part))
-        mine = group == part
+        others, mine = task.measurements.take(np.flatnonzero(~out)), out[_first(points)]
         for c in range(len(points.channels)):
             of_channel = points.channel == c
             if (of_channel & ~mine).any():
@@ -93,17 +88,16 @@ def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
         alone[mine] = _predicted(points, diagnosis.problem.result().model.model)[mine]
         named[mine] = _predicted(points, diagnosis.model.model)[mine]
         effects[name] = tuple(diagnosis.missing_effects)
-    found += _summary(task, CONSTANT, points, group, constant)
+    found += _summary(task, CONSTANT, points, constant)
     if points.forces:
-        found += _summary(task, WONG_REECE, points, group, stresses)
-    found += _summary(task, INTEGRAL, points, group, alone)
-    found += _summary(task, FOUND, points, group, named, effects)
-    return found
+        found += _summary(task, WONG_REECE, points, stresses)
+    found += _summary(task, INTEGRAL, points, alone)
+    return found + _summary(task, FOUND, points, named, effects)
 
 
-def _parts(task: Task, points: Points) -> NDArray[np.intp]:
-    """The part of each value, shape (values,)."""
-    return np.array([task.part[rows[0]] for rows in points.rows], dtype=np.intp)
+def _first(points: Points) -> NDArray[np.intp]:
+    """The first row of each value, shape (values,): all of them are in one part."""
+    return np.array([rows[0] for rows in points.rows], dtype=np.intp)
 
 
 def _of_law(law: PlateLaw, fitter: Fitter, fit: Fit, group: NDArray[np.intp]) -> Array:
@@ -134,12 +128,11 @@ def _summary(
     task: Task,
     law: str,
     points: Points,
-    group: NDArray[np.intp],
     predicted: Array,
     effects: dict[str, tuple[str, ...]] | None = None,
 ) -> list[LawError]:
     """The law's errors on each channel of the points."""
-    found = []
+    found, group = [], task.part[_first(points)]
     for c, channel in enumerate(points.channels):
         error = np.where(points.channel == c, predicted - points.value, np.nan)
         by_part = {name: _rms(error[group == part]) for part, name in enumerate(task.names)}

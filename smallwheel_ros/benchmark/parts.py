@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.points import FittingError, points_of
-from smallwheel_ros.fitting.runs import runs_of
+from smallwheel_ros.fitting.points import FittingError, points_of, runs_of
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.settings import DIAMETER_TOLERANCE, cluster
 from smallwheel_ros.measurements.table import Measurements
@@ -62,27 +61,16 @@ def _task(measurements: Measurements, contact: str, soil: str) -> Task | None:
     if "sinkage" not in points.channels or points.run_count < _FEWEST:
         return None
     conditions = measurements.conditions
+    found: tuple[What, Index, NDArray[np.float64]] | None = None
     if contact != "rolling":
-        sizes = cluster(np.log(conditions.diameter), DIAMETER_TOLERANCE)
-        if sizes.max() + 1 >= _FEWEST:
-            return _named(measurements, contact, soil, "size", sizes, conditions.diameter, "m")
+        diameter = conditions.diameter
+        found = "size", cluster(np.log(diameter), DIAMETER_TOLERANCE), diameter
     elif "slip" in conditions and np.isfinite(conditions["slip"]).all():
-        levels = cluster(conditions["slip"], COLUMNS["slip"].same)
-        if levels.max() + 1 >= _FEWEST:
-            return _named(measurements, contact, soil, "slip", levels, conditions["slip"], "")
-    names, runs = runs_of(measurements)
-    return Task(contact, soil, measurements, "run", names, runs)
-
-
-def _named(
-    measurements: Measurements,
-    contact: str,
-    soil: str,
-    what: What,
-    part: Index,
-    values: NDArray[np.float64],
-    unit: str,
-) -> Task:
+        found = "slip", cluster(conditions["slip"], COLUMNS["slip"].same), conditions["slip"]
+    if found is None or found[1].max() + 1 < _FEWEST:
+        names, runs = runs_of(measurements)
+        return Task(contact, soil, measurements, "run", names, runs)
+    what, part, values = found
     means = [float(values[part == code].mean()) for code in range(int(part.max()) + 1)]
-    names = tuple(f"{1e3 * v:.3g} mm" if unit == "m" else f"{v:.2f}" for v in means)
+    names = tuple(f"{1e3 * v:.3g} mm" if what == "size" else f"{v:.2f}" for v in means)
     return Task(contact, soil, measurements, what, names, part)

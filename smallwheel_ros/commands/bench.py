@@ -1,168 +1,90 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel fit`, `compare`, `diagnose` and `add`: options, and the functions of those names."""
+"""The commands on a table of measurements: outputs, progress, and the functions of those names."""
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+import threading
+import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from smallwheel_ros import api
+from smallwheel_ros.arguments import registry_of
+from smallwheel_ros.commands.from_signature import PATH, BenchError, command
 from smallwheel_ros.commands.inputs import (
-    CAN,
-    DATA,
     HTML,
-    MODEL,
-    OWN,
-    WITHOUT,
-    BenchError,
+    PLOTS,
+    check_outputs,
+    finish,
     levels_of,
-    names_of,
-    progress_of_fits,
-    progress_of_steps,
+    progress_bar,
     read_table,
     read_test,
-    table_options,
 )
 from smallwheel_ros.common.console import JSON, show
-from smallwheel_ros.common.files import check_folder_target, check_targets
+from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.tables import write_json
 
-if TYPE_CHECKING:
-    from smallwheel_ros.model.model import Geometry
-
-_PATH = click.Path(path_type=Path)
-_PLOTS = click.option("--plots", type=_PATH, metavar="DIR",
-                      help="Write pictures (PNG) into this folder.")  # fmt: skip
+Given = dict[str, Any]  # arguments of the function, by its names
+How = dict[str, Any]  # arguments of `read`
+_STEPS = 5  # that a diagnosis tells of
 
 
-@click.command("fit", short_help="Calibrate soil and effects on measurements.")
-@click.argument("data", type=_PATH, nargs=-1, required=True)
-@click.option("-o", "--output", required=True, type=_PATH, help="Model file to write.")
-@click.option("--effects", "names", default="", metavar="A,B",
-              help="Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a "
-              "name that ends in .py is a file with effects of your own, which is run.")  # fmt: skip
-@click.option("--geometry", type=click.Choice(["contact_integral", "closed_form"]),
-              help="How load and sinkage belong together; contact_integral where there is no "
-              "model.")  # fmt: skip
-@MODEL
-@table_options
+@command(api.fit)
+@click.option("-o", "--output", required=True, type=PATH, help="Model file to write.")
 @JSON
-def fit(
-    data: tuple[Path, ...],
-    output: Path,
-    names: str,
-    geometry: Geometry | None,
-    model_file: Path | None,
-    how: dict[str, Any],
-    json_file: str | None,
-) -> None:
-    """Calibrate soil and effects on the measurements in DATA and write a model file.
-
-    DATA is one table, or several of one lab: plates, pressed and rolling wheels, shear tests. Plates of
-    several sizes are put under the laws of Bekker and Reece too; shear tests give cohesion, friction
-    angle and shear modulus.
-    """
-    given = names_of(names)
-    check_targets([output, json_file], [*data, *(n for n in given if n.endswith(".py"))])
-    tables = [read_test(path, how) for path in data]
-    result = api.fit(tables, given, model_file, geometry=geometry)
+def fit(given: Given, how: How, output: Path, json_file: str | None) -> None:
+    """The result is a model file, for the other commands and the node."""
+    check_outputs(given, [json_file], output)
+    given["data"] = [read_test(path, how) for path in given["data"]]
+    result = api.fit(**given)
     result.model.save(output)
     show(result, json_file, [output])
 
 
-@click.command("compare", short_help="Models against measurements, side by side.")
-@DATA
-@click.option("--model", "models", multiple=True, type=_PATH,
-              help="A model file to compare too; may be given several times.")  # fmt: skip
-@OWN
-@table_options
+@command(api.compare, models={"names": ("--model",)})
 @JSON
-@_PLOTS
+@PLOTS
 @HTML
 def compare(
-    data: Path,
-    models: tuple[Path, ...],
-    own: Path | None,
-    how: dict[str, Any],
-    json_file: str | None,
-    plots: Path | None,
-    html: Path | None,
+    given: Given, how: How, json_file: str | None, plots: Path | None, html: Path | None
 ) -> None:
-    """Compare models with the measurements in DATA.
-
-    The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
-    torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
-    held out of the fit, beside a constant, the mean of the other runs. A model file stands as it is. Errors
-    are given for each channel, soil, wheel and range of conditions, beside what rows of one run
-    differ by. How much less error a true model would leave is what `smallwheel diagnose` works out.
-    """
-    check_targets([html, json_file], [data, *models, own])
-    check_folder_target(plots)
-    measurements = read_table(data, how)
-    with progress_of_fits() as progress:
-        result = api.compare(measurements, models, effects=own, progress=progress)
-    written: list[Path] = []
-    if html is not None:
-        written.append(result.save(html))
-    if plots is not None:
-        from smallwheel_ros.pictures.comparison import all_figures
-        from smallwheel_ros.pictures.files import write_figures
-
-        written += write_figures(all_figures(result), plots)
-    show(result, json_file, written)
+    """A model file is compared beside these."""
+    check_outputs(given, [html, json_file], plots=plots)
+    given["data"] = read_table(given["data"], how)
+    with progress_bar("fitting", unit="fit") as progress:
+        result = api.compare(**given, progress=progress)
+    finish(result, json_file, [], html, plots, "pictures.comparison:all_figures")
 
 
-@click.command("diagnose", short_help="Find which physical effect a model is missing.")
-@DATA
-@MODEL
+@command(api.diagnose)
 @JSON
 @HTML
-@_PLOTS
+@PLOTS
 @click.option("--apply", is_flag=True, help="Add what the verdict names; needs -o.")
-@click.option("-o", "--output", type=_PATH, help="With --apply: model file to write.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Of the simulations behind the p-values.")  # fmt: skip
-@WITHOUT
-@CAN
-@OWN
-@table_options
+@click.option("-o", "--output", type=PATH, help="With --apply: model file to write.")
 def diagnose(
-    data: Path,
-    model_file: Path | None,
+    given: Given,
+    how: How,
     json_file: str | None,
     html: Path | None,
     plots: Path | None,
     apply: bool,
     output: Path | None,
-    seed: int,
-    without: str,
-    levels: tuple[str, ...],
-    own: Path | None,
-    how: dict[str, Any],
 ) -> None:
-    """Say which physical effect a model of the measurements in DATA is missing.
-
-    Or that none is, that none known explains it, that several cannot be told apart, or that the
-    data is too small; where the model fails, what the data cannot show, and what to measure next.
-    """
+    """With --apply what the verdict names is added to the model, step by step, and -o is the result."""
     if apply != (output is not None):
         raise BenchError("--apply and -o FILE go together: one without the other does nothing")
-    check_targets([json_file, html, output], [data, own])
-    check_targets([json_file, html], [model_file])  # -o may replace it
-    check_folder_target(plots)
-    measurements = read_table(data, how)
-    can = levels_of(levels, measurements)
-    with progress_of_steps("diagnosing") as progress:
-        result = api.diagnose(
-            measurements,
-            model_file,
-            effects=own,
-            without=names_of(without),
-            can=can,
-            seed=seed,
-            progress=progress,
-        )
+    check_outputs(given, [json_file, html], output, plots)
+    measurements = read_table(given["data"], how)
+    given |= {"data": measurements, "can": levels_of(given["can"], measurements)}
+    with progress_bar("diagnosing", _STEPS) as progress:
+        result = api.diagnose(**given, progress=progress)
     written: list[Path] = []
     if output is not None:
         if len(result.steps) < 2:
@@ -170,40 +92,156 @@ def diagnose(
             click.echo(f"nothing was named, so nothing was added{gone}", err=True)
         if result.steps:
             written.append(result.model.save(output))
-    if html is not None:
-        written.append(result.save(html))
-    if plots is not None:
-        from smallwheel_ros.pictures.diagnosis import figures
-        from smallwheel_ros.pictures.files import write_figures
-
-        written += write_figures(figures(result), plots)
-    show(result, json_file, written)
+    finish(result, json_file, written, html, plots, "pictures.diagnosis:figures")
 
 
-@click.command("add", short_help="Add one effect to a model file, see whether the error falls.")
-@click.argument("effect")
-@click.option("--model", "model_file", required=True, type=_PATH, help="Model file to add it to.")
-@click.option("--data", required=True, type=_PATH, help="Measurements.")
-@click.option("-o", "--output", required=True, type=_PATH, help="Model file to write.")
+@command(
+    api.learn,
+    name={"metavar": "ID"},
+    most={"type": click.IntRange(1, 5)},
+)
+@click.option("-o", "--output", type=PATH, metavar="FILE",
+              help="Effect file (*.py) to write, for the verdict `law` only.")  # fmt: skip
 @JSON
-@WITHOUT
-@OWN
-@table_options
-def add(
-    effect: str,
-    model_file: Path,
-    data: Path,
-    output: Path,
+@PLOTS
+@HTML
+def learn(
+    given: Given,
+    how: How,
+    output: Path | None,
     json_file: str | None,
-    without: str,
-    own: Path | None,
-    how: dict[str, Any],
+    plots: Path | None,
+    html: Path | None,
 ) -> None:
-    """Add EFFECT to a model, fit it with the soil, and print the held-out error before and after."""
-    check_targets([output, json_file], [data, own])
-    check_targets([json_file], [model_file])  # -o may replace it
-    measurements = read_table(data, how)
-    out = names_of(without)
-    result = api.add(effect, model_file, measurements, effects=own, without=out)
+    """With -o the law is a file that --effects of the other commands takes."""
+    if output is not None and output.suffix != ".py":
+        raise BenchError(f"-o {output}: expected a Python file, *.py")
+    check_outputs(given, [json_file, html, output], plots=plots)
+    measurements = read_table(given["data"], how)
+    given |= {"data": measurements, "can": levels_of(given["can"], measurements)}
+    with progress_bar("learning") as progress:
+        result = api.learn(**given, progress=progress)
+    written: list[Path] = []
+    if output is not None and result.source is not None:
+        result.document["file"] = str(output)
+        written.append(result.save(output))
+    elif output is not None:
+        click.echo(f"no law was drafted: {output} was not written", err=True)
+    finish(result, json_file, written, html, plots, "pictures.fit:learnt_figures")
+
+
+@command(
+    api.add,
+    model={"required": True, "metavar": None},
+    data={"required": True},
+    seed=None,
+)
+@click.option("-o", "--output", required=True, type=PATH, help="Model file to write.")
+@JSON
+def add(given: Given, how: How, output: Path, json_file: str | None) -> None:
+    """-o may name the model file itself."""
+    check_outputs(given, [json_file], output)
+    given["data"] = read_table(given["data"], how)
+    result = api.add(**given)
     result.model.save(output)
     show(result, json_file, [output])
+
+
+@command(api.diagnose, "data", "model", "effects")
+@click.option("-o", "--output", required=True, type=PATH, metavar="FILE",
+              help="HTML file to write.")  # fmt: skip
+@click.option("--pairs/--no-pairs", default=True, show_default=True,
+              help="Whether pairs of effects can be set in the page: they take most of the time, with "
+              "many runs long.")  # fmt: skip
+@JSON
+def report(given: Given, how: How, output: Path, pairs: bool, json_file: str | None) -> None:
+    """Write one self-contained HTML page on the measurements in DATA.
+
+    Effects to set and unset, the data, models side by side, where the model fails, which effect is
+    missing, the held-out error step by step, what this data cannot tell, what to measure next.
+    """
+    from smallwheel_ros.explore.data import explored_page
+    from smallwheel_ros.explore.session import ExploreError, Session
+
+    targets = [output, *(Path(name) for name in (json_file,) if name not in (None, "-"))]
+    check_outputs(given, targets)
+    given["data"] = read_table(given["data"], how)
+    model, own = given["model"], given["effects"]
+    models = [] if model is None else [model]
+    with progress_bar("fitting", unit="fit") as progress:
+        comparison = api.compare(given["data"], models, effects=own, progress=progress)
+    with progress_bar("diagnosing", _STEPS) as progress:
+        diagnosis = api.diagnose(**given, progress=progress)
+    try:
+        session = Session(diagnosis, registry_of(own))
+    except ExploreError:
+        session = None  # all is of one run: there are no effects to set and unset
+    with progress_bar("fitting", unit="fit") as progress:
+        page = explored_page(diagnosis, session, comparison, progress, pairs)
+    page.save(output)
+    if json_file is not None:
+        found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
+        write_json(json_file, {"schema": 1, **found})
+    click.echo(f"written: {', '.join(str(target) for target in targets)}", err=json_file == "-")
+
+
+@command(api.diagnose, "data", "model", "effects", "without")
+@click.option("--port", type=click.IntRange(0, 65535), default=0,
+              help="Port of the page; any that is free if not given.")  # fmt: skip
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+def explore(given: Given, how: How, port: int, no_browser: bool) -> None:
+    """Open a page on the measurements in DATA, for this machine only; Ctrl-C ends it.
+
+    The data is diagnosed once. Then set and unset effects: the page shows the model's parameters, its
+    held-out error beside that of a true model, and what is left over a setting. Each effect and each pair
+    is fitted while you look, any other choice when you make it.
+    """
+    from smallwheel_ros.explore import ExploreServer, Session
+
+    given["data"] = read_table(given["data"], how)
+    start = api.start_of(**given)
+    with progress_bar("diagnosing", _STEPS) as progress:
+        session = Session.of(*start, progress)
+    for names in session.steps():
+        session.view(names)
+    with ExploreServer(session, port) as server:
+        # A shell starts what runs in the background deaf to Ctrl-C.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            click.echo(server.url)
+            click.echo("Ctrl-C ends it.", err=True)
+            threading.Thread(target=server.fit_beforehand, daemon=True).start()
+            if not no_browser and _has_screen():
+                threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
+            server.serve_forever()
+        except KeyboardInterrupt:
+            click.echo("ended", err=True)
+
+
+def _has_screen() -> bool:
+    """Without a screen a browser in the terminal would be opened: not what is wanted."""
+    graphic = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return graphic or not sys.platform.startswith("linux")
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("-o", "--output", type=PATH, metavar="FILE",
+              help="Write the errors as a table (CSV).")  # fmt: skip
+@JSON
+def benchmark(folder: Path, output: Path | None, json_file: str | None) -> None:
+    """Hold laws of sinkage, pull and torque against the measured data sets in FOLDER.
+
+    A data set is a folder with its licence (a file LICENSE) and its tables. One size of plate, level of
+    slip or run after the other is left out; Bernstein-Goriatchkin, Bekker, Reece and Meirion-Griffith &
+    Spenko are fitted to the rest, the last also with the contact integral and with the effects that a
+    diagnosis of the rest names. Beside them are the mean of the rest, and the law of Wong and Reece where
+    pull or torque was measured; these and the contact integral predict pull and torque, too. What is
+    printed is the error on what was left out, and where our law loses.
+    """
+    from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
+
+    check_targets([output, json_file])
+    with progress_bar("benchmark", unit="fit") as progress:
+        result = laws_on_data(folder, progress)
+    show(result, json_file, [] if output is None else [result.save(output)])

@@ -1,156 +1,99 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bench's commands have in common: options, the table, progress, and how a result is shown."""
+"""What the bench's commands have in common: tables, files, progress, and how a result is shown."""
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from smallwheel_ros import api
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.commands.from_signature import PATH, BenchError
+from smallwheel_ros.common.console import show
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.files import check_folder_target, check_targets
+from smallwheel_ros.common.views import function
 
 # `--help` of a command needs none of what the command computes with.
 if TYPE_CHECKING:
+    from smallwheel_ros.common.results import Result
     from smallwheel_ros.measurements.shear import ShearTests
     from smallwheel_ros.measurements.table import Measurements
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
-_PATH = click.Path(path_type=Path)
-_STEPS = 5  # that a diagnosis tells of
-
-DATA = click.argument("data", type=_PATH)
-HTML = click.option("--html", type=_PATH, metavar="FILE", help="Write a self-contained report.")
-OWN = click.option("--effects", "own", type=_PATH, metavar="FILE",
-                   help="A Python file with effects of your own. It is run: name only files that "
-                   "you trust.")  # fmt: skip
-WITHOUT = click.option("--without", default="", metavar="ID,ID",
-                       help="Effects that do not compete, by id; `unknown` for curves without a "
-                       "name.")  # fmt: skip
-MODEL = click.option("--model", "model_file", type=_PATH, metavar="FILE",
-                     help="Start from this model file; its soil is refitted within its "
-                     "covariance.")  # fmt: skip
-
-CAN = click.option("--can", "levels", multiple=True, metavar="NAME=A..B|A,B,C",
-                   help="What you can set, for the measurements to make next: slip=0..0.6, "
-                   "load=20,40,60 (SI units, angles in rad). May be given several times.")  # fmt: skip
-
-
-class BenchError(SmallwheelError):
-    """Options that do not go together, or do not fit the table."""
-
-
-def table_options(command: _Command) -> _Command:
-    """Add the options that say how a table is read; the command gets them as `how`."""
-
-    @functools.wraps(command)
-    def wrapped(
-        *args: Any,
-        diameter: float | None,
-        width: float | None,
-        mapping: tuple[str, ...],
-        sheet: str | None,
-        contact: str | None,
-        compliance: float | None,
-        **options: Any,
-    ) -> Any:
-        how = {"diameter": diameter, "width": width, "map": _headers(mapping), "sheet": sheet}
-        how |= {"contact": contact, "compliance": compliance}
-        return command(*args, how=how, **options)
-
-    for add in (
-        click.option("--sheet", metavar="NAME", help="Sheet of a workbook, by name or number."),
-        click.option("--map", "mapping", multiple=True, metavar="NAME=HEADER",
-                     help="Which column is what, where its header does not say it: load=F3, or "
-                     "with a unit 'load [kN]=F3'. May be given several times."),
-        click.option("--compliance", type=float, metavar="M/N",
-                     help="By how much the machine gives way [m/N]: times the load it is taken off "
-                     "each measured sinkage; 1 mm under 500 N is 2e-6."),
-        click.option("--contact", type=click.Choice(["rolling", "pressed", "plate"]),
-                     help="What meets the soil in all rows, where the table does not say."),
-        click.option("--width", type=float, help="Wheel width [m] for all rows."),
-        click.option("--diameter", type=float, help="Wheel diameter [m] for all rows."),
-    ):  # fmt: skip
-        wrapped = add(wrapped)
-    return cast(_Command, wrapped)
-
-
-def _headers(mapping: tuple[str, ...]) -> dict[str, str]:
-    """Header by our name, of each --map NAME=HEADER. Raises BenchError."""
-    found: dict[str, str] = {}
-    for text in mapping:
-        name, equals, header = (part.strip() for part in text.partition("="))
-        if not (name and equals and header):
-            raise BenchError(f"--map {text}: expected NAME=HEADER, as in --map load=Fz")
-        if name in found:
-            raise BenchError(f"--map {text}: '{name}' is given twice")
-        found[name] = header
-    return found
+_Test = TypeVar("_Test", bound="Measurements | ShearTests")
+HTML = click.option("--html", type=PATH, metavar="FILE", help="Write a self-contained report.")
+PLOTS = click.option("--plots", type=PATH, metavar="DIR",
+                     help="Write pictures (PNG) into this folder.")  # fmt: skip
 
 
 def read_table(data: Path, how: Mapping[str, Any]) -> Measurements:
-    """The table; what was made of it, and its warnings, on standard error. how: as `table_options`."""
-    measurements = api.read(data, **how)
-    _say(measurements.understood, measurements.warnings)
-    return measurements
+    """The table; what was made of it, and its warnings, on standard error. how: as for `api.read`."""
+    return _said(api.read(data, **how))
 
 
 def read_test(data: Path, how: Mapping[str, Any]) -> Measurements | ShearTests:
     """A table of any test of a lab, as `read_table`."""
-    test = api.read_test(data, **how)
-    _say(test.understood, getattr(test, "warnings", ()))
+    return _said(api.read_test(data, **how))
+
+
+def _said(test: _Test) -> _Test:
+    for line in test.understood:
+        click.echo(f"understood: {line}", err=True)
+    for warning in getattr(test, "warnings", ()):
+        click.echo(f"warning: {warning}", err=True)
     return test
 
 
-def _say(understood: Sequence[str], warnings: Sequence[str]) -> None:
-    for line in understood:
-        click.echo(f"understood: {line}", err=True)
-    for warning in warnings:
-        click.echo(f"warning: {warning}", err=True)
+def check_outputs(
+    given: Mapping[str, Any],
+    files: Sequence[str | Path | None],
+    model_file: Path | None = None,
+    plots: Path | None = None,
+) -> None:
+    """Refuse outputs that cannot be written, or would destroy what is read, before a long computation.
+
+    given: arguments, of which files are read. model_file: to be written; it may replace the one that
+    is read. plots: a folder. Raises OutputError.
+    """
+    inputs: list[str | Path] = []
+    for name, value in given.items():
+        several = value if isinstance(value, (list, tuple)) else [value]
+        inputs += [
+            one
+            for one in several
+            if name != "model" and (isinstance(one, Path) or str(one).endswith(".py"))
+        ]
+    check_targets([*files, model_file], inputs)
+    check_targets(files, [given.get("model")])
+    check_folder_target(plots)
 
 
 @contextmanager
-def progress_of_fits() -> Iterator[Callable[[int, int], None]]:
-    """A bar of fits that are done, on a terminal."""
+def progress_bar(
+    what: str, total: int | None = None, unit: str = "it"
+) -> Iterator[Callable[..., None]]:
+    """A bar on a terminal, to be told a step in words, how many are done and of how many, or all three."""
     from tqdm import tqdm
 
-    with tqdm(desc="fitting", unit="fit", disable=None, leave=False) as bar:
+    with tqdm(total=total, desc=what, unit=unit, disable=None, leave=False) as bar:
 
-        def progress(done: int, needed: int) -> None:
-            bar.total = needed
+        def tell(*told: Any) -> None:
+            done = bar.n + 1
+            if isinstance(told[0], str):
+                bar.set_description(told[0])
+            if len(told) > 1:
+                done, bar.total = told[-2], told[-1] or None
             bar.update(done - bar.n)
 
-        yield progress
+        yield tell
 
 
-@contextmanager
-def progress_of_steps(what: str) -> Iterator[Callable[[str], None]]:
-    """A bar of the steps of a diagnosis, on a terminal."""
-    from tqdm import tqdm
-
-    with tqdm(total=_STEPS, desc=what, disable=None, leave=False) as bar:
-
-        def progress(step: str) -> None:
-            bar.set_description(step)
-            bar.update()
-
-        yield progress
-
-
-def names_of(text: str) -> list[str]:
-    """The names of a list with commas."""
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def levels_of(given: tuple[str, ...], measurements: Measurements) -> dict[str, list[float]]:
+def levels_of(given: Sequence[str], measurements: Measurements) -> dict[str, list[float]]:
     """Levels by setting of --can NAME=A..B or NAME=A,B,C. Raises BenchError where one is neither."""
-    from smallwheel_ros.common.errors import nearest
-
     found = {}
     known = ("load", "diameter", "width", *measurements.conditions.covariates)
     for text in given:
@@ -175,3 +118,25 @@ def levels_of(given: tuple[str, ...], measurements: Measurements) -> dict[str, l
             )
         found[name] = values
     return found
+
+
+def finish(
+    result: Result,
+    json_file: str | None,
+    written: Sequence[Path],
+    html: Path | None,
+    plots: Path | None,
+    figures: str,
+) -> None:
+    """Write report and pictures where they are asked for, then show the result.
+
+    written: files that are there already. figures: module and function that draw the result.
+    """
+    written = list(written)
+    if html is not None:
+        written.append(result.save(html))
+    if plots is not None:
+        from smallwheel_ros.pictures.house import write_figures
+
+        written += write_figures(function(figures)(result), plots)
+    show(result, json_file, written)

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from smallwheel_ros import api
+from smallwheel_ros.commands.from_signature import PATH, command, option_of
+from smallwheel_ros.commands.inputs import check_outputs
 from smallwheel_ros.common.console import show
 from smallwheel_ros.common.files import check_folder_target, check_targets
 from smallwheel_ros.physics.soil import SOILS
@@ -16,92 +18,48 @@ from smallwheel_ros.physics.soil import SOILS
 # `--help` of a command needs none of what the command computes and draws with.
 if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
-    from smallwheel_ros.model.model import Model
 
 _JSON = click.option(
     "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
 )
-_EFFECTS = click.option(
-    "--effects",
-    "effects_file",
-    type=click.Path(path_type=Path),
-    help="A Python file with effects of your own. It is run: name only files that you trust.",
-)
-_TAKEN = ("model", "load", "diameter", "width", "slip", "soil", "effects")  # by options
 
 
-@click.command()
-@click.option("--load", required=True, help="Normal load [N]: a number, 20:140:10, or 20,60.")
-@click.option("--diameter", required=True, help="Wheel diameter [m], or with a unit: '17 cm'.")
-@click.option("--width", required=True, help="Wheel width [m].")
-@click.option("--slip", help="Slip, -1 to 1; without it there is no thrust.")
-@click.option(
-    "--set",
-    "others",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="A further column that an effect needs, in SI or with a unit: --set speed=0.1, "
-    "--set 'slope=10 deg'. Repeatable.",
-)
-@click.option(
-    "--soil",
-    "soil_name",
-    help="A soil of the library: " + ", ".join(SOILS) + "; with --model, one of the file's.",
-)
-@click.option("--model", "model_file", type=click.Path(path_type=Path), help="A model file.")
+@command(
+    api.predict,
+    model={"required": False, "metavar": None, "help": "A model file."},
+    soil={"help": f"A soil of the library: {', '.join(SOILS)}; with --model, one of the file's."},
+    effects={"metavar": None},
+    others={"names": ("--set",), "required": False, "multiple": True, "metavar": "NAME=VALUE",
+            "say": "--set speed=0.1, --set 'slope=10 deg'."},
+)  # fmt: skip
 @click.option(
     "--closed-form", is_flag=True, help="The paper's closed form (eq. 10) for the contact integral."
 )
-@_EFFECTS
 @_JSON
-@click.option(
-    "--plot", type=click.Path(path_type=Path), help="Draw into this file (PNG, SVG, PDF)."
-)
+@click.option("--plot", type=PATH, help="Draw into this file (PNG, SVG, PDF).")
 def predict(
-    load: str,
-    diameter: str,
-    width: str,
-    slip: str | None,
-    others: tuple[str, ...],
-    soil_name: str | None,
-    model_file: Path | None,
-    closed_form: bool,
-    effects_file: Path | None,
-    json_file: str | None,
-    plot: Path | None,
+    given: dict[str, Any], closed_form: bool, json_file: str | None, plot: Path | None
 ) -> None:
-    """Sinkage, resistance and drawbar pull of a wheel on a soil.
-
-    Ranges make a table of every combination:
+    """For example a table of seven loads.
 
     smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand
     """
     from smallwheel_ros.model.model import Model
 
-    if soil_name is None and model_file is None:
+    if given["soil"] is None and given["model"] is None:
         raise click.UsageError("give --soil or --model")
-    if model_file is not None and closed_form:
+    if given["model"] is not None and closed_form:
         raise click.UsageError("--closed-form goes with --soil: a model file says its geometry")
-    check_targets([plot, json_file], [model_file, effects_file])
-    given: dict[str, str] = {}
-    for other in others:
+    check_outputs(given, [plot, json_file])
+    for other in given.pop("others"):
         name, equals, value = other.partition("=")
-        if not equals or not name or name in given or name in _TAKEN:
+        if not equals or not name or name in given:
             raise click.UsageError(f"--set {other}: expected NAME=VALUE with a new NAME")
         given[name] = value
-    model: Path | Model = model_file or Model(
-        str(soil_name), "closed_form" if closed_form else "contact_integral"
-    )
-    table = api.predict(
-        model,
-        load=load,
-        diameter=diameter,
-        width=width,
-        slip=slip,
-        soil=None if model_file is None else soil_name,
-        effects=effects_file,
-        **given,
-    )
+    if given["model"] is None:
+        model = Model(given["soil"], "closed_form" if closed_form else "contact_integral")
+        given |= {"model": model, "soil": None}
+    table = api.predict(**given)
     if plot is not None:
         from smallwheel_ros.pictures.physics import plot_prediction
 
@@ -111,61 +69,50 @@ def predict(
 
 @click.command()
 @click.argument("effect", required=False)
-@_EFFECTS
+@option_of(api.predict, "effects", metavar=None)
 @_JSON
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the effect into this file.")
+@click.option("--plot", type=PATH, help="Draw the effect into this file.")
 def effects(
-    effect: str | None, effects_file: Path | None, json_file: str | None, plot: Path | None
+    effect: str | None, effects: Path | None, json_file: str | None, plot: Path | None
 ) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
     from smallwheel_ros.common.tables import text_table, write_json
     from smallwheel_ros.effects.registry import families, forms, load_effects
 
-    check_targets([plot, json_file], [effects_file])
-    user = load_effects(effects_file) if effects_file else None
-    if effect is None:
-        if plot is not None:
-            raise click.UsageError("--plot needs the name of one effect")
-        known = families(user)
-        if json_file is not None:
-            listing = {i: [_described(f) for f in family] for i, family in known.items()}
-            write_json(json_file, {"schema": 1, "effects": listing})
-        if json_file != "-":
-            rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in known.items()]
-            rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
-            click.echo(text_table(["effect", "needs", "what it says"], rows))
-        return
-    family = forms(effect, user)
+    check_targets([plot, json_file], [effects])
+    if effect is None and plot is not None:
+        raise click.UsageError("--plot needs the name of one effect")
+    user = load_effects(effects) if effects else None
+    shown = families(user) if effect is None else {effect: forms(effect, user)}
     if json_file is not None:
-        write_json(json_file, {"schema": 1, "effects": {effect: [_described(f) for f in family]}})
-    if json_file != "-":
-        click.echo(_explained(family))
+        listing = {id: [_described(form) for form in family] for id, family in shown.items()}
+        write_json(json_file, {"schema": 1, "effects": listing})
+    if json_file != "-" and effect is None:
+        rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in shown.items()]
+        rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
+        click.echo(text_table(["effect", "needs", "what it says"], rows))
+    elif json_file != "-":
+        click.echo(_explained(shown[str(effect)]))
     if plot is not None:
         from smallwheel_ros.pictures.physics import plot_effect
 
-        plot_effect(family, plot)
+        plot_effect(shown[str(effect)], plot)
         if json_file != "-":
             click.echo(f"\nDrawn: {plot}")
 
 
+_FORM = ("form", "kind", "summary", "formula", "source", "needs", "drivers", "channels", "stage",
+         "next_step")  # fmt: skip
+
+
 def _described(form: type[Effect]) -> dict[str, object]:
-    return {
-        "form": form.form,
-        "kind": form.kind,
-        "summary": form.summary,
-        "formula": form.formula,
-        "source": form.source,
-        "needs": list(form.needs),
-        "drivers": list(form.drivers),
-        "channels": list(form.channels),
-        "stage": form.stage,
-        "next_step": form.next_step,
+    return {name: getattr(form, name) for name in _FORM} | {
         "parameters": [
             {
                 "name": p.name,
                 "start": p.start,
-                "bounds": list(p.bounds),
-                "published_range": list(p.published) if p.published else None,
+                "bounds": p.bounds,
+                "published_range": p.published,
                 "neutral": p.neutral,
                 "unit": p.unit,
                 "description": p.description,
@@ -222,7 +169,7 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
 
 @click.command()
 @_JSON
-@click.option("--plots", type=click.Path(path_type=Path), help="Folder to draw figures into.")
+@click.option("--plots", type=PATH, help="Folder to draw figures into.")
 def paper(json_file: str | None, plots: Path | None) -> None:
     """Compute the numbers that the paper prints, and say which of them reproduce."""
     from smallwheel_ros.common.tables import write_json

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.files import check_target, json_text, write_bytes, write_whole
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.common.views import has_view, view_of
+from smallwheel_ros.common.views import function, has_view, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 Writer = Callable[[Path], object]
-_MOST_ROWS = 20  # of a table on a page
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -43,7 +42,9 @@ class Result:
 
     def text(self) -> str:
         """The result as the command prints it."""
-        return str(view_of("text", self)(self))
+        if has_view("text", self):
+            return str(view_of("text", self)(self))
+        return str(view_of("page", self)(self).text())
 
     def to_dict(self) -> dict[str, Any]:
         """The result as the command's JSON: plain values, SI units."""
@@ -68,7 +69,8 @@ class Result:
 
     def _repr_html_(self) -> str:
         """The headline and the table, for a notebook."""
-        return f"<p>{escape(self.headline())}</p>\n{html_table(self.rows())}"
+        rows_html = function("report.blocks:rows_html")
+        return f"<p>{escape(self.headline())}</p>\n{rows_html(self.rows())}"
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a DataFrame of pandas. Raises ImportError where pandas is not installed."""
@@ -98,7 +100,7 @@ class Result:
         if has_view("plot", self):
             found |= picture_writers(self.plot)  # type: ignore[attr-defined]  # a kind that is drawn
         if has_view("page", self):
-            found[".html"] = lambda path: view_of("page", self)(self, path)
+            found[".html"] = lambda path: view_of("page", self)(self).save(path)
         if has_view("model", self):
             found |= dict.fromkeys(
                 (".yaml", ".yml"), lambda path: view_of("model", self)(path, self)
@@ -148,23 +150,3 @@ def picture_writers(plot: Callable[[Axes], object]) -> dict[str, Writer]:
         write_whole(path, lambda draft: figure.savefig(draft, dpi=150, format=kind))
 
     return dict.fromkeys(PICTURES, write)
-
-
-def html_table(rows: Sequence[Row]) -> str:
-    """The rows as a small HTML table; all text is escaped."""
-    if not rows:
-        return ""
-    head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(_cell(value))}</td>" for value in row.values()) + "</tr>\n"
-        for row in rows[:_MOST_ROWS]
-    )
-    more = len(rows) - _MOST_ROWS
-    rest = f"<p>and {more} more rows</p>" if more > 0 else ""
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>\n{rest}"
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import click
@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.files import json_text, write_bytes
 
 
-def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns aligned by spaces; a column of numbers to the right, of text to the left."""
+def text_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], right: Collection[int] = ()
+) -> str:
+    """Columns aligned by spaces: to the right those of numbers and in `right`, others to the left."""
     columns = list(zip(header, *rows, strict=True))
     widths = [max(len(cell) for cell in column) for column in columns]
-    numeric = [all(_is_number(cell) for cell in column[1:]) for column in columns]
+    numeric = [i in right or all(_is_number(cell) for cell in column[1:])
+               for i, column in enumerate(columns)]  # fmt: skip
     lines = []
     for row in (header, *rows):
         cells = (

@@ -11,13 +11,14 @@ from importlib import import_module
 from typing import Any
 
 # By what is asked for, by the class of the result: module and function, which takes the result (a
-# plot the axes before it).
+# plot the axes before it). A page is a report.page.Page: HTML, and text where no shorter one is named.
 VIEWS: dict[str, dict[str, str]] = {
     "text": {
         "Measurements": "report.measured:measured_text",
         "Model": "model.model_file:model_text",
         "FitResult": "fitting.document:fit_text",
-        "Comparison": "compare.shown:comparison_text",
+        "Diagnosis": "report.diagnosis:diagnosis_text",
+        "Replayed": "replay.replay_report:replay_text",
     },
     "document": {
         "Model": "model.model_file:model_document",
@@ -27,19 +28,19 @@ VIEWS: dict[str, dict[str, str]] = {
     "rows": {"Model": "model.model_file:model_rows"},
     "plot": {
         "Measurements": "report.measured:draw_measured",
-        "FitResult": "pictures.fit:measured_over_predicted",
+        "FitResult": "pictures.fit:draw_fit",
         "Comparison": "pictures.comparison:draw_comparison",
         "Diagnosis": "pictures.diagnosis:draw_steps",
-        "Added": "pictures.diagnosis:draw_added",
-        "Learnt": "pictures.learnt:draw_law",
+        "Added": "pictures.fit:draw_added",
+        "Learnt": "pictures.fit:draw_learnt",
         "PredictionTable": "pictures.physics:draw_table",
         "Replayed": "replay.replay_picture:draw_replay",
     },
     "page": {
-        "Comparison": "report.compare_report:write_comparison",
-        "Diagnosis": "explore.report:write_diagnosis",
-        "Learnt": "report.learn_report:write_learnt",
-        "Replayed": "replay.replay_report:write_replay_report",
+        "Comparison": "report.comparison:comparison_page",
+        "Diagnosis": "explore.data:explored_page",
+        "Learnt": "report.learnt:learnt_page",
+        "Replayed": "replay.replay_report:replay_page",
     },
     "model": {"Model": "model.model_file:write_model"},
 }

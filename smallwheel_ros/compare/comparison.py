@@ -9,37 +9,83 @@ Points, folds and errors are those of `fitting`, as in every other command.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.compare.contenders import Constant, Contender, standard_contenders
-from smallwheel_ros.compare.results import (
-    Floor,
-    Index,
-    ModelResult,
-    Progress,
-    Reasons,
-    floors_of,
-    results_of,
-)
-from smallwheel_ros.fitting import Problem
+from smallwheel_ros.compare.contenders import Contender, standard_contenders
+from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
-from smallwheel_ros.fitting.held_out import CvErrors, Score, compare_cv, folds_of, rows_of
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.held_out import (
+    CvErrors,
+    Score,
+    compare_cv,
+    folds_of,
+    in_sample,
+    leave_out,
+    row_errors,
+    rows_of,
+)
+from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.display import shown_value, words
-from smallwheel_ros.measurements.settings import Part, parts
+from smallwheel_ros.measurements.settings import Part, parts, repeatability, runs_of_rows
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.model.model import Model, ModelError, predict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Index = NDArray[np.intp]
+Reasons = tuple[tuple[str, Index], ...]
+Progress = Callable[[int, int], object]  # fits done, fits needed
+
 _ROUNDING = 1e-9  # of the error: less of a mean of errors is no bias but its rounding
 _SUNK = "the wheel was measured deeper than its axle"
+_ASK_DIAGNOSE = (
+    "how low the error could get is not known before what is missing is: "
+    "`smallwheel diagnose` works it out"
+)
+_REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_std"
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The expected error of a true model on held-out runs, by channel, m or N.
+
+    value, source: from a diagnosis of the same data; None where there is none. reason: how it was
+    found, or why it was not.
+    repeatability: what rows of one run differ by, None where nothing was repeated.
+    """
+
+    value: float | None
+    source: str | None
+    reason: str
+    repeatability: float | None = None
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """One model of a comparison.
+
+    model: with the parameters of a fit to all rows, None for a constant. in_sample: errors of that model.
+    held_out: of each run by a fit without it, None for a model that stands as it is and where there is one
+    run. unseen: errors on runs that the model was not fitted to, None where that is not known.
+    not_predicted: rows that it has no prediction for, with the reason.
+    """
+
+    contender: Contender
+    model: Model | None
+    in_sample: CvErrors
+    held_out: CvErrors | None = None
+    unseen: CvErrors | None = None
+    not_predicted: Reasons = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,14 +130,19 @@ class Comparison(Result):
             found = replace(found, bias=0.0)
         return found
 
+    def shown_score(self, result: ModelResult, channel: str) -> Score | None:
+        """The score held out, or in sample where there is none."""
+        return self.score(result, channel, held_out=True) or self.score(result, channel)
+
     def best(self, channel: str, laws: bool = False) -> ModelResult | None:
         """The model of the least error on runs that it was not fitted to.
 
         Where no model has such runs, of the least error in sample. None where none predicts it.
         laws: among the laws only, of which a constant is none.
         """
-        scores = [(m, e.score(channel)) for m, e in self._compared()
-                  if not (laws and isinstance(m.contender.model, Constant))]  # fmt: skip
+        scores = [
+            (m, e.score(channel)) for m, e in self._compared() if not (laws and m.model is None)
+        ]
         known = [(s.rmse, i) for i, (_, s) in enumerate(scores) if s is not None]
         return scores[min(known)[1]][0] if known else None
 
@@ -110,9 +161,7 @@ class Comparison(Result):
         best, law = self.best(channel), self.best(channel, laws=True)
         if best is None or law is None or best is law:
             return ""
-        errors = [
-            self.score(m, channel, held_out=True) or self.score(m, channel) for m in (best, law)
-        ]
+        errors = [self.shown_score(m, channel) for m in (best, law)]
         said = [shown_value(channel, e.rmse) for e in errors if e is not None]
         return (
             f"no law has less error than a constant, the mean of the other runs: {law.contender.name}, the "
@@ -124,7 +173,7 @@ class Comparison(Result):
         shown = []
         for channel in self.channels:
             best = self.best(channel)
-            score = best and (self.score(best, channel, held_out=True) or self.score(best, channel))
+            score = best and self.shown_score(best, channel)
             if useless := self.useless(channel):
                 shown.append(f"{words(channel)}: {useless}")
             elif best is not None and score:
@@ -142,7 +191,7 @@ class Comparison(Result):
             for model in self.models:
                 outside = self.score(model, channel, held_out=True)
                 inside = self.score(model, channel)
-                either = outside or inside
+                shown = outside or inside
                 found.append({
                     "channel": channel,
                     "unit": CHANNEL_UNITS[channel],
@@ -151,7 +200,7 @@ class Comparison(Result):
                     "held_out_rmse_std": None if outside is None else outside.rmse_std,
                     "held_out_bias": None if outside is None else outside.bias,
                     "in_sample_rmse": None if inside is None else inside.rmse,
-                    "rows": 0 if either is None else either.rows,
+                    "rows": 0 if shown is None else shown.rows,
                 })  # fmt: skip
         return found
 
@@ -180,17 +229,110 @@ def compare(
     problem = Problem.of(measurements)
     points = problem.points
     folds = int(folds_of(points).max()) + 1 if points.run_count > 1 else 0
-    models = [*(standard_contenders(points) if standard else ()), *contenders]
-    results = results_of(models, problem, folds, progress)
+    listed = [*(standard_contenders(points) if standard else ()), *contenders]
+    needed = (1 + folds) * sum(isinstance(c.model, Base) for c in listed)
+    done = itertools.count()
+
+    def count() -> None:
+        progress(next(done), needed)
+
+    def result_of(contender: Contender) -> ModelResult:
+        model = contender.model
+        if isinstance(model, Base):
+            return _fitted(contender, replace(problem, base=model), count)
+        if model is None:
+            return _constant(contender, points, folds)
+        return _standing(contender, model, points)
+
+    count()
+    repeats = repeatability(measurements)
     return Comparison(
         measurements,
-        tuple(results),
-        floors_of(points),
+        tuple(map(result_of, listed)),
+        {
+            name: Floor(
+                None,
+                None,
+                _ASK_DIAGNOSE if name in repeats else _REPEAT.format(name),
+                repeats.get(name),
+            )
+            for name in points.channels
+        },
         tuple(parts(measurements)),
         folds,
         _left_out(points, problem.outliers),
         _notes(points, folds),
     )
+
+
+def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -> ModelResult:
+    fit = problem.fit
+    count()
+    errors = in_sample(problem.points, fit.model)
+    held_out = problem.held_out(count)
+    return ModelResult(contender, fit.model, errors, held_out, held_out)
+
+
+def _constant(contender: Contender, points: Points, folds: int) -> ModelResult:
+    """Rows less the mean of all in sample, less the mean of the other folds' rows held out."""
+    data, run = points.measurements, runs_of(points.measurements)[1]
+    fold = folds_of(points)[run]
+    inside, outside = {}, {}
+    for name, rows in rows_of(points).items():
+        value = data.channels[name][rows]
+        inside[name], outside[name] = np.full((2, len(data)), np.nan)
+        inside[name][rows] = value - value.mean()
+        for out in leave_out(fold[rows]):
+            outside[name][rows[out]] = value[out] - value[~out].mean()
+    held_out = CvErrors(outside, run) if folds else None
+    return ModelResult(contender, None, CvErrors(inside, run), held_out, held_out)
+
+
+def _standing(contender: Contender, model: Model, points: Points) -> ModelResult:
+    data = points.measurements
+    able, reasons = _known_soil(model, data)
+    rows = {name: index[able[index]] for name, index in rows_of(points).items()}
+    rows = {name: index for name, index in rows.items() if index.size}
+    error = {}
+    try:
+        error = row_errors(data, model, rows) if rows else {}
+    except ModelError as refused:
+        reasons.append((str(refused), np.unique(np.concatenate(list(rows.values())))))
+    errors = CvErrors(error, runs_of_rows(data)[1])
+    notes = [_origin(contender, data)]
+    if error:
+        used = np.unique(np.concatenate(list(rows.values())))
+        sunk = int(predict(model, filled(data.conditions).take(used)).immobilised.sum())
+        if sunk:
+            notes.append(
+                f"sinks to the axle in {sunk} rows: there it has no prediction but a continuation, "
+                "whose error counts"
+            )
+    other = bool(contender.fitted_to) and contender.fitted_to != data.sha256
+    return ModelResult(
+        contender, model, errors, None, errors if other else None, tuple(reasons), tuple(notes)
+    )
+
+
+def _origin(contender: Contender, data: Measurements) -> str:
+    if contender.fitted_to and contender.fitted_to == data.sha256:
+        return "was fitted to this very file: its error is in sample, nothing was held out"
+    if contender.fitted_to:
+        return "was fitted to another file and stands as it is: nothing had to be held out"
+    return "stands as it is; what it was fitted to is not known, so nothing is called held out"
+
+
+def _known_soil(model: Model, data: Measurements) -> tuple[Mask, list[tuple[str, Index]]]:
+    """The rows whose soil the model has, and why not the others; of one soil all rows are."""
+    known = [soil.name for soil in model.soils]
+    able = np.isin(data.soil, known) | (len(known) == 1)
+    reasons = []
+    for name in np.unique(data.soil[~able]):
+        why = f"the model has no soil '{name}'"
+        if not name:
+            why = f"the rows name no soil, expected one of {', '.join(known)}"
+        reasons.append((why, np.flatnonzero(~able & (data.soil == name))))
+    return able, reasons
 
 
 def _left_out(points: Points, outliers: Index) -> Reasons:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.effects.soil import Bekker
+from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base
-from smallwheel_ros.fitting.parameters import part_of
+from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import one_diameter, soil_names
 from smallwheel_ros.model.model import Model
@@ -19,21 +19,18 @@ from smallwheel_ros.physics.conditions import PLATE
 STANDARD = ("constant", "bekker", "meirion_griffith_spenko", "wong_reece", "contact_integral")
 
 
-class Constant:
-    """No law: every row is the mean of its channel over the rows that a fit may see."""
-
-
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare: a `Base` or `Constant` is fitted to the data, a `Model` stands as it is.
+    """A model to compare: a `Base` is fitted to the data, a `Model` stands as it is.
 
+    model: None for no law at all, a constant: the mean of the channel over the rows that a fit may see.
     file, fitted_to: where a standing model came from, and the SHA-256 of the data that it was fitted
     to, "" if unknown.
     """
 
     name: str
     description: str
-    model: Base | Model | Constant
+    model: Base | Model | None
     file: str = ""
     fitted_to: str = ""
 
@@ -49,13 +46,13 @@ def standard_contenders(points: Points) -> list[Contender]:
     Where pull or torque was measured at known slip that of Wong and Reece, too. The closed forms have the
     thrust that is published with them, the contact integral the balance of stresses.
     """
-    widths = _widths(points)
-    # Over several widths K = kc/b + kphi: its share of kc is a parameter of the effect.
-    of_width = (part_of(Bekker()),) if widths > 1 else ()
-    if widths > 1:
+    wheels = points.conditions.contact != PLATE  # plates have no width
+    widths = np.unique(np.round(points.conditions.width[wheels], 4)).size
+    of_width: tuple[EffectPart, ...] = ()
+    modulus = "with one width only K = kc/b + kphi is determined, not kc and kphi"
+    if widths > 1:  # the share of kc is a parameter of the effect
+        of_width = (part_of(effect("width_dependent_modulus", "bekker")),)
         modulus = f"kc and kphi of K = kc/b + kphi fitted over {widths} widths"
-    else:
-        modulus = "with one width only K = kc/b + kphi is determined, not kc and kphi"
     exponent = same = ""
     if all(one_diameter(points, soil) for soil in soil_names(points)):
         exponent = "; with one diameter only k D^m is determined, not m"
@@ -70,7 +67,7 @@ def standard_contenders(points: Points) -> list[Contender]:
         Contender(
             STANDARD[0],
             "the mean of the other runs, whatever load and slip: a law that is worse says nothing",
-            Constant(),
+            None,
         ),
         Contender(
             STANDARD[1],
@@ -89,9 +86,3 @@ def standard_contenders(points: Points) -> list[Contender]:
             Base(),
         ),
     ]
-
-
-def _widths(points: Points) -> int:
-    """How many widths the wheels have; plates have none."""
-    wheel = points.conditions.contact != PLATE
-    return int(np.unique(np.round(points.conditions.width[wheel], 4)).size)

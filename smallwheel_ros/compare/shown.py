@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A comparison in words, and as a JSON document, in SI units; null where there is no number.
+"""A comparison as a JSON document, in SI units; null where there is no number.
 
     {"schema": 1,
      "data": {"source", "sha256", "rows", "runs", "runs_given", "channels": {channel: rows measured},
@@ -28,23 +28,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from smallwheel_ros.common.tables import text_table
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.contenders import STANDARD
-from smallwheel_ros.compare.results import Index, ModelResult
-from smallwheel_ros.fitting.held_out import Score
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Mask
-from smallwheel_ros.measurements.display import display, number, percent, sentence, words
+from smallwheel_ros.compare.comparison import Comparison, Index, ModelResult
+from smallwheel_ros.measurements.columns import Mask
 from smallwheel_ros.model.model import Model
 
 _SHOWN_LINES = 20
-BEST, WITHIN = "best", "within s.e."
-_LEGEND = (
-    "+-: standard error over runs",
-    f"{WITHIN}: worse than the best model by no more than the standard error of the difference",
-)
-# Said with the table, as no other page of the bench names them.
-_NO_LAW_OF_DEPTH = (STANDARD[0], STANDARD[3])
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
@@ -67,27 +55,19 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "noise_floor": {name: asdict(floor) for name, floor in comparison.noise.items()},
         "models": [_model(comparison, result) for result in comparison.models],
         "differences": [
-            difference
+            {
+                "channel": channel,
+                "best": best.contender.name,
+                "other": name,
+                "increase": -change.reduction[channel],
+                "z_score": change.z_score[channel],
+                "within_standard_error": channel not in change.worse,
+            }
             for channel in comparison.channels
-            for difference in _differences(comparison, channel)
+            if (best := comparison.best(channel)) is not None
+            for name, change in comparison.differences(channel).items()
         ],
     }
-
-
-def _differences(comparison: Comparison, channel: str) -> list[dict[str, Any]]:
-    best = comparison.best(channel)
-    return [
-        {
-            "channel": channel,
-            "best": best.contender.name,
-            "other": name,
-            "increase": -change.reduction[channel],
-            "z_score": change.z_score[channel],
-            "within_standard_error": channel not in change.worse,
-        }
-        for name, change in comparison.differences(channel).items()
-        if best is not None
-    ]
 
 
 def _reason(why: str, lines: Index) -> dict[str, Any]:
@@ -136,80 +116,8 @@ def _parameters(model: Model | None) -> dict[str, Any]:
 def _scores(
     comparison: Comparison, result: ModelResult, channel: str, rows: Mask | None = None
 ) -> dict[str, Any]:
-    return {
-        "in_sample": _score(comparison.score(result, channel, rows=rows)),
-        "held_out": _score(comparison.score(result, channel, held_out=True, rows=rows)),
+    scores = {
+        "in_sample": comparison.score(result, channel, rows=rows),
+        "held_out": comparison.score(result, channel, held_out=True, rows=rows),
     }
-
-
-def _score(score: Score | None) -> dict[str, Any] | None:
-    return None if score is None else asdict(score)
-
-
-def comparison_text(comparison: Comparison) -> str:
-    """The comparison in tables of a line for each model; details are in the JSON and the report."""
-    data = comparison.measurements
-    lines = [f"{data.source}: {len(data)} rows, {data.runs.size} runs, {comparison.folds} folds"]
-    lines += [f"{rows.size} rows left out: {why}" for why, rows in comparison.left_out]
-    for channel in comparison.channels:
-        lines += ["", *_table(comparison, channel)]
-    if not comparison.channels:
-        lines += ["", "No model could predict any of the measurements."]
-    notes: list[str] = [*_LEGEND] if comparison.channels else []
-    notes += [
-        f"{m.contender.name}: {m.contender.description}"
-        for m in comparison.models
-        if m.contender.name in _NO_LAW_OF_DEPTH
-    ]
-    notes += dict.fromkeys(f.reason for f in comparison.noise.values())
-    notes += [
-        f"{m.contender.name}, {rows.size} rows not predicted: {why}"
-        for m in comparison.models
-        for why, rows in m.not_predicted
-    ]
-    notes += [f"{m.contender.name} {note}" for m in comparison.models for note in m.notes]
-    notes += comparison.notes
-    return "\n".join([*lines, "", *(sentence(note) for note in notes)])
-
-
-def against_best(comparison: Comparison, channel: str, model: ModelResult) -> str:
-    """The best model, no clear difference to it, or how much larger the error is; "-" unknown."""
-    change = comparison.differences(channel).get(model.contender.name)
-    if model is comparison.best(channel):
-        return BEST
-    if change is None:
-        return "-"
-    more = -change.reduction[channel]
-    return percent(more, signed=True) if channel in change.worse else WITHIN
-
-
-def _table(comparison: Comparison, channel: str) -> list[str]:
-    shown = display(channel, CHANNEL_UNITS[channel])
-    floor = comparison.noise[channel]
-    title = f"{words(channel)} [{shown.unit}]"
-    repeats = floor.repeatability
-    if repeats is None:
-        title += ", repeatability unknown"
-    else:
-        title += f", repeats of one run differ by {number(repeats * shown.scale)} {shown.unit}"
-    rows = [_cells(comparison, model, channel, shown.scale) for model in comparison.models]
-    header = ["model", "rows", "held-out RMSE", "+-", "bias", "in-sample RMSE", "bias",
-              "against the best"]  # fmt: skip
-    useless = comparison.useless(channel)
-    return [
-        title,
-        *(f"  {line}" for line in text_table(header, rows).splitlines()),
-        *([sentence(useless)] if useless else []),
-    ]
-
-
-def _cells(comparison: Comparison, model: ModelResult, channel: str, scale: float) -> list[str]:
-    outside = comparison.score(model, channel, held_out=True)
-    inside = comparison.score(model, channel)
-    shown = outside or inside
-    cells = [model.contender.name, str(shown.rows if shown else 0)]
-    for score, names in ((outside, ("rmse", "rmse_std", "bias")), (inside, ("rmse", "bias"))):
-        for name in names:
-            value = None if score is None else getattr(score, name)
-            cells.append("-" if value is None else number(value * scale))
-    return [*cells, against_best(comparison, channel, model)]
+    return {kind: None if score is None else asdict(score) for kind, score in scores.items()}

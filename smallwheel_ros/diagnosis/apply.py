@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, changed, refit
-from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose, learnt_here
-from smallwheel_ros.diagnosis.search import Search
+from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
-from smallwheel_ros.fitting.fit import Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fitter
 from smallwheel_ros.fitting.held_out import (
     Comparison,
     CvErrors,
@@ -30,18 +29,14 @@ from smallwheel_ros.fitting.held_out import (
     cross_validate,
     trainings,
 )
-from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.display import number, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model.model import Model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from smallwheel_ros.model.model_file import CalibratedModel
-
-Forms = Sequence[tuple[Competitor, NDArray[np.float64]]]  # each with where its numbers start
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,12 +76,7 @@ class Added(Result):
         for row in self.rows():
             name = row["channel"]
             first, second = (
-                shown_value(name, row[when])
-                + (
-                    ""
-                    if row[f"{when}_std"] is None
-                    else f" +- {shown_value(name, row[f'{when}_std'])}"
-                )
+                shown_value(name, row[when]) + _deviation(name, row[f"{when}_std"])
                 for when in ("before", "after")
             )
             lines.append(f"  {words(name)}: {first} -> {second}")
@@ -115,18 +105,17 @@ class Added(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """Held-out errors before and after, by channel."""
-        errors = [(e.rmse(), e.rmse_std()) for e in (self.before, self.after)]
-        (before, before_std), (after, after_std) = errors
+        before, after = self.before.scores(), self.after.scores()
         return [
             {
                 "channel": name,
                 "unit": CHANNEL_UNITS[name],
-                "before": value,
-                "before_std": before_std[name],
-                "after": after.get(name),
-                "after_std": after_std.get(name),
+                "before": score.rmse,
+                "before_std": score.rmse_std,
+                "after": after[name].rmse if name in after else None,
+                "after_std": after[name].rmse_std if name in after else None,
             }
-            for name, value in before.items()
+            for name, score in before.items()
         ]
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
@@ -135,6 +124,10 @@ class Added(Result):
 
     def _writers(self) -> dict[str, Writer]:
         return super()._writers() | self.model._writers()
+
+
+def _deviation(channel: str, std: float | None) -> str:
+    return "" if std is None else f" +- {shown_value(channel, std)}"
 
 
 def add_effect(
@@ -220,62 +213,62 @@ def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competi
 class Grown:
     """A base model with effects, each in the form of the most evidence.
 
-    model: fitted to all runs. folds: by the training runs of each fold, fitted to these alone.
+    model: fitted to all runs. folds: fitted to the training runs of each fold alone (`trainings`).
     """
 
     model: CandidateFit
-    folds: Mapping[bytes, CandidateFit]
+    folds: tuple[CandidateFit, ...]
 
     @classmethod
     def of(cls, problem: Problem) -> Grown:
         """The base itself."""
-        folds = {}
-        for training in trainings(problem.points):
-            base = problem.fold(training)[1]
-            folds[_key(training)] = CandidateFit((), base, base.evidence)
-        return cls(CandidateFit((), problem.fit, problem.fit.evidence), folds)
+        fits = [problem.fit, *(problem.fold(training)[1] for training in trainings(problem.points))]
+        model, *folds = [CandidateFit((), fit, fit.evidence) for fit in fits]
+        return cls(model, tuple(folds))
 
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
         """The same with one more effect; each fold chooses among the forms within `WINDOW` of the best.
 
         Raises EffectError where it cannot be fitted.
         """
-        made = _extended(problem.fitter, self.model, [(c, c.part.start) for c in forms], 4)
+        fitter = problem.fitter
+        made = _extended(fitter, self.model, [(form, form.part.start) for form in forms], 4)
         if not made:
-            vector, base = changed(self.model.fit.vector, forms[0]), self.model.fit
-            said = f"effect '{forms[0].family}' cannot be fitted to this data"
+            fit, said = self.model.fit, f"effect '{forms[0].family}' cannot be fitted to this data"
+            vector = changed(fit.vector, forms[0])
             try:
-                problem.fitter.predictor.with_slopes(
-                    vector, vector.begun_at(base.vector, base.theta)
-                )
+                fitter.predictor.with_slopes(vector, vector.begun_at(fit.vector, fit.theta))
             except FAILURES as error:
                 raise EffectError(f"{said}: {error}") from error
             raise EffectError(said)
         close = [m for m in made if m.weight > made[0].weight - WINDOW]
-        last = [(m.competitors[-1], m.fit) for m in close]
-        near = [(c, fit.theta[fit.vector.places(c.part.id)]) for c, fit in last]
-        folds = {}
-        for training in trainings(problem.points):
-            key, fitter = _key(training), problem.fold(training)[0]
-            fold = self.folds[key]
-            folds[key] = next(iter(_extended(fitter, fold, near, 1)), fold)
-        return Grown(made[0], folds)
+        near = [
+            (form, m.fit.theta[m.fit.vector.places(form.part.id)])
+            for m in close
+            for form in m.competitors[-1:]
+        ]
+        folds = []
+        for training, fold in zip(trainings(problem.points), self.folds, strict=True):
+            grown = _extended(fitter.of_runs(training), fold, near, 1)
+            folds.append(grown[0] if grown else fold)
+        return Grown(made[0], tuple(folds))
 
     def held_out(self, problem: Problem) -> CvErrors:
         """Each run's errors by the fit of the fold without it."""
-
-        def choose(training: Points) -> list[Model]:
-            return [self.folds[_key(training)].fit.model]
-
-        return cross_validate(problem.points, choose, 1)[0]
+        folds = iter(self.folds)
+        return cross_validate(problem.points, lambda _: [next(folds).fit.model], 1)[0]
 
 
-def _key(training: Points) -> bytes:
-    return np.unique(training.run).tobytes()
+def _extended(
+    fitter: Fitter,
+    model: CandidateFit,
+    forms: Sequence[tuple[Competitor, NDArray[np.float64]]],
+    turns: int,
+) -> list[CandidateFit]:
+    """The model with one more effect in each of these forms that can be fitted, the best first.
 
-
-def _extended(fitter: Fitter, model: CandidateFit, forms: Forms, turns: int) -> list[CandidateFit]:
-    """The model with one more effect in each of these forms that can be fitted, the best first."""
+    forms: each with where its numbers start.
+    """
     made = [refit(fitter, model, form, start, turns=turns) for form, start in forms]
     return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
 
@@ -291,7 +284,7 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
         if change.worse:
             rises = " and ".join(change.worse)
             return False, f"named, but the held-out error of {rises} rises; not recommended alone"
-        if effect in learnt_here(found, judged.measurements):
+        if effect in found.field.learnt_from(judged.measurements):
             return True, "named, but it was learnt from this very data: other data must judge it"
         return True, ""
     if effect in document["candidates"]:

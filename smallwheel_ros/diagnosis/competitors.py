@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import Competitor, Kind
 from smallwheel_ros.diagnosis.curves import (
     GENERALISES,
+    UNITS,
     Span,
     curve_part,
     distinct,
@@ -34,16 +35,86 @@ from smallwheel_ros.fitting.constants import (
     FEWEST_VALUES,
     INSTRUMENT,
 )
-from smallwheel_ros.fitting.parameters import part_of, with_values
+from smallwheel_ros.fitting.parameters import (
+    EffectPart,
+    ParameterVector,
+    Prior,
+    part_of,
+    with_values,
+)
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import Prior
 from smallwheel_ros.measurements.display import setting_words
 from smallwheel_ros.measurements.settings import varies
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Geometry, Model
 
 Array = NDArray[np.float64]
 
+Kind = Literal["soil", "instrument", "unknown"]
+
 _MOST_TERMS = 3
+
+
+@dataclass(frozen=True)
+class Competitor:
+    """One law that could be missing.
+
+    family: the physical idea; its forms share it. effect: of the library, None for a curve.
+    geometry: the contact rule that it brings. replaces: the model has another law of the family. stage,
+    span: of a curve; stands_for: stages of effects of which it is the most general form. share: prior
+    odds against its absence.
+    """
+
+    family: str
+    form: str
+    kind: Kind
+    part: EffectPart
+    effect: Effect | None = None
+    geometry: Geometry | None = None
+    replaces: bool = False
+    stage: str = ""
+    span: Span | None = None
+    stands_for: tuple[str, ...] = ()
+    share: float = 1.0
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What tells it from all others."""
+        return self.family, self.form
+
+    @property
+    def strength(self) -> int:
+        """Index of the parameter at whose neutral value it is absent."""
+        if self.effect is None:
+            return 0
+        known = self.effect.parameters()
+        return next((i for i, p in enumerate(known) if p.neutral is not None), 0)
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Settings that it follows."""
+        if self.span is not None:
+            return () if self.stage == "pressure" else (self.span.column,)
+        return () if self.effect is None else self.effect.drivers
+
+    def generalises(self, other: Competitor) -> bool:
+        """Whether this curve is the most general form of that named effect."""
+        if self.span is None or other.effect is None:
+            return False
+        kind = type(other.effect)
+        if self.stage == "pressure":
+            return kind.overrides("pressure_factor")
+        if self.span.column not in other.drivers or self.span.side * kind.side < 0:
+            return False
+        return any(kind.overrides(stage) for stage in self.stands_for)
+
+
+def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
+    """The vector with a competitor, in the place of what it replaces."""
+    parts = [part for part in vector.parts if part.id != put_in.part.id]
+    if put_in.geometry is not None:  # no effect with numbers
+        return replace(vector.with_parts(parts), geometry=put_in.geometry)
+    return vector.with_parts([*parts, put_in.part])
 
 
 @dataclass(frozen=True)
@@ -57,6 +128,14 @@ class Field:
     blocked: Mapping[str, str]
     kinds: Mapping[str, Kind]
     columns: Mapping[str, Array]
+
+    def learnt_from(self, measurements: Measurements) -> frozenset[str]:
+        """Families with a law that was learnt from this very table: it cannot speak for them."""
+        return frozenset(
+            c.family
+            for c in self.competitors
+            if c.effect is not None and c.effect.learnt_from == measurements.sha256 != ""
+        )
 
     def only(self, competitors: Sequence[Competitor], blocked: Mapping[str, str]) -> Field:
         """With these competitors, and others blocked for these reasons.
@@ -83,7 +162,6 @@ def field_of(
     blocked: dict[str, str] = {}
     kinds: dict[str, Kind] = {}
     columns = independent(points)
-    rolling = points.conditions.rolling[points.row]
     free = [n for n in columns if n not in (*SETTINGS, "load", "diameter", "width")]
     families = dict(registry.families)
     own = {need for forms in families.values() for f in forms for need in f.drivers}
@@ -96,7 +174,7 @@ def field_of(
         if family in without:
             blocked[family] = "taken out of the competition"
             continue
-        listed, reason = _forms(family, forms, points, model, columns, rolling)
+        listed, reason = _forms(family, forms, points, model, columns)
         found += listed
         if not listed:
             blocked[family] = reason
@@ -112,7 +190,6 @@ def _forms(
     points: Points,
     model: Model,
     columns: Mapping[str, Array],
-    rolling: NDArray[np.bool_],
 ) -> tuple[list[Competitor], str]:
     """The forms of a family that can act on this data, or why none can."""
     present = next((e for e in model.effects if e.id == family), None)
@@ -126,7 +203,7 @@ def _forms(
         elif kind.geometry and model.geometry == kind.geometry:
             why = "the model has this geometry"
         else:
-            why = _why_not(family, kind, points, columns, rolling)
+            why = _why_not(family, kind, points, columns)
         effect = None if why else kind.suited_to(points.conditions)
         why = why or (effect.objection(points.conditions) if effect else "")
         if effect is not None and not why:
@@ -140,7 +217,6 @@ def _why_not(
     kind: type[Effect],
     points: Points,
     columns: Mapping[str, Array],
-    rolling: NDArray[np.bool_],
 ) -> str:
     if kind.kind == "instrument" and not set(kind.channels) & set(points.channels):
         return f"{' and '.join(kind.channels)} was not measured"
@@ -156,7 +232,7 @@ def _why_not(
             return f"{need} follows the settings: what drifts is not told from what they do"
         values = known[need]
         if need not in ("load", "width", "diameter"):
-            values = values[rolling]
+            values = values[points.conditions.rolling[points.row]]
         least = 0.0 if need == points.order else 1e-3 * float(np.max(np.abs(values), initial=0.0))
         if values.size == 0 or np.ptp(values) <= least:
             shown = (
@@ -175,50 +251,45 @@ def _competitor(family: str, effect: Effect, points: Points, present: Effect | N
     same = present is not None and type(present) is type(effect)
     if present is not None and same:
         effect = with_values(effect, dict(present.values()))
-    values, priors = dict(effect.values()), {}
-    for p in effect.parameters():
-        if same:
-            priors[p.name] = _other_strength(p, values[p.name])
-        elif effect.kind == "instrument" and p.published is None:
-            priors[p.name] = _instrument(p, points)
-        else:
-            priors[p.name] = _published(p)
+    values = dict(effect.values())
+    priors = {
+        p.name: _prior(p, effect, points, values[p.name] if same else None)
+        for p in effect.parameters()
+    }
     part = part_of(effect, priors, "" if present is None else family)
     geometry: Geometry | None = "contact_integral" if effect.geometry else None
     return Competitor(family, effect.form, effect.kind, part, effect, geometry, present is not None)
 
 
-def _other_strength(p: Parameter, value: float) -> Prior:
-    wide = max(0.5 * abs(value), 1e-3 * (p.bounds[1] - p.bounds[0]))
-    return Prior(value, wide, *p.bounds, heavy=True)
-
-
-def _published(p: Parameter) -> Prior:
+def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) -> Prior:
+    """What is known of a number before the data. present: its value where the model has this law."""
     low, high = p.bounds
-    if p.published is not None:
+    if present is not None:
+        centre, wide = present, max(0.5 * abs(present), 1e-3 * (high - low))
+    elif p.published is not None:
         first, last = p.published
-        return Prior(0.5 * (first + last), 0.5 * (last - first), low, high, heavy=True)
-    if p.neutral is None:
-        return Prior(p.start, 0.25 * (high - low), low, high, heavy=True)
-    wide = 2.0 * abs(p.start - p.neutral) or 0.1 * (high - low)
-    return Prior(p.neutral, wide, low, high, heavy=True)
+        centre, wide = 0.5 * (first + last), 0.5 * (last - first)
+    elif effect.kind == "instrument":
+        centre, wide = p.neutral or 0.0, INSTRUMENT * _size(p.unit, points)
+    elif p.neutral is None:
+        centre, wide = p.start, 0.25 * (high - low)
+    else:
+        centre, wide = p.neutral, 2.0 * abs(p.start - p.neutral) or 0.1 * (high - low)
+    return Prior(centre, wide, low, high, heavy=True)
 
 
-def _instrument(p: Parameter, points: Points) -> Prior:
-    size = INSTRUMENT
-    if p.unit == "N":
-        size *= float(np.median(points.column("load")))
-    elif p.unit == "m" and "sinkage" in points.channels:
-        size *= float(np.median(points.value[points.of_channel("sinkage")]))
-    return Prior(p.neutral or 0.0, size, *p.bounds, heavy=True)
+def _size(unit: str, points: Points) -> float:
+    """What a reading in that unit is like: of a force the load, of a length the sinkage, else 1."""
+    if unit == "N":
+        return float(np.median(points.column("load")))
+    if unit == "m" and "sinkage" in points.channels:
+        return float(np.median(points.value[points.of_channel("sinkage")]))
+    return 1.0
 
 
 def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -> list[Competitor]:
     found = []
     stages = _stages(points)
-    sizes = {"force": float(np.median(points.column("load")))}
-    if "sinkage" in points.channels:
-        sizes["height"] = float(np.median(points.value[points.of_channel("sinkage")]))
     names = ["load", "diameter", "width", *SETTINGS, *free]
     for name in (n for n in names if n in columns):
         for span in spans_of(name, columns[name]):
@@ -231,14 +302,20 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
                 # k itself takes up a constant of the stiffness.
                 free_constant = stage != "stiffness" and not span.side
                 first, count = (0, terms + 1) if free_constant else (1, terms)
+                size = _size(UNITS.get(stage, "1"), points)
                 label = f"unknown:{span.text}@{stage}"
-                part = curve_part(label, stage, span, first, count, sizes.get(stage, 1.0))
-                found.append(
-                    Competitor(label, "curve", "unknown", part, stage=stage, span=span,
-                               stands_for=stages[stage])
-                )  # fmt: skip
+                part = curve_part(label, stage, span, first, count, size)
+                found.append(_curve(part, stage, span, stages[stage]))
     found += _depth(points) if "sinkage" in points.channels else []
     return found
+
+
+def _curve(
+    part: EffectPart, stage: str, span: Span, stands_for: tuple[str, ...] = ()
+) -> Competitor:
+    return Competitor(
+        part.id, "curve", "unknown", part, stage=stage, span=span, stands_for=stands_for
+    )
 
 
 def _stages(points: Points) -> dict[str, tuple[str, ...]]:
@@ -265,6 +342,4 @@ def _depth(points: Points) -> list[Competitor]:
         return []
     span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
     part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
-    return [
-        Competitor("unknown:depth@pressure", "curve", "unknown", part, stage="pressure", span=span)
-    ]
+    return [_curve(part, "pressure", span)]

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.fitting.constants import CURVE_SIZE
 from smallwheel_ros.fitting.fit import Fit
-from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter
-from smallwheel_ros.fitting.prior import Prior
-from smallwheel_ros.physics.conditions import PLATE, Conditions
+from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, Prior
+from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import compaction_resistance
 
 Array = NDArray[np.float64]
@@ -57,9 +56,9 @@ class Span:
         """`slip`, `slip < 0`."""
         return f"{self.column} < 0" if self.side < 0 else self.column
 
-    def along(self, conditions: Conditions) -> Array:
+    def scaled(self, values: Array) -> Array:
         """The setting scaled to -1 .. 1; one-sided, 0 at the anchor to 1 at its largest."""
-        x = np.nan_to_num((conditions[self.column] - self.middle) / self.half)
+        x = np.nan_to_num((values - self.middle) / self.half)
         return np.clip(self.side * x, 0.0, 1.2) if self.side else np.clip(x, -1.2, 1.2)
 
 
@@ -88,7 +87,8 @@ class Curve(Effect):
 
     def log_factor(self, conditions: Conditions) -> Array:
         """ln of the factor on each row."""
-        return _series(self.coefficients, self.span, self.span.along(conditions))
+        x = self.span.scaled(conditions[self.span.column])
+        return _series(self.coefficients, self.span, x)
 
 
 class AtModulus(Curve):
@@ -161,6 +161,7 @@ STAGES: dict[str, type[Curve]] = {
     "height": AtHeight,
     "pressure": AtDepth,
 }
+UNITS = {"force": "N", "height": "m"}  # of a curve that is added
 # Stages of named effects that such a curve is the most general form of.
 GENERALISES = {
     "stiffness": ("modulus_factor", "exponent_shift"),
@@ -184,13 +185,9 @@ def curve_part(
         deviations = [CURVE_SIZE, *deviations]
     priors = [Prior(0.0, deviation, -_LARGEST, _LARGEST) for deviation in deviations[:terms]]
     listed = [FreeParameter(name, f"c{first + i}", 0.0, "1", p) for i, p in enumerate(priors)]
-
-    def build(numbers: Mapping[str, Any]) -> Effect:
-        made = object.__new__(kind)
-        made.__dict__.update(span=span, coefficients=dict(numbers), size=size)
-        return made
-
-    return EffectPart(name, tuple(listed), build)
+    return EffectPart(
+        name, tuple(listed), lambda numbers: kind(span=span, coefficients=numbers, size=size)
+    )
 
 
 def spans_of(column: str, values: Array) -> list[Span]:
@@ -210,11 +207,10 @@ def spans_of(column: str, values: Array) -> list[Span]:
 def distinct(values: Array, span: Span) -> int:
     """How many settings of a span were met, to a hundredth of it: as many terms a curve may have."""
     x = (values - span.middle) / span.half
-    if span.side:
-        x = span.side * x
-        x = x[x > 1e-9]
-        return int(np.unique(np.round(x, 2)).size)
-    return int(np.unique(np.round(x, 2)).size) - 1
+    if not span.side:
+        return int(np.unique(np.round(x, 2)).size) - 1
+    x = span.side * x
+    return int(np.unique(np.round(x[x > 1e-9], 2)).size)
 
 
 def curve_shown(
@@ -222,21 +218,9 @@ def curve_shown(
 ) -> dict[str, Any]:
     """A fitted curve: factor over the setting, with its 95 % band. values: of the setting, met."""
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
-    x = np.linspace(float(mine.min()), float(mine.max()), _POINTS)
-    one: dict[str, Any] = {
-        "load": 1.0,
-        "diameter": 1.0,
-        "width": 1.0,
-        "contact": PLATE,
-    }  # its width may be 0
-    conditions = Conditions.of(**(one | {span.column: x}))
-    names = [p.field for p in part.parameters]
-    rows = []
-    for unit in np.eye(len(names)):
-        curve = part.build(dict(zip(names, unit, strict=True)))
-        assert isinstance(curve, Curve)
-        rows.append(curve.log_factor(conditions))
-    basis, at = np.array(rows).T, fit.vector.places(part.id)
+    x = np.linspace(float(mine.min()), float(mine.max()), _POINTS, dtype=np.float64)
+    at, u = fit.vector.places(part.id), span.scaled(x)
+    basis = np.column_stack([_series({p.field: 1.0}, span, u) for p in part.parameters])
     middle = basis @ fit.theta[at]
     spread = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", basis, fit.covariance[np.ix_(at, at)], basis))
     return {

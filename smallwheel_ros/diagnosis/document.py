@@ -4,22 +4,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+import shlex
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from smallwheel_ros.common.tables import each
-from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor
-from smallwheel_ros.diagnosis.competitors import Field
+from smallwheel_ros.diagnosis.competitors import Competitor, Field
+from smallwheel_ros.diagnosis.curves import curve_shown
+from smallwheel_ros.diagnosis.held_out import Step, errors_alone
+from smallwheel_ros.diagnosis.misfit import BadRun, of_channels
+from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
 from smallwheel_ros.diagnosis.screen import Screen
-from smallwheel_ros.diagnosis.search import Search
+from smallwheel_ros.diagnosis.search import CandidateFit, Search
 from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.diagnosis.zero import Witness
+from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting import Problem
-from smallwheel_ros.fitting.constants import TIE
+from smallwheel_ros.fitting.constants import ALARM, TIE
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
-from smallwheel_ros.fitting.result import posterior_covariance
+from smallwheel_ros.fitting.result import expected_error, posterior_covariance
+from smallwheel_ros.measurements.display import number, words
 from smallwheel_ros.measurements.settings import repeatability
+from smallwheel_ros.measurements.table import Measurements
 
 Entry = dict[str, Any]
 
@@ -41,7 +49,99 @@ def _short(value: Any) -> Any:
     return float(f"{number:.{_DIGITS}g}") if math.isfinite(number) else None
 
 
-def head(problem: Problem, word: str, reason: str) -> Entry:
+def insufficient(problem: Problem, reason: str, field: Field | None = None) -> Entry:
+    """The document where there is too little data. field: where the base can be fitted at least."""
+    document = _head(problem, "insufficient_data", reason)
+    if field is not None:
+        errors = in_sample(problem.points, problem.fit.model)
+        kinds = sorted(name for name, kind in field.kinds.items() if kind != "unknown")
+        document |= {
+            "channels": _channels(problem, errors, {}, {}),
+            "steps": [{"added": None, "held_out_rmse": errors.rmse()}],
+            "ranking": [_blocked(field, name, reason) for name in kinds],
+            "notes": [
+                "the errors given here are in sample: with so little data nothing was held out",
+                *problem.result().notes,
+                *document["notes"],
+            ],
+        }
+    return dict(plain(document))
+
+
+def document_of(
+    problem: Problem,
+    found: Search,
+    verdict: Verdict,
+    steps: Sequence[Step],
+    *,
+    seed: int,
+    bad: Sequence[BadRun] = (),
+    told: Witness | None = None,
+    without: Collection[str] = (),
+) -> Entry:
+    """The document, but for what to measure next.
+
+    seed: of the test of where the base fails. bad: runs that are left out. told: a fault that pull and torque
+    name. without: families that were taken out of the competition.
+    """
+    judged, measurements = problem.judged, problem.measurements
+    points, fitter = judged.points, judged.fitter
+    base, explained = steps[0].errors, found.ordered[0]
+    best = (verdict.best if verdict.named else explained).fit
+    findings = of_channels(found, verdict, [s.errors for s in steps], points.channels)
+    learnt = found.field.learnt_from(measurements)
+    left = residuals_left(fitter, best)
+    worst = worst_left(left, measurements)
+    ranking = _ranking(found, verdict, errors_alone(judged, found, verdict), base, learnt)
+    if told is not None:
+        others = [row for row in ranking if row["effect"] != told.part.id]
+        ranking = [_told_row(problem, steps, told), *others]
+    return _head(problem, verdict.word, "; ".join(verdict.reasons)) | {
+        "missing_effects": list(verdict.named),
+        "candidates": list(verdict.rivals),
+        "unknown": list(verdict.unknown),
+        "closest": list(verdict.closest),
+        "channels": _channels(problem, base, expected_error(fitter, best), findings),
+        "lack_of_fit": {
+            "p_value": None if learnt & {*verdict.named} else found.p,
+            "probability_of_none": found.probabilities[()],
+        },
+        "where_it_fails": where_it_fails(
+            points, base, fitter.level, seed, certain=found.p <= ALARM
+        ),
+        "ranking": ranking,
+        "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
+        "run_scatter": best.scatter.deviations,
+        "residuals_left": left,
+        "curves": [
+            curve_shown(c.part, c.stage, c.span, points.column(c.span.column), explained.fit)
+            for c in explained.competitors
+            if c.span is not None and c.stage != "pressure"
+        ],
+        "bad_runs": [
+            {
+                "run": one.name,
+                "lines": measurements.line[one.rows],
+                "channel": one.channel,
+                "size": one.deviations,
+                "against": one.against,
+            }
+            for one in bad
+        ],
+        "notes": [
+            *([_may_learn(measurements, without)] if verdict.word == "unknown_effect" else []),
+            *problem.result(steps[-1].model.fit).notes,
+            *measurements.notes,
+            *(
+                f"{name} was learnt from this very data, so it has no p here: other data must judge it"
+                for name in sorted(learnt)
+            ),
+            *([f"after the best explanation {worst}"] if worst else []),
+        ],
+    }
+
+
+def _head(problem: Problem, word: str, reason: str) -> Entry:
     """What every document has, before there is a result."""
     measurements = problem.measurements
     return {
@@ -63,30 +163,21 @@ def head(problem: Problem, word: str, reason: str) -> Entry:
     }
 
 
-def insufficient(problem: Problem, reason: str, field: Field | None = None) -> Entry:
-    """The document where there is too little data. field: where the base can be fitted at least."""
-    document = head(problem, "insufficient_data", reason)
-    if field is not None:
-        errors = in_sample(problem.points, problem.fit.model)
-        kinds = sorted((name, kind) for name, kind in field.kinds.items() if kind != "unknown")
-        document |= {
-            "channels": channels(problem, errors, {}),
-            "steps": [{"added": None, "held_out_rmse": errors.rmse()}],
-            "ranking": [_blocked(field, name, reason) for name, _ in kinds],
-            "notes": [
-                "the errors given here are in sample: with so little data nothing was held out",
-                *problem.result().notes,
-                *document["notes"],
-            ],
-        }
-    return dict(plain(document))
+def _may_learn(measurements: Measurements, without: Collection[str]) -> str:
+    """What to run where no known effect explains what is missing."""
+    taken_out = f" --without {','.join(without)}" if without else ""
+    table = shlex.quote(measurements.source or "TABLE")
+    return (
+        f"to look for a law that explains it: `smallwheel learn {table}{taken_out} -o "
+        "law.py`, with the same --model if one was given"
+    )
 
 
-def channels(
+def _channels(
     problem: Problem,
     errors: CvErrors,
     floors: Mapping[str, float],
-    findings: Mapping[str, str] | None = None,
+    findings: Mapping[str, str],
 ) -> Entry:
     """Errors of each channel beside the noise. floors: what the true model would leave."""
     repeats = repeatability(problem.measurements)
@@ -94,7 +185,7 @@ def channels(
     for name, score in errors.scores().items():
         noise = problem.fitter.repeats.channels[name]
         found[name] = {
-            "finding": (findings or {}).get(name, ""),
+            "finding": findings.get(name, ""),
             "rows": score.rows,
             "rmse": score.rmse,
             "bias": score.bias,
@@ -106,12 +197,12 @@ def channels(
     return found
 
 
-def ranking(
+def _ranking(
     found: Search,
     verdict: Verdict,
     errors: Mapping[str, CvErrors],
     base: CvErrors,
-    learnt: Collection[str] = (),
+    learnt: Collection[str],
 ) -> list[Entry]:
     """Every effect that competed or could not, the most probable first.
 
@@ -127,7 +218,7 @@ def ranking(
     listed.sort(
         key=lambda n: (place.get(n, 99), -chance.get(n, 0.0), found.p_values.get(n, 1.0), n)
     )
-    alike = {} if found.screen is None else _alike(found.screen)
+    alike = _alike(found.screen)
     rows = [_row(found, verdict, n, errors.get(n), base) for n in listed]
     for row in rows:
         if row["effect"] in learnt:
@@ -155,35 +246,67 @@ def _row(
         status = "significant"
     elif name in verdict.rivals:
         status = "confounded"
-    alone = found.alone(name)
-    model = verdict.best if name in verdict.best.families else alone
-    competitor, parameters, next_step, summary = None, {}, "", ""
+    model = verdict.best if name in verdict.best.families else found.alone(name)
+    competitor, law, parameters = None, None, {}
     if model is not None:
         competitor = next(c for c in model.competitors if c.family == name)
-        parameters = _parameters(found, model, competitor)
-        if competitor.effect is not None:
-            next_step, summary = type(competitor.effect).next_step, type(competitor.effect).summary
+        law, parameters = competitor.effect, _parameters(found, model, competitor)
     form = "" if competitor is None else competitor.form
     close = found.all_alone(name, within=TIE)
     probability = verdict.probabilities.get(name, 0.0)
-    return {
+    return _entry(law, parameters, base, errors) | {
         "effect": name,
         "kind": found.field.kinds[name],
         "status": status,
         "reason": _reason(status, probability, competitor, parameters),
         "probability": probability,
         "p_value": found.p_values.get(name),
-        "held_out_rmse": {} if errors is None else errors.rmse(),
-        "reduction": None if errors is None else reduction(base, errors),
         "form": form,
         "forms_not_told_apart": sorted({m.competitors[0].form for m in close} - {form}),
-        "summary": summary,
-        "next_step": next_step,
+    }
+
+
+def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
+    """The row of the fault that pull and torque name, the first of the steps."""
+    name, fit = told.part.id, problem.with_all_channels(steps[-1].model.fit)
+    law = next(e for e in fit.model.effects if e.id == name)
+    parameters = {
+        fit.vector.free[j].field: {
+            "value": float(fit.theta[j]),
+            "std": float(np.sqrt(fit.covariance[j, j])),
+            "unit": fit.vector.free[j].unit,
+            "published_range": None,
+            "plausible": None,
+        }
+        for j in fit.vector.places(name)
+    }
+    return _entry(law, parameters, steps[0].errors, steps[1].errors) | {
+        "effect": name,
+        "kind": "instrument",
+        "status": "significant",
+        "reason": f"{words(name)}: pull and torque speak of it, {number(told.evidence, 2)} nats",
+        "probability": told.probability,
+        "p_value": None,
+        "form": law.form,
+        "forms_not_told_apart": [],
+        "confounded_with": [],
+    }
+
+
+def _entry(
+    law: Effect | None, parameters: Entry, before: CvErrors, after: CvErrors | None
+) -> Entry:
+    """What a row says of the law and of the held-out error: of the base, and with the effect."""
+    return {
+        "held_out_rmse": {} if after is None else after.rmse(),
+        "reduction": None if after is None else _reduction(before, after),
+        "summary": "" if law is None else law.summary,
+        "next_step": "" if law is None else law.next_step,
         "parameters": parameters,
     }
 
 
-def reduction(before: CvErrors, after: CvErrors) -> float:
+def _reduction(before: CvErrors, after: CvErrors) -> float:
     """Relative fall of the error, root mean square over the channels of each one's ratio."""
     first, second = before.rmse(), after.rmse()
     ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]

@@ -3,79 +3,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import itertools
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
-from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, refit
-from smallwheel_ros.diagnosis.search import Search
-from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.diagnosis.misfit import with_misfit
+from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
+from smallwheel_ros.diagnosis.verdict import Verdict, demoted, no_help
 from smallwheel_ros.fitting import Problem
-from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
+from smallwheel_ros.fitting.constants import USEFUL
+from smallwheel_ros.fitting.fit import FAILURES
+from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, cross_validate
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.model.model import Model
 
 _SHORTLIST = 4  # models of the whole search that a fold chooses from
+_LISTED = 5  # families whose held-out error is worked out for the ranking
 
 
-def staircase(found: Search, verdict: Verdict) -> list[CandidateFit]:
+@dataclass(frozen=True)
+class Step:
+    """The base (added None) or an effect that was added, with the held-out errors after it."""
+
+    added: str | None
+    model: CandidateFit
+    errors: CvErrors
+
+
+def steps_of(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, list[Step]]:
+    """Held-out errors of the base and of it with each name.
+
+    A name that helps no channel on runs that the choice never saw is a candidate and no name; a channel
+    that gets worse is said.
+    """
+    judged, models = problem.judged, _staircase(found, verdict)
+    errors = _nested(judged, found, [m.families for m in models])
+    added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
+    changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
+    useless = [name for name, change in zip(added, changes, strict=True) if not change.helps]
+    if useless:
+        return steps_of(problem, found, demoted(found, verdict, useless))
+    if verdict.word == "indistinguishable" and not _any_helps(judged, found, verdict.rivals):
+        verdict = verdict.not_described(no_help(verdict.rivals))
+    worse = compare_cv(errors[0], errors[-1]).worse
+    if worse:
+        verdict = verdict.saying(
+            f"on runs that the choice never saw, the error of {listed(worse)} rises with what is named: "
+            "its law does not carry over to settings outside those measured"
+        )
+    if judged is not problem:
+        errors = with_forces(problem, models, errors)
+        rising = compare_cv(errors[0], errors[-1]).worse
+        worse = tuple(words(name) for name in rising if name in problem.points.forces)
+        if worse:
+            verdict = verdict.saying(
+                f"the held-out error of {listed(worse)} rises with what is named"
+            )
+    verdict = with_misfit(found, replace(verdict, named=tuple(added) or verdict.named))
+    steps = [Step(*step) for step in zip([None, *added], models, errors, strict=True)]
+    return verdict, steps if verdict.named else steps[:1]
+
+
+def _staircase(found: Search, verdict: Verdict) -> list[CandidateFit]:
     """The base and the models with one, two, ... of what is named, the one that says most first."""
     best = verdict.best
     remaining = [c for c in best.competitors if c.family in verdict.named]
     models = [found.none]
     while remaining:
         parent = models[-1]
-        made = [_with(found, parent, c, best) for c in remaining]
-        known = [m for m in made if m is not None]
+        for c in remaining:
+            if parent.key_with(c) not in found.models:
+                start = best.fit.theta[best.fit.vector.places(c.part.id)]
+                found.add(refit(found.fitter, parent, c, start))
+        keys = [parent.key_with(c) for c in remaining]
+        known = [found.models[key] for key in keys if key in found.models]
         if not known:
             break
         models.append(max(known, key=lambda m: m.weight))
-        keys = {c.key for c in models[-1].competitors}
-        remaining = [c for c in remaining if c.key not in keys]
+        remaining = [c for c in remaining if c.key not in models[-1].key]
     return models[: len(verdict.named) + 1]
 
 
-def _with(
-    found: Search, parent: CandidateFit, competitor: Competitor, best: CandidateFit
-) -> CandidateFit | None:
-    key = tuple(sorted([*(c.key for c in parent.competitors), competitor.key]))
-    if key in found.models:
-        return found.models[key]
-    start = best.fit.theta[best.fit.vector.places(competitor.part.id)]
-    made = refit(found.fitter, parent, competitor, start)
-    found.add(made)
-    return made
-
-
-def nested(problem: Problem, found: Search, chain: list[frozenset[str]]) -> list[CvErrors]:
+def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list[CvErrors]:
     """Held-out errors of the base and of each step, chosen anew in each fold.
 
     chain: families of each step. Of the last step's size a fold takes its most probable model, by its
     own runs alone, of a shortlist of the search of all runs.
     A step on the way has the families that it is called by; their forms are chosen anew.
     """
+    # What is named is added as a law of the library.
+    laws = [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
 
     def choose(training: Points) -> list[Model]:
-        fitter, base = problem.fold(training)
+        fitter, base = judged.fold(training)
         models = [base.model]
         for size, wanted in enumerate(chain[1:], start=1):
-            listed = [m for m in _laws(found) if len(m.competitors) == size]
-            named = [m for m in listed[_SHORTLIST:] if m.families == wanted]
-            made = [refit(fitter, m, turns=1) for m in [*listed[:_SHORTLIST], *named[:_SHORTLIST]]]
+            known = [m for m in laws if len(m.competitors) == size]
+            named = [m for m in known[_SHORTLIST:] if m.families == wanted]
+            made = [refit(fitter, m, turns=1) for m in [*known[:_SHORTLIST], *named[:_SHORTLIST]]]
             fits = sorted((m for m in made if m is not None), key=lambda m: -m.weight)
             if size < len(chain) - 1:
                 fits = [m for m in fits if m.families == wanted] or fits
             models += [m.fit.model for m in fits[:1]]
         return models
 
-    return cross_validate(problem.points, choose, len(chain))
+    return cross_validate(judged.points, choose, len(chain))
 
 
-def _laws(found: Search) -> list[CandidateFit]:
-    """Models of laws of the library alone: what is named is added as one of them."""
-    return [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
-
-
-def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]:
+def of_models(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]:
     """Held-out errors of models as they are, refitted in each fold from where they were."""
 
     def choose(training: Points) -> list[Model]:
@@ -89,7 +125,7 @@ def of_model(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]
             made.append(fit.model)
         return made
 
-    return cross_validate(problem.points, choose, len(models))
+    return cross_validate(problem.points, choose, len(models)) if models else []
 
 
 def with_forces(
@@ -101,5 +137,22 @@ def with_forces(
     full = [replace(m, fit=problem.with_all_channels(m.fit)) for m in models]
     return [
         replace(e, error={**e.error, **{name: p.error[name] for name in problem.points.forces}})
-        for e, p in zip(errors, of_model(problem, full), strict=True)
+        for e, p in zip(errors, of_models(problem, full), strict=True)
     ]
+
+
+def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
+    """Whether with one of the rivals a held-out error falls, be it within its standard error."""
+    best = {f: next((m for m in found.ordered if f in m.families), found.none) for f in rivals}
+    base, *errors = of_models(judged, [found.none, *best.values()])
+    falls = [fall for e in errors for fall in compare_cv(base, e).reduction.values()]
+    return max(falls, default=0.0) >= USEFUL
+
+
+def errors_alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErrors]:
+    """Held-out errors of the most probable families, each alone in its best form."""
+    families = sorted(found.field.kinds, key=lambda f: -verdict.probabilities.get(f, 0.0))
+    models = {f: m for f in families if (m := found.alone(f)) is not None}
+    listed_families = list(models)[:_LISTED]
+    errors = of_models(judged, [models[f] for f in listed_families])
+    return dict(zip(listed_families, errors, strict=True))

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a verdict may not be calm over: a model held against its repeats, and scatter against the usual."""
+"""What a verdict may not be calm over: bad runs, a model's misfit to its repeats, unusual scatter.
+
+Bad runs do not belong to the others: a digit too many, two rows swapped, a sensor that stuck. A run is held
+against the other runs of its setting, and against what a model, fitted to all, predicts of it from the
+others: with S = V + J P^-1 J' and Q = S^-1, for the values G of a run,
+
+    e_G - E(e_G | all others) = Q_GG^-1 (Q e)_G,     covariance Q_GG^-1
+
+in units of the channel's own robust deviation of these.
+"""
 
 from __future__ import annotations
 
@@ -13,23 +22,20 @@ from scipy.stats import f as f_law
 from smallwheel_ros.diagnosis.residuals import setting_of
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
-from smallwheel_ros.fitting.constants import (
-    ALARM,
-    CHANNEL_SCATTER,
-    CURVE_CORRELATED,
-    LACK_OF_FIT,
-    SOIL_SCATTER,
-    SPREAD,
-)
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.fitting.forces import off_by
+from smallwheel_ros.fitting import constants
+from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
+from smallwheel_ros.fitting.noise import MOST_OUTLIERS, NORMAL, furthest_off, outlier_limit
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.result import off_by
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.display import number, p_text, percent, shown_value, words
+from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_FEWEST = 3  # runs of a setting, from which its middle is told from a bad one
 _PLATEAU = 4  # values at least
 _DRAWS = 999
 _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
@@ -37,18 +43,108 @@ _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has on
 # By component of the scatter: what is usual, and what is said of much more.
 _UNUSUAL = {
     "tau": (
-        SOIL_SCATTER,
+        constants.SOIL_SCATTER,
         "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
         "from run to run",
     ),
     "own": (
-        CHANNEL_SCATTER,
+        constants.CHANNEL_SCATTER,
         "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
         "that is not recorded, differs",
     ),
-    "fit": (LACK_OF_FIT, "{channel} strays from the law by {size} from setting to setting"),
-    "along": (CURVE_CORRELATED, "curves stray from a power of depth by {size} over their course"),
+    "fit": (
+        constants.LACK_OF_FIT,
+        "{channel} strays from the law by {size} from setting to setting",
+    ),
+    "along": (
+        constants.CURVE_CORRELATED,
+        "curves stray from a power of depth by {size} over their course",
+    ),
 }
+
+
+@dataclass(frozen=True)
+class BadRun:
+    """A run that lies far off. rows: of the table. deviations: robust, of `channel`. against: of what."""
+
+    name: str
+    rows: Index
+    channel: str
+    deviations: float
+    against: str
+
+    def words(self, measurements: Measurements) -> str:
+        """That it is left out, and why."""
+        lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
+        return (
+            f"run {self.name} ({measurements.source}, line {lines}) is left out: its {words(self.channel)} "
+            f"is {number(self.deviations, 2)} {self.against}. Look it up in the protocol"
+        )
+
+
+def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
+    """The runs that lie grossly off, the worst of the repeated settings and the worst of the model."""
+    points = fitter.points
+    found = _off_repeats(points) or _off_model(fitter, fit)
+    return found if points.run_count > 2 * _FEWEST else []
+
+
+def most_bad(runs: int) -> float:
+    """How many runs may be bad: more are no slips of the pen. Two that were swapped are one."""
+    return max(2.0, MOST_OUTLIERS * runs)
+
+
+def _run(points: Points, value: int, deviations: float, against: str) -> BadRun:
+    mine = np.flatnonzero(points.run == points.run[value])
+    rows = np.unique(np.concatenate([points.rows[i] for i in mine]))
+    channel = points.channels[points.channel[value]]
+    return BadRun(points.runs[points.run[value]], rows, channel, deviations, against)
+
+
+def _off_repeats(points: Points) -> list[BadRun]:
+    """Runs far off the others of their setting, where that has at least `_FEWEST`."""
+    found = {}
+    for c in range(len(points.channels)):
+        mine = np.flatnonzero((points.channel == c) & ~points.swept)
+        settings = np.unique(points.setting[mine])
+        members = [mine[points.setting[mine] == s] for s in settings]
+        members = [m for m in members if m.size >= _FEWEST]
+        if not members:
+            continue
+        for g, i in furthest_off([points.value[m] for m in members]):
+            others = np.delete(points.value[members[g]], i)
+            ratio = float(points.value[members[g][i]] / np.median(others))
+            bad = _run(points, int(members[g][i]), ratio, "times the others of its setting")
+            found[bad.name] = bad
+    return list(found.values())
+
+
+def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
+    """The run that lies furthest off what the model predicts of it from the others."""
+    points = fitter.points
+    stiff = stiffness(fit.vector, fit.slopes)
+    v = fitter.variance.covariance(fit.scatter, stiff, taken_up(fit.vector, fit.theta, fit.slopes))
+    pulled = v.solve(points.value - fit.predicted + fit.slopes @ (fit.theta - fit.vector.centre))
+    off = np.full(len(points), np.nan)
+    for index, parts in zip(fitter.variance.blocks, v.inverse_parts(), strict=True):
+        for block, part in zip(index, parts, strict=True):
+            for run in np.unique(points.run[block]):
+                place = np.flatnonzero((points.run[block] == run) & ~points.swept[block])
+                if place.size:
+                    covariance = np.linalg.inv(part[np.ix_(place, place)])
+                    away = covariance @ pulled[block[place]]
+                    off[block[place]] = away / np.sqrt(np.diag(covariance))
+    worst, furthest = -1, 0.0
+    for c in range(len(points.channels)):
+        mine = np.flatnonzero((points.channel == c) & np.isfinite(off))
+        if mine.size <= 2 * _FEWEST:
+            continue
+        size = np.abs(off[mine]) / (NORMAL * float(np.median(np.abs(off[mine]))))
+        limit = outlier_limit(mine.size)
+        few = np.count_nonzero(size > limit) <= most_bad(mine.size)
+        if few and size.max() > max(limit, furthest):
+            worst, furthest = int(mine[np.argmax(size)]), float(size.max())
+    return [] if worst < 0 else [_run(points, worst, furthest, "deviations off the best model")]
 
 
 @dataclass(frozen=True)
@@ -76,7 +172,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     share = (points.value - fit.predicted) / fitter.level
     v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
     leverage = np.sum((fit.slopes @ fit.covariance) * v.solve(fit.slopes), axis=1)
-    usual, found = LACK_OF_FIT * np.exp(SPREAD), {}
+    usual, found = constants.LACK_OF_FIT * np.exp(constants.SPREAD), {}
     for c, name in enumerate(points.channels):
         mine = np.flatnonzero((points.channel == c) & ~points.swept)
         setting = np.unique(points.setting[mine], return_inverse=True)[1].reshape(-1)
@@ -157,7 +253,7 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
     model = (verdict.best if alone else found.ordered[0]).fit
     judged = found.none.fit if verdict.word == "adequate" else model
     misfits = lack_of_fit(found.fitter, judged)
-    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= ALARM}
+    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= constants.ALARM}
     if rejected and verdict.word in ("adequate", "missing_effect"):
         name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
         at = setting_of(found.fitter.points, worst.rows)
@@ -173,16 +269,16 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
                 f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
                 f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
             )
-    sizes = model.scatter.as_dict(found.fitter.variance)
+    sizes = model.scatter.deviations
     for name, size in sizes.items():
         component, _, channel = name.partition(":")
         if component not in _UNUSUAL:
             continue
         usual, said = _UNUSUAL[component]
-        if size <= usual * np.exp(SPREAD):
+        if size <= usual * np.exp(constants.SPREAD):
             continue
         reason = said.format(channel=words(channel), size=percent(size))
-        if verdict.word == "adequate" and size > usual * np.exp(2.0 * SPREAD):
+        if verdict.word == "adequate" and size > usual * np.exp(2.0 * constants.SPREAD):
             verdict = verdict.not_described(reason)
         else:
             verdict = verdict.saying(reason)

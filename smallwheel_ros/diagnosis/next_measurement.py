@@ -19,14 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
-from smallwheel_ros.diagnosis.search import Search, exchanged
+from smallwheel_ros.diagnosis.search import CandidateFit, Search, exchanged
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
-from smallwheel_ros.fitting.fit import Fitter, stiffness
+from smallwheel_ros.fitting.fit import FAILURES, Fitter, Predictor, stiffness
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.measurements.display import effect_words, setting_words, words
 from smallwheel_ros.model.model import predict
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
@@ -141,7 +139,7 @@ def propose(
     gain = np.einsum("ic,icd,id->i", apart, np.linalg.inv(variance), apart)
     bad = _enough(points, there, [n for n in settings[0] if n in independent(points)])
     for model in (first, second):
-        said = predict(model.fit.vector.model(model.fit.theta), there)
+        said = predict(model.fit.vector.model(model.fit.theta), there, with_forces=False)
         bad |= said.immobilised | ~(said.sinkage > 0) | (said.sinkage > _DEEPEST * there.diameter)
     gain = np.where(bad | ~np.isfinite(gain), -1.0, gain)
     best = int(np.argmax(gain))
@@ -158,7 +156,7 @@ def propose(
 def _scatter(fitter: Fitter, model: CandidateFit, level: Array, stiff: Array) -> Array:
     """Covariance of one run's mean, by channel, at each candidate: (count, channels, channels)."""
     channels, count = level.shape
-    deviations = model.fit.scatter.as_dict(fitter.variance)
+    deviations = model.fit.scatter.deviations
     found = np.zeros((count, channels, channels))
     for c, name in enumerate(fitter.points.channels):
         noise = fitter.repeats.channels[name].variance(level[c]) / _ROWS_PER_RUN

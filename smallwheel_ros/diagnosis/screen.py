@@ -14,17 +14,18 @@ arithmetic on data drawn from the null model gives the law of the statistic "is 
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
-from smallwheel_ros.diagnosis.candidate import FAILURES, Competitor, changed
+from smallwheel_ros.diagnosis.competitors import Competitor, changed
 from smallwheel_ros.fitting.constants import HIDE, SPREAD
 from smallwheel_ros.fitting.covariance import Covariance
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, stiffness, taken_up
 
 Array = NDArray[np.float64]
 
@@ -70,13 +71,12 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
         return [Column(competitor, ((moved - fit.predicted) / _NUDGE).T, np.zeros(steps.size))]
     main, start = competitor.strength, competitor.part.start
     present, prior = start[main], listed[main].prior
-    one_sided = prior.low >= 0.0 and prior.centre > 0.0 and not competitor.replaces
     absent = present if competitor.replaces else 0.0
-    sizes = (0.25 * prior.centre, prior.centre) if one_sided else (
-        absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation
-    )  # fmt: skip
-    if prior.low >= 0.0 and not one_sided and not competitor.replaces:
-        sizes = (0.25 * prior.deviation, prior.deviation)
+    if prior.low < 0.0 or competitor.replaces:
+        sizes = (absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation)
+    else:
+        usual = prior.centre if prior.centre > 0.0 else prior.deviation
+        sizes = (0.25 * usual, usual)
     starts = np.tile(start, (len(sizes), 1))
     starts[:, main] = np.clip(sizes, prior.low, prior.high)
     starts = starts[np.abs(starts[:, main] - absent) > 1e-12]
@@ -88,43 +88,47 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     ]
 
 
-def _whitened(v: Covariance, level: float, white: Array, errors: Array) -> tuple[Array, Array]:
-    """ln evidence of none, and the products of whitened columns and errors."""
-    w = v.whiten(errors)
-    return level - 0.5 * np.sum(w * w, axis=0), white.T @ w
-
-
 class Screen:
     """Linearised evidence at one fit."""
 
     def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[Column]) -> None:
         self.fitter, self.fit, self.columns = fitter, fit, list(columns)
-        model = fitter.variance
-        kernels = model.kernels(stiffness(fit.vector, fit.slopes), fit.scatter.log_length)
-        spread = taken_up(fit.vector, fit.theta, fit.slopes)
-        medians = np.log(np.array(model.medians))
-        away = fit.scatter.log_deviation - medians
-        self._parts = []
-        stacked = (
-            np.hstack([c.shift for c in self.columns])
-            if self.columns
-            else np.zeros((len(fitter.points), 0))
+        self._kernels = fitter.variance.kernels(
+            stiffness(fit.vector, fit.slopes), fit.scatter.log_length
         )
+        self._spread = taken_up(fit.vector, fit.theta, fit.slopes)
+        none = np.zeros((len(fitter.points), 0))
+        self._stacked = np.hstack([none, *(c.shift for c in self.columns)])
         ends = np.cumsum([0] + [c.shift.shape[1] for c in self.columns])
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
-        self._single = np.array([p.size == 1 for p in self._places], dtype=bool)
-        self._first = np.array([p[0] for p in self._places], dtype=np.intp)
+
+    @cached_property
+    def _ways(self) -> Sequence[tuple[Covariance, float, Array, Array]]:
+        """Of each scatter on the way: S, ln of its share of none's evidence, whitened columns, I + C' S^-1 C.
+
+        The columns of a competitor are turned so that each adds to the evidence by itself: of the last
+        the diagonal remains.
+        """
+        model, scatter = self.fitter.variance, self.fit.scatter
+        away, found = scatter.log_deviation - model.log_median, []
         for share in _WAY:
-            at = replace(fit.scatter, log_deviation=medians + np.minimum(away, share * away))
-            inside = model.total(at.log_deviation, kernels, spread)
-            level = model.log_prior(at) - inside.log_root
-            white = inside.whiten(stacked)
-            self._parts.append((inside, level, white, white.T @ white))
-        capped = np.minimum(fit.scatter.log_deviation, medians + HIDE * SPREAD)
-        self._null = model.total(capped, kernels)
-        usual = np.minimum(fit.scatter.log_deviation, medians)
-        white = model.total(usual, kernels, spread).whiten(stacked)
-        self._shown = white.T @ white
+            log_deviation = model.log_median + np.minimum(away, share * away)
+            inside = model.total(log_deviation, self._kernels, self._spread)
+            level = model.log_prior(replace(scatter, log_deviation=log_deviation))
+            white, size = inside.whiten(self._stacked), np.ones(self._stacked.shape[1])
+            for mine in self._places:
+                gram, turned = np.linalg.eigh(white[:, mine].T @ white[:, mine])
+                white[:, mine], size[mine] = white[:, mine] @ turned, 1.0 + gram
+            found.append((inside, level - inside.log_root, white, size))
+        return found
+
+    @cached_property
+    def _shown(self) -> Array:
+        """C' S^-1 C of all columns, under no more scatter than is usual."""
+        usual = np.minimum(self.fit.scatter.log_deviation, self.fitter.variance.log_median)
+        inside = self.fitter.variance.total(usual, self._kernels, self._spread)
+        white = inside.whiten(self._stacked)
+        return white.T @ white
 
     def testability(self) -> list[float]:
         """Of each column, the squared deviations by which its prior's scale moves the predictions.
@@ -145,25 +149,22 @@ class Screen:
 
     def draws(self, count: int, seed: int) -> Array:
         """Errors drawn from the null model, shape (values, count)."""
-        shape = (len(self.fitter.points), count)
-        return self._null.drawn(np.random.default_rng(seed).normal(size=shape))
+        model, shape = self.fitter.variance, (len(self.fitter.points), count)
+        most = model.log_median + HIDE * SPREAD
+        capped = np.minimum(self.fit.scatter.log_deviation, most)
+        null = model.total(capped, self._kernels)
+        return null.drawn(np.random.default_rng(seed).normal(size=shape))
 
     def evidence(self, errors: Array) -> tuple[Array, Array]:
         """ln evidence of none (data sets,) and of each column (columns, data sets), less a constant."""
         none, each = [], []
-        for inside, level, white, gram in self._parts:
-            base, pulled = _whitened(inside, level, white, errors)
-            gain = np.empty((len(self._places), errors.shape[1]))
-            one = self._first[self._single]
-            size = 1.0 + np.diag(gram)[one][:, None]
-            gain[self._single] = 0.5 * pulled[one] ** 2 / size - 0.5 * np.log(size)
-            for i in np.flatnonzero(~self._single):
-                p = self._places[i]
-                root = np.linalg.cholesky(np.eye(p.size) + gram[np.ix_(p, p)])
-                u = solve_triangular(root, pulled[p], lower=True, check_finite=False)
-                gain[i] = 0.5 * np.sum(u * u, axis=0) - np.log(np.diag(root)).sum()
+        first = [mine[0] for mine in self._places]
+        for inside, level, white, size in self._ways:
+            w = inside.whiten(errors)
+            base, pulled = level - 0.5 * np.sum(w * w, axis=0), white.T @ w
+            gain = 0.5 * (pulled**2 / size[:, None] - np.log(size)[:, None])
             none.append(base)
-            each.append(base + gain)
+            each.append(base + np.add.reduceat(gain, first, axis=0))
         together = np.logaddexp.reduce
         return np.asarray(together(np.array(none))), np.asarray(together(np.array(each)))
 
@@ -178,9 +179,7 @@ class Screen:
     def by_family(self, errors: Array) -> dict[str, Array]:
         """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
         none, each = self.evidence(errors)
-        count: dict[tuple[str, str], int] = {}
-        for column in self.columns:
-            count[column.competitor.key] = count.get(column.competitor.key, 0) + 1
+        count = Counter(column.competitor.key for column in self.columns)
         found: dict[str, Array] = {}
         for column, row in zip(self.columns, each, strict=True):
             c = column.competitor
@@ -189,7 +188,3 @@ class Screen:
                 found.get(c.family, np.full(value.shape, -np.inf)), value
             )
         return found
-
-    def missing(self, errors: Array) -> Array:
-        """ln of the mass of one missing effect over none, shape (data sets,)."""
-        return np.asarray(np.logaddexp.reduce(np.array(list(self.by_family(errors).values()))))

@@ -15,8 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import CandidateFit, Competitor, Key, refit
-from smallwheel_ros.diagnosis.competitors import Field
+from smallwheel_ros.diagnosis.competitors import Competitor, Field, changed
 from smallwheel_ros.diagnosis.screen import Column, Screen, columns_of
 from smallwheel_ros.fitting.constants import (
     EXPECTED_EFFECTS,
@@ -28,14 +27,72 @@ from smallwheel_ros.fitting.constants import (
     TESTABLE,
     WINDOW,
 )
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 
 Array = NDArray[np.float64]
+Key = tuple[tuple[str, str], ...]
 
 _FORMS = 2  # of a family, refitted among the extensions of one model
 # Of anything missing over nothing: a Poisson number of effects, of which so many are expected.
 _PRIOR_ODDS = float(np.expm1(EXPECTED_EFFECTS))
 _REST = 4.0  # nats: a larger model that is so far behind the best is not extended further
+
+
+@dataclass(frozen=True)
+class CandidateFit:
+    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
+
+    competitors: tuple[Competitor, ...]
+    fit: Fit
+    weight: float
+
+    @property
+    def key(self) -> Key:
+        """What tells the model from others."""
+        return tuple(sorted(c.key for c in self.competitors))
+
+    def key_with(self, put_in: Competitor | None, out: Competitor | None = None) -> Key:
+        """The key of the model with one competitor more, or less, or another in its place."""
+        kept = [c.key for c in self.competitors if out is None or c.key != out.key]
+        return tuple(sorted([*kept, *([] if put_in is None else [put_in.key])]))
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families of its competitors."""
+        return frozenset(c.family for c in self.competitors)
+
+
+def refit(
+    fitter: Fitter,
+    model: CandidateFit,
+    put_in: Competitor | None = None,
+    start: Array | None = None,
+    out: Competitor | None = None,
+    turns: int = 4,
+) -> CandidateFit | None:
+    """A model fitted from where it was, with one competitor more, or less, or another in its place.
+
+    start: of the new competitor's numbers. None where it cannot be fitted.
+    """
+    near, vector = model.fit, model.fit.vector
+    competitors = [c for c in model.competitors if out is None or c.key != out.key]
+    if out is not None:
+        vector = vector.with_parts([part for part in vector.parts if part.id != out.part.id])
+    if put_in is not None:
+        competitors.append(put_in)
+        vector = changed(vector, put_in)
+    theta = vector.begun_at(near.vector, near.theta)
+    if put_in is not None:
+        theta[vector.places(put_in.part.id)] = put_in.part.start if start is None else start
+    # A missing effect inflates the scatter, under which no effect is needed: start without.
+    usual, scatter = fitter.variance.start.log_deviation, fitter.variance.suited(near.scatter)
+    scatter = replace(scatter, log_deviation=np.minimum(scatter.log_deviation, usual))
+    try:
+        fit = fitter.fit(vector, theta, scatter, turns=turns)
+    except FAILURES:
+        return None
+    odds = sum(float(np.log(c.share)) for c in competitors)
+    return CandidateFit(tuple(competitors), fit, fit.evidence + odds)
 
 
 @dataclass
@@ -44,15 +101,15 @@ class Search:
 
     field: who competed; what the design cannot show was taken out. p_drawn: chance of so large a mass of
     missing effects if none is, by simulation. p_values: by family, against the largest of all families.
-    screen: at the base, None where nothing could be tested.
+    screen: at the base.
     """
 
     fitter: Fitter
     field: Field
+    screen: Screen
     models: dict[Key, CandidateFit]
     p_drawn: float
     p_values: dict[str, float]
-    screen: Screen | None = None
 
     @cached_property
     def ordered(self) -> list[CandidateFit]:
@@ -105,26 +162,26 @@ def search(
     fitter: Fitter, base: Fit, field: Field, *, seed: int = 0, most: int = MOST_EFFECTS
 ) -> Search:
     """Search the models that explain the data. most: effects of the largest; with 0 only p is found."""
-    columns = columns_of(fitter, base, field.competitors)
-    screen = Screen(fitter, base, columns)
-    field, columns, screen = _testable(fitter, base, field, columns, screen)
+    screen = Screen(fitter, base, columns_of(fitter, base, field.competitors))
+    field, screen = _testable(screen, field)
     none = CandidateFit((), base, base.evidence)
-    if not columns:
-        return Search(fitter, field, {(): none}, 1.0, {})
-    found = Search(fitter, field, {(): none}, *_tested(screen, base, seed), screen)
-    for size in range(1, most + 1):
-        if not _extend(found, screen, columns, size):
+    found = Search(fitter, field, screen, {(): none}, *_tested(screen, seed))
+    for size in range(1, most + 1 if screen.columns else 0):
+        if not _extend(found, size):
             break
     return found
 
 
-def _tested(screen: Screen, base: Fit, seed: int) -> tuple[float, dict[str, float]]:
+def _tested(screen: Screen, seed: int) -> tuple[float, dict[str, float]]:
     """p of "is anything missing", and of each family against the largest of all, by simulation."""
-    errors = (screen.fitter.points.value - base.predicted)[:, None]
+    if not screen.columns:
+        return 1.0, {}
+    errors = (screen.fitter.points.value - screen.fit.predicted)[:, None]
     drawn = np.hstack([errors, screen.draws(REPLICATES, seed)])
-    missing = screen.missing(drawn)
     families = screen.by_family(drawn)
-    largest = np.max(np.array(list(families.values()))[:, 1:], axis=0)
+    masses = np.array(list(families.values()))
+    missing = np.logaddexp.reduce(masses)
+    largest = np.max(masses[:, 1:], axis=0)
 
     def p_value(null: Array, seen: float) -> float:
         return float((1 + np.sum(null >= seen)) / (1 + REPLICATES))
@@ -133,12 +190,10 @@ def _tested(screen: Screen, base: Fit, seed: int) -> tuple[float, dict[str, floa
     return p_value(missing[1:], float(missing[0])), of_family
 
 
-def _testable(
-    fitter: Fitter, base: Fit, field: Field, columns: list[Column], screen: Screen
-) -> tuple[Field, list[Column], Screen]:
+def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
     """Without the families that no data of this design could show."""
     power: dict[str, float] = {}
-    for column, size in zip(columns, screen.testability(), strict=True):
+    for column, size in zip(screen.columns, screen.testability(), strict=True):
         family = column.competitor.family
         power[family] = max(power.get(family, 0.0), size)
     blind = {
@@ -152,12 +207,14 @@ def _testable(
         if size < TESTABLE
     }
     seen = [c for c in field.competitors if c.family not in blind]
-    field = field.only(_different(columns, seen), blind)
+    field = field.only(_different(screen.columns, seen), blind)
     kept = {c.key: c for c in field.competitors}
     columns = [
-        replace(c, competitor=kept[c.competitor.key]) for c in columns if c.competitor.key in kept
+        replace(c, competitor=kept[c.competitor.key])
+        for c in screen.columns
+        if c.competitor.key in kept
     ]
-    return field, columns, Screen(fitter, base, columns)
+    return field, Screen(screen.fitter, screen.fit, columns)
 
 
 def _different(columns: list[Column], competitors: list[Competitor]) -> list[Competitor]:
@@ -177,26 +234,25 @@ def _different(columns: list[Column], competitors: list[Competitor]) -> list[Com
     return kept
 
 
-def _extend(found: Search, screen: Screen, columns: list[Column], size: int) -> bool:
+def _extend(found: Search, size: int) -> bool:
     """Refit the most promising extensions of the best models of the size before."""
     parents = [m for m in found.ordered if len(m.competitors) == size - 1]
     parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][:PARENTS]
     best = found.ordered[0].weight
     reached = -np.inf
     for parent in parents:
-        here = screen if size == 1 else _screen_at(found, parent, columns)
+        here = found.screen if size == 1 else _screen_at(found, parent)
         none, each = here.evidence((found.fitter.points.value - parent.fit.predicted)[:, None])
         gain = each[:, 0] - none[0] + np.log([c.competitor.share for c in here.columns])
         most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
         for column in _promising(here.columns, gain, most, forms):
-            key = tuple(sorted([*(c.key for c in parent.competitors), column.competitor.key]))
-            if key in found.models:
+            if parent.key_with(column.competitor) in found.models:
                 continue
             made = refit(found.fitter, parent, column.competitor, column.start)
             found.add(made)
             if made is not None:
                 reached = max(reached, made.weight)
-    return bool(reached > max(best, reached) - _REST)
+    return bool(reached > best - _REST)
 
 
 def _promising(columns: list[Column], gain: Array, most: int, forms: int) -> list[Column]:
@@ -212,7 +268,7 @@ def _promising(columns: list[Column], gain: Array, most: int, forms: int) -> lis
     return list(chosen.values())
 
 
-def _screen_at(found: Search, parent: CandidateFit, columns: list[Column]) -> Screen:
+def _screen_at(found: Search, parent: CandidateFit) -> Screen:
     """The columns of the other families at a larger model: as the same shares of its predictions."""
     base = found.none.fit.predicted
     ratio = parent.fit.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
@@ -220,7 +276,7 @@ def _screen_at(found: Search, parent: CandidateFit, columns: list[Column]) -> Sc
     for name in points.forces:
         ratio = np.where(points.of_channel(name), 1.0, ratio)
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, 1.0)
-    others = [c for c in columns if c.competitor.family not in parent.families]
+    others = [c for c in found.screen.columns if c.competitor.family not in parent.families]
     shifted = [replace(c, shift=c.shift * ratio[:, None]) for c in others]
     return Screen(found.fitter, parent.fit, shifted)
 
@@ -229,8 +285,7 @@ def exchanged(
     found: Search, model: CandidateFit, out: Competitor | None, put_in: Competitor | None
 ) -> CandidateFit | None:
     """The model with one competitor in the place of another; None stands for none. It is kept."""
-    there = [k for k in model.key if out is None or k != out.key]
-    key = tuple(sorted([*there, *([] if put_in is None else [put_in.key])]))
+    key = model.key_with(put_in, out)
     if key not in found.models:
         if any(c is not None and c.geometry is not None for c in (out, put_in)):
             return None

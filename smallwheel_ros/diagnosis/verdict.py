@@ -19,8 +19,8 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit, Competitor, Key
-from smallwheel_ros.diagnosis.search import Search, exchanged
+from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
     ALARM,
@@ -33,6 +33,7 @@ from smallwheel_ros.fitting.constants import (
     TOGETHER,
     USEFUL,
 )
+from smallwheel_ros.fitting.fit import FAILURES
 from smallwheel_ros.measurements.display import listed, percent
 from smallwheel_ros.physics.conditions import Conditions
 

@@ -9,22 +9,24 @@ over that without. A table of one load, whose sinkage a soil can always imitate,
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.candidate import FAILURES
+from smallwheel_ros.diagnosis.held_out import Step
+from smallwheel_ros.diagnosis.search import CandidateFit
+from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.effects.base import Array, Effect
 from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, INSTRUMENT, NAMED, SHOWN_SINKAGE
-from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.levels import make_fitter
-from smallwheel_ros.fitting.parameters import EffectPart, part_of, with_values
+from smallwheel_ros.fitting import constants
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
+from smallwheel_ros.fitting.held_out import compare_cv
+from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import Prior
-from smallwheel_ros.fitting.problem import Base
+from smallwheel_ros.fitting.problem import Base, Problem, make_fitter
+from smallwheel_ros.measurements.display import listed, number, words
 from smallwheel_ros.physics.conditions import Conditions
 
 _SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
@@ -49,7 +51,7 @@ class Witness:
     @property
     def named(self) -> bool:
         """Whether it is sure enough for a name."""
-        return self.probability >= NAMED
+        return self.probability >= constants.NAMED
 
 
 @dataclass(frozen=True)
@@ -81,13 +83,9 @@ def witness(points: Points, registry: Registry, blocked: frozenset[str]) -> Witn
     if len(mine) < 2:
         return None
     fitter, none = make_fitter(mine, Base(effects=(_AsShown(),)).vector(mine))
-    families = len(registry.families)
-    found = [
-        Witness(*known, float(odds / (1.0 + odds)))
-        for effect in _faults(registry, blocked)
-        if (known := _with(fitter, none, effect)) is not None
-        for odds in [EXPECTED_EFFECTS / families * np.exp(min(known[-1], 50.0))]
-    ]
+    share = constants.EXPECTED_EFFECTS / len(registry.families)
+    made = [_with(fitter, none, effect, share) for effect in _faults(registry, blocked)]
+    found = [one for one in made if one is not None]
     return max(found, key=lambda one: one.evidence, default=None)
 
 
@@ -106,19 +104,17 @@ def _as_measured(points: Points) -> Points:
     mine = points.of_channel("sinkage")
     shown[points.row[mine]] = points.value[mine]
     forces = np.any([points.of_channel(name) for name in points.forces], axis=0)
-    kept = points.take(forces & np.isfinite(shown)[points.row])
-    for name in (n for n in points.channels if n not in points.forces):
-        kept = kept.without_channel(name)
+    kept = points.take(forces & np.isfinite(shown)[points.row]).only(points.forces)
     column = np.where(np.isfinite(shown), shown, _LEAST)
     covariates = {**points.conditions.covariates, _SHOWN: column}
     return replace(kept, conditions=replace(points.conditions, covariates=covariates))
 
 
-def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
-    """The fault under its prior and under its posterior, and the evidence that it adds."""
+def _with(fitter: Fitter, none: Fit, effect: Effect, share: float) -> Witness | None:
+    """What speaks for one fault; None where it cannot be fitted. share: its prior odds."""
     (known,) = effect.parameters()
     middle = float(known.neutral or 0.0)
-    wide = SHOWN_SINKAGE if known.unit == "m" else INSTRUMENT
+    wide = constants.SHOWN_SINKAGE if known.unit == "m" else constants.INSTRUMENT
     prior = Prior(middle, wide, *known.bounds)
     plain = part_of(effect, {known.name: prior})
     part = replace(plain, build=lambda numbers: _AsShown(with_values(effect, numbers)))
@@ -135,4 +131,38 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
         return None
     best = max(fits, key=lambda fit: fit.evidence)
     told = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
-    return plain, part_of(effect, {known.name: told}), best.evidence - none.evidence
+    evidence = best.evidence - none.evidence
+    odds = share * float(np.exp(min(evidence, 50.0)))
+    return Witness(plain, part_of(effect, {known.name: told}), evidence, odds / (1.0 + odds))
+
+
+def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
+    """A fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
+    told = witness(problem.points, registry, frozenset({*without, *problem.base.names}))
+    if told is None or not told.named or problem.points.run_count < constants.FEWEST_RUNS:
+        return None
+    before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
+    useful = before is not None and after is not None and compare_cv(before, after).helps
+    return told if useful else None
+
+
+def with_fault(
+    plain: Problem, verdict: Verdict, steps: list[Step], told: Witness
+) -> tuple[Verdict, list[Step]]:
+    """The verdict and its steps with the fault that pull and torque name as the first of them.
+
+    plain: the problem without it.
+    """
+    name, errors, fit = told.part.id, plain.held_out(), plain.judged.fit
+    assert errors is not None  # as it was named
+    verdict = replace(
+        verdict,
+        word="missing_effect" if verdict.word == "adequate" else verdict.word,
+        named=(name, *verdict.named),
+        probabilities={**verdict.probabilities, name: told.probability},
+    ).saying(
+        f"{words(name)} is told by {listed([words(n) for n in plain.points.forces])}: their law holds at the "
+        f"sinkage as it is shown {number(told.evidence, 2)} nats worse than at one that is corrected"
+    )
+    base = Step(None, CandidateFit((), fit, fit.evidence), errors)
+    return verdict, [base, replace(steps[0], added=name), *steps[1:]]

@@ -42,20 +42,23 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
-STAGES = (
-    "corrected_load",
-    "normal_load",
-    "wheel_diameter",
-    "modulus_factor",
-    "exponent_shift",
-    "pressure_factor",
-    "sinkage",
-    "compaction_sinkage",
-    "added_resistance",
-    "thrust_factor",
-    "measured_sinkage",
-    "measured_resistance",
-)
+_ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
+# The channels that each stage touches, in the order in which a model runs them.
+_CHANNELS = {
+    "corrected_load": _ALL_CHANNELS,
+    "normal_load": _ALL_CHANNELS,
+    "wheel_diameter": _ALL_CHANNELS,
+    "modulus_factor": _ALL_CHANNELS,
+    "exponent_shift": _ALL_CHANNELS,
+    "pressure_factor": _ALL_CHANNELS,
+    "sinkage": _ALL_CHANNELS,
+    "compaction_sinkage": ("resistance",),
+    "added_resistance": ("resistance", "drawbar_pull"),
+    "thrust_factor": ("drawbar_pull", "torque"),
+    "measured_sinkage": ("sinkage",),
+    "measured_resistance": ("resistance",),
+}
+STAGES = tuple(_CHANNELS)
 # Stages that a body pressed straight down does not have: it neither digs nor pulls.
 ROLLING_STAGES = (
     "sinkage",
@@ -64,15 +67,6 @@ ROLLING_STAGES = (
     "thrust_factor",
     "measured_resistance",
 )
-_ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
-# Stages that do not touch every channel.
-_CHANNELS = {
-    "compaction_sinkage": ("resistance",),
-    "added_resistance": ("resistance", "drawbar_pull"),
-    "thrust_factor": ("drawbar_pull", "torque"),
-    "measured_sinkage": ("sinkage",),
-    "measured_resistance": ("resistance",),
-}
 
 
 class EffectError(SmallwheelError):
@@ -181,13 +175,13 @@ class Effect:
             cls._drivers_stated = True
         elif not cls._drivers_stated:
             cls.drivers = cls.needs
-        acts = [stage for stage in STAGES if cls.overrides(stage)]
+        acts = cls._acts()
         if "form" not in own:
             cls.form = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
         if "stage" not in own:
             cls.stage = acts[0] if acts else ""
         if "channels" not in own:
-            touched = {name for stage in acts for name in _CHANNELS.get(stage, _ALL_CHANNELS)}
+            touched = {name for stage in acts for name in _CHANNELS[stage]}
             cls.channels = tuple(name for name in _ALL_CHANNELS if name in touched)
 
     def __post_init__(self) -> None:
@@ -205,6 +199,11 @@ class Effect:
     def overrides(cls, stage: str) -> bool:
         """Whether the effect acts at that stage."""
         return getattr(cls, stage) is not getattr(Effect, stage)
+
+    @classmethod
+    def _acts(cls) -> list[str]:
+        """The stages that it acts at, in their order."""
+        return [stage for stage in STAGES if cls.overrides(stage)]
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -271,7 +270,7 @@ class Effect:
     @classmethod
     def _reached(cls, conditions: Conditions) -> NDArray[np.bool_]:
         """Rows that the effect can act on: rolling ones, unless it has a stage for all."""
-        acts = [stage for stage in STAGES if cls.overrides(stage)]
+        acts = cls._acts()
         everywhere = not acts or any(stage not in ROLLING_STAGES for stage in acts)
         return np.ones(len(conditions), dtype=bool) if everywhere else conditions.rolling
 

@@ -7,6 +7,7 @@ A covariate of the run rather than the row, like moisture, takes at least 8 runs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,12 +16,16 @@ from smallwheel_ros.physics.conditions import Conditions
 
 _ANY = (-1e12, 1e12)
 _POSITIVE = (1e-12, 1e12)
-_WATER = "Prepare beds of at least three water contents and run each at one load and one slip."
 
 
-@dataclass(frozen=True)
 class ColumnLaw(Effect):
-    """Something follows the one column in `needs`."""
+    """Something follows the one column in `needs`.
+
+    prefix: where a form has one, any column NAME of the data drives it as `PREFIX:NAME`; its summary and
+    next step have a place {} for that name.
+    """
+
+    prefix: ClassVar[str] = ""
 
     @classmethod
     def column(cls, conditions: Conditions) -> Array:
@@ -34,13 +39,19 @@ class ColumnLaw(Effect):
         return np.asarray(values[np.isfinite(values)])
 
 
+class _Covariate(ColumnLaw):
+    prefix = "covariate"
+    summary = "The soil's modulus k depends on column '{}'."
+    source = "empirical"
+    next_step = "Vary '{}' alone, at one load and one slip, in eight runs or more."
+
+
 @dataclass(frozen=True)
-class ExponentialLaw(ColumnLaw):
+class ExponentialLaw(_Covariate):
     """k = k0 exp(a (w - w0) / scale)."""
 
     form = "exponential"
     formula = "k = k0 exp(a (w - reference) / scale)"
-    source = "empirical"
 
     a: float = parameter(0.2, (-6.0, 6.0), "growth of ln k over one scale of the column")
     reference: float = constant(0.0, _ANY, "value of the column at which k is k0")
@@ -62,12 +73,11 @@ class ExponentialLaw(ColumnLaw):
 
 
 @dataclass(frozen=True)
-class PowerLaw(ColumnLaw):
+class PowerLaw(_Covariate):
     """k = k0 (w / w0)^p, for columns of positive values."""
 
     form = "power"
     formula = "k = k0 (w / reference)^p, w > 0"
-    source = "empirical"
 
     p: float = parameter(0.2, (-30.0, 30.0), "growth of ln k with ln of the column")
     reference: float = constant(1.0, _POSITIVE, "value of the column at which k is k0")
@@ -95,27 +105,24 @@ class PowerLaw(ColumnLaw):
         return np.asarray(np.where(ratio > 0.0, ratio, np.nan) ** self.p)
 
 
-@dataclass(frozen=True)
-class Exponential(ExponentialLaw):
+class _Moisture(ColumnLaw):
     id = "moisture"
-    form = "exponential"
     summary = "The soil's modulus k depends on its water content."
     needs = ("moisture",)
-    next_step = _WATER
+    next_step = (
+        "Prepare beds of at least three water contents and run each at one load and one slip."
+    )
 
+
+@dataclass(frozen=True)
+class Exponential(_Moisture, ExponentialLaw):
     a: float = parameter(0.2, (-6.0, 6.0), "growth of ln k over one scale of moisture")
     reference: float = constant(0.10, (-1e6, 1e6), "moisture at which k is k0")
     scale: float = constant(0.05, (1e-12, 1e6), "difference in moisture that changes ln k by a")
 
 
 @dataclass(frozen=True)
-class Power(PowerLaw):
-    id = "moisture"
-    form = "power"
-    summary = "The soil's modulus k depends on its water content."
-    needs = ("moisture",)
-    next_step = _WATER
-
+class Power(_Moisture, PowerLaw):
     p: float = parameter(0.2, (-30.0, 30.0), "growth of ln k with ln moisture")
     reference: float = constant(0.10, (1e-12, 1e6), "moisture at which k is k0")
 
@@ -150,7 +157,12 @@ class _Drift(ColumnLaw):
 class SinkageDrift(_Drift):
     """The sinkage instrument's zero drifts."""
 
+    prefix = "sinkage_drift"
+    summary = "The zero of the sinkage instrument drifts with '{}'."
     formula = "shown z = z + drift (w - reference) / scale"
+    next_step = (
+        "Take the zero of sinkage at touch-down before each run; repeat the first run at the end."
+    )
 
     drift: float = parameter(0.001, (-0.05, 0.05), "what the zero moves by", unit="m")
 
@@ -162,7 +174,13 @@ class SinkageDrift(_Drift):
 class ResistanceDrift(_Drift):
     """The force sensor's zero drifts."""
 
+    prefix = "resistance_drift"
+    summary = "The zero of the force sensor drifts with '{}'."
     formula = "shown R = R + drift (w - reference) / scale"
+    next_step = (
+        "Read the force sensor with the wheel lifted before each run; "
+        "repeat the first run at the end."
+    )
 
     drift: float = parameter(1.0, (-1e3, 1e3), "what the zero moves by", unit="N")
 

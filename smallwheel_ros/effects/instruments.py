@@ -118,7 +118,6 @@ class ResistanceOffset(Effect):
         return resistance + self.offset
 
 
-@dataclass(frozen=True)
 class _RigFriction(Effect):
     id = "rig_friction"
     kind = "instrument"
@@ -150,7 +149,6 @@ class Constant(_RigFriction):
         return resistance + self.force
 
 
-@dataclass(frozen=True)
 class _SlipResistance(Effect):
     """No law of soil does that: what digs shows in the sinkage.
 

@@ -20,43 +20,25 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from smallwheel_ros import effects as package
 from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.effects import column
 from smallwheel_ros.effects.base import Effect, EffectError
-from smallwheel_ros.effects.column import (
-    ColumnLaw,
-    ExponentialLaw,
-    PowerLaw,
-    ResistanceDrift,
-    SinkageDrift,
-)
 
 Forms = tuple[type[Effect], ...]
 Families = Mapping[str, Forms]
 
-GROUP = "smallwheel_ros.effects"  # of entry points
+PACKAGE = "smallwheel_ros.effects"  # this one, and the group of entry points of others
 _EXPECTED = "expected a class that derives from Effect and has an id"
 
-
-# By prefix of the id: the laws that any column may drive, what each says, and how to make sure.
-_OF_COLUMN: dict[str, tuple[tuple[type[ColumnLaw], ...], str, str]] = {
-    "covariate": (
-        (ExponentialLaw, PowerLaw),
-        "The soil's modulus k depends on column '{}'.",
-        "Vary '{}' alone, at one load and one slip, in eight runs or more.",
-    ),
-    "sinkage_drift": (
-        (SinkageDrift,),
-        "The zero of the sinkage instrument drifts with '{}'.",
-        "Take the zero of sinkage at touch-down before each run; repeat the first run at the end.",
-    ),
-    "resistance_drift": (
-        (ResistanceDrift,),
-        "The zero of the force sensor drifts with '{}'.",
-        "Read the force sensor with the wheel lifted before each run; repeat the first run at the end.",
-    ),
-}
-DRIFTS = tuple(prefix for prefix in _OF_COLUMN if prefix != "covariate")
+# The laws that any column may drive, and the prefixes of their ids.
+_COLUMN_LAWS = [
+    law
+    for name, law in vars(column).items()
+    if isinstance(law, type) and issubclass(law, column.ColumnLaw) and not name.startswith("_")
+    if law.prefix and not law.id
+]
+_PREFIXES = tuple(dict.fromkeys(law.prefix for law in _COLUMN_LAWS))
+DRIFTS = tuple(law.prefix for law in _COLUMN_LAWS if law.kind == "instrument")
 
 
 def _rebuild(id: str, form: str, values: dict[str, float]) -> Effect:
@@ -72,36 +54,36 @@ class _OfColumn(Effect):
 
 def is_of_column(id: str) -> bool:
     """Whether an id is `covariate:NAME` or another whose law any column may drive."""
-    return id.partition(":")[0] in _OF_COLUMN and ":" in id
+    return id.partition(":")[0] in _PREFIXES and ":" in id
 
 
 @lru_cache(maxsize=256)
 def of_column(id: str) -> Forms:
     """Make the family of `PREFIX:COLUMN`: its laws, driven by that column of the data."""
-    prefix, _, column = id.partition(":")
-    if not column:
+    prefix, _, name = id.partition(":")
+    if not name:
         raise EffectError(
             f"'{prefix}:' names no column: write {prefix}:NAME, like {prefix}:moisture"
         )
-    laws, summary, next_step = _OF_COLUMN[prefix]
-    own = {
-        "id": id,
-        "needs": (column,),
-        "drivers": (column,),
-        "summary": summary.format(column),
-        "next_step": next_step.format(column),
-        "__module__": __name__,
-    }
-    return tuple(type(law.__name__, (law, _OfColumn), own | {"form": law.form}) for law in laws)
+    own = {"id": id, "needs": (name,), "drivers": (name,), "__module__": __name__}
+    return tuple(
+        type(law.__name__, (law, _OfColumn), own | {
+            "form": law.form,
+            "summary": law.summary.format(name),
+            "next_step": law.next_step.format(name),
+        })
+        for law in _COLUMN_LAWS
+        if law.prefix == prefix
+    )  # fmt: skip
 
 
-def covariate(column: str) -> Forms:
+def covariate(name: str) -> Forms:
     """Make the family in which k depends on that column of the data: exponential and power law."""
-    return of_column(f"covariate:{column}")
+    return of_column(f"covariate:{name}")
 
 
 def _forms_in(module: ModuleType) -> list[type[Effect]]:
-    """Give the effects that a module defines itself, in the order in which it does."""
+    """The effects that a module defines itself, in its order."""
     return [
         value
         for name, value in vars(module).items()
@@ -166,12 +148,13 @@ def _check(form: type[Effect], origin: str) -> None:
 
 @dataclass(frozen=True)
 class Registry(Mapping[str, type[Effect]]):
-    """Families of effects by id, each a tuple of forms of which the first is the default.
+    """Families of effects in the order of their ids, each a tuple of forms: the first is the default.
 
-    As a mapping it gives the default form of each: `registry["slip_sinkage"]`.
+    Those of columns are not listed, but made by `family`. As a mapping it gives the default form of
+    each: `registry["slip_sinkage"]`.
     """
 
-    known: Families = field(default_factory=dict)
+    families: Families = field(default_factory=dict)
 
     def __getitem__(self, id: str) -> type[Effect]:
         return self.form(id)
@@ -180,18 +163,13 @@ class Registry(Mapping[str, type[Effect]]):
         return iter(self.families)
 
     def __len__(self) -> int:
-        return len(self.known)
+        return len(self.families)
 
     def __contains__(self, id: object) -> bool:
-        return id in self.known
+        return id in self.families
 
     def __repr__(self) -> str:
         return f"<effects: {', '.join(self)}>"
-
-    @property
-    def families(self) -> dict[str, Forms]:
-        """All families by id, in alphabetical order; those of columns are made by `family`."""
-        return {id: self.known[id] for id in sorted(self.known)}
 
     def family(self, id: str) -> Forms:
         """Give the forms of one effect; `covariate:NAME` and drifts work for any column.
@@ -200,10 +178,10 @@ class Registry(Mapping[str, type[Effect]]):
         """
         if is_of_column(id):
             return of_column(id)
-        if id not in self.known:
-            names = [*self.known, *(f"{prefix}:NAME" for prefix in _OF_COLUMN)]
+        if id not in self.families:
+            names = [*self.families, *(f"{prefix}:NAME" for prefix in _PREFIXES)]
             raise EffectError(f"no effect '{id}': {nearest(id, names)}")
-        return self.known[id]
+        return self.families[id]
 
     def form(self, id: str, form: str | None = None) -> type[Effect]:
         """Give one form of an effect, the default one for None. Raises EffectError as `family`."""
@@ -238,10 +216,10 @@ class Registry(Mapping[str, type[Effect]]):
 
     def with_families(self, user: Families, origin: str = "user's effects") -> Registry:
         """Add families; forms of an id that exists join its family."""
-        known = dict(self.known)
+        known = dict(self.families)
         for forms in user.values():
             _add(known, forms, origin)
-        return Registry(known)
+        return Registry(dict(sorted(known.items())))
 
 
 def load(path: str | Path) -> Registry:
@@ -301,11 +279,10 @@ def known_physics() -> Forms:
 @lru_cache(maxsize=1)
 def _built_in() -> Families:
     known: dict[str, Forms] = {}
-    for info in pkgutil.iter_modules(package.__path__):
-        if info.name != "registry":
-            module = importlib.import_module(f"{package.__name__}.{info.name}")
-            _add(known, _forms_in(module), module.__name__)
-    return dict(sorted(known.items()))
+    for info in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        module = importlib.import_module(f"{PACKAGE}.{info.name}")
+        _add(known, _forms_in(module), module.__name__)
+    return known
 
 
 @lru_cache(maxsize=1)
@@ -315,7 +292,7 @@ def default_registry() -> Registry:
     Raises EffectError where an entry point cannot be loaded; it names the package.
     """
     known = dict(_built_in())
-    for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
+    for point in sorted(entry_points(group=PACKAGE), key=lambda p: (p.name, p.value)):
         origin = f"entry point '{point.name}' ({point.value})"
         if point.dist is not None:
             origin += f" of package {point.dist.name}"
@@ -332,14 +309,14 @@ def default_registry() -> Registry:
             _add(known, [loaded], origin)
         else:
             raise EffectError(f"{origin}: expected a class derived from Effect, or a module")
-    return Registry(known)
+    return Registry(dict(sorted(known.items())))
 
 
 def _with(user: Families | None) -> Registry:
     return default_registry().with_families(user) if user else default_registry()
 
 
-def families(user: Families | None = None) -> dict[str, Forms]:
+def families(user: Families | None = None) -> Families:
     """All families of effects by id, each a tuple of forms, the default one first.
 
     user: effects from a file (`load_effects`), which join them.

@@ -113,7 +113,6 @@ def passes(conditions: Conditions) -> Array:
     return np.maximum(conditions["pass_number"], 1.0)
 
 
-@dataclass(frozen=True)
 class _Multipass(Effect):
     """Wheels that follow in a rut meet soil that others have changed.
 
@@ -192,7 +191,6 @@ def mean_pressure(sinkage: Array, conditions: Conditions) -> Array:
     return np.asarray(conditions.load / np.where(plate, np.pi / 4.0 * d**2, area))
 
 
-@dataclass(frozen=True)
 class _ElasticRebound(Effect):
     """What the soil that rises gives back to the wheel is not modelled: no source was found for it.
 

@@ -21,7 +21,6 @@ LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
 _FREE_ROLLING = 0.02
 
 
-@dataclass(frozen=True)
 class BySlip(Effect):
     """What acts at slip of one sign: `side` is 1 where the wheel is driven, -1 where it is braked."""
 
@@ -42,14 +41,12 @@ class BySlip(Effect):
         return np.clip(self.side * conditions["slip"], 0.0, 1.0)
 
 
-@dataclass(frozen=True)
 class _DrivenSlip(BySlip):
     id = "slip_sinkage"
     summary = "A driven wheel that slips digs: sinkage grows with slip."
     next_step = "Sweep slip from 0 to 0.6 at one load, on soil that is prepared anew for each run."
 
 
-@dataclass(frozen=True)
 class _SlipSinkage(_DrivenSlip):
     def growth(self, slip: Array) -> Array:
         raise NotImplementedError
@@ -165,7 +162,6 @@ DugQuadratic = dug(Quadratic)
 PartlyDugQuadratic = partly_dug(Quadratic)
 
 
-@dataclass(frozen=True)
 class _SkidSinkage(_SlipSinkage):
     id = "skid_sinkage"
     summary = "A braked wheel that skids ploughs in: sinkage grows with |slip| below zero."
@@ -216,7 +212,6 @@ class SkidFadingQuadratic(SkidQuadratic, FadingQuadratic):
         return sinkage
 
 
-@dataclass(frozen=True)
 class _SlipAngleSinkage(Effect):
     id = "slip_angle_sinkage"
     summary = "A wheel that travels at an angle to its plane sinks deeper."

@@ -17,7 +17,6 @@ from smallwheel_ros.physics.conditions import Conditions
 _SLOWEST = 1e-3  # m/s: below, no law of rate has a meaning
 
 
-@dataclass(frozen=True)
 class _LoadDependentModulus(Effect):
     """With sinkage alone exactly aliased with n and with a law of width.
 
@@ -66,7 +65,6 @@ def _relative_width(conditions: Conditions, b0: float) -> Array:
     return np.where(plate, 0.5 * conditions.diameter, conditions.width) / b0
 
 
-@dataclass(frozen=True)
 class _WidthDependentModulus(Effect):
     """Two-sided: published values of kc are negative, too."""
 
@@ -108,7 +106,6 @@ def _relative_speed(conditions: Conditions, v0: float) -> Array:
     return np.asarray(np.maximum(np.abs(conditions["speed"]), _SLOWEST) / v0)
 
 
-@dataclass(frozen=True)
 class _PenetrationRate(Effect):
     """Over 0.01 to 0.5 m/s this is 0 to 8 % of the sinkage in sand: often less than data can show."""
 
@@ -159,7 +156,6 @@ class PenetrationSpeed(_PenetrationRate):
         return 0.5 * self.mu
 
 
-@dataclass(frozen=True)
 class _Hardpan(Effect):
     id = "hardpan"
     summary = "A hard layer below: pressure rises faster with depth than a power law."

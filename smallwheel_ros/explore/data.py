@@ -7,7 +7,9 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.explore.session import Names, Session, View
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.diagnosis import Diagnosis
+from smallwheel_ros.explore.session import Count, ExploreError, Names, Session, View
 from smallwheel_ros.fitting import FittedParameter
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import (
@@ -20,10 +22,10 @@ from smallwheel_ros.measurements.display import (
     shown_value,
     words,
 )
-from smallwheel_ros.report.effect_meaning import Meaning, meaning_of
-from smallwheel_ros.report.effects_section import EffectsPage, Label
+from smallwheel_ros.report.diagnosis import diagnosis_page, parameter_cells, verdict_block
+from smallwheel_ros.report.effects_section import EffectsPage, Label, Meaning, meaning_of
+from smallwheel_ros.report.page import Page
 from smallwheel_ros.report.table_data import TableData
-from smallwheel_ros.report.verdict_section import parameter_cells, verdict_block
 
 _CAPTION = (
     "Fitted to all runs. log_reference_pressure is ln of the pressure at 10 mm of sinkage under a wheel "
@@ -207,3 +209,36 @@ def _status(parameter: FittedParameter) -> str:
     if parameter.status == "determined":
         return ""
     return parameter.status + (f": {parameter.remedy}" if parameter.remedy else "")
+
+
+def explored_page(
+    diagnosis: Diagnosis,
+    session: Session | None = None,
+    comparison: Comparison | None = None,
+    progress: Count = lambda done, needed: None,
+    pairs: bool = True,
+) -> Page:
+    """The diagnosis with its effects to set and unset.
+
+    session: where every effect and every pair shall be in it, and not only the steps to the verdict;
+    progress: told how many of these fits are done; pairs: whether pairs shall.
+    """
+    return diagnosis_page(
+        diagnosis.document,
+        effects=_effects(diagnosis, session, progress, pairs),
+        comparison=comparison,
+        measurements=diagnosis.measurements,
+    )
+
+
+def _effects(
+    diagnosis: Diagnosis, session: Session | None, progress: Count, pairs: bool
+) -> EffectsPage | None:
+    """What can be set and unset; None where nothing could be held out."""
+    try:
+        opened = session or Session(diagnosis)
+        data = SessionData(opened)
+    except ExploreError:
+        return None
+    views = opened.steps() if session is None else opened.fit_beforehand(progress, pairs)
+    return data.page(views, opened.chosen)

@@ -17,8 +17,9 @@ from urllib.parse import parse_qs, quote, urlsplit
 
 from smallwheel_ros.explore.data import SessionData
 from smallwheel_ros.explore.session import ExploreError, Session
-from smallwheel_ros.report.page import drawn
-from smallwheel_ros.report.whole_report import whole_report
+from smallwheel_ros.report.blocks import drawn
+from smallwheel_ros.report.diagnosis import diagnosis_page
+from smallwheel_ros.report.learnt import learnt_page
 
 HOST = "127.0.0.1"
 
@@ -135,10 +136,10 @@ class _Handler(BaseHTTPRequestHandler):
             v for v in dict.fromkeys([*session.steps(), *session.fitted]) if v in session.fitted
         ]
         effects = data.page(views, names, served=True)
-        page = whole_report(
+        page = diagnosis_page(
             session.document, effects=effects, measurements=session.measurements, served=True
         )
-        self._send(200, _HTML, page.encode("utf-8", "replace"))
+        self._send(200, _HTML, page.html().encode("utf-8", "replace"))
 
     def _view(self, names: tuple[str, ...], over: str, run: str) -> None:
         session = self.server.session
@@ -162,9 +163,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(200, "application/yaml", session.model_file(names), headers)
 
     def _learn(self, names: tuple[str, ...], over: str, run: str) -> None:
-        from smallwheel_ros.report.learn_report import learn_page
-
-        self._send(200, _HTML, learn_page(self.server.session.learnt()))
+        self._send(200, _HTML, learnt_page(self.server.session.learnt()).html())
 
     def _send(
         self, status: int, kind: str, content: str | bytes, headers: dict[str, str] | None = None

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.diagnosis import Base, Diagnosis, diagnose
 from smallwheel_ros.diagnosis.apply import Grown
-from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.held_out import with_forces
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import FitResult, Problem
+from smallwheel_ros.fitting.fit import FAILURES
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
 from smallwheel_ros.learn.learning import Learnt, learn
 from smallwheel_ros.measurements.display import number, shown_value, words

@@ -14,8 +14,8 @@ precision), and the evidence, by Laplace's method,
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar, cast
 
@@ -26,16 +26,20 @@ from scipy.special import ndtr
 from threadpoolctl import ThreadpoolController
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.covariance import Covariance
 from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.predictor import Predictor
 from smallwheel_ros.fitting.variance import Scatter, VarianceModel
-from smallwheel_ros.model.model import Model
+from smallwheel_ros.measurements.columns import FORCES
+from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
+FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _THREADS = ThreadpoolController()
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -52,6 +56,106 @@ _TURNS = 4  # of theta and phi
 _STEPS = 10  # of Gauss-Newton in a turn
 _RESTS = 0.05  # nats: a gain below which a turn ends
 _AT_BOUND = 1e-6  # of the range
+_AGREE = 1e-9  # rounding of one model evaluated alone or among copies
+
+
+class Predictor:
+    """Predicts values: of a channel (an index into channels) at a row of the conditions each.
+
+    Keeps the repeated conditions between calls, and which effects take an array of each number.
+    """
+
+    def __init__(
+        self, conditions: Conditions, channels: Sequence[str], channel: Index, row: Index
+    ) -> None:
+        self.conditions, self.channels = conditions, tuple(channels)
+        self.channel, self.row = channel, row
+        self._tiled: dict[int, Conditions] = {}
+        self._with_forces = not set(FORCES).isdisjoint(channels)
+        self._takes_arrays: dict[tuple[str, ...], bool] = {(): True}
+        names = conditions.soil
+        codes = np.zeros(len(conditions), dtype=np.intp)
+        if names is not None:
+            codes = np.unique(names, return_inverse=True)[1].reshape(-1)
+        self._soil = codes.astype(str)
+
+    @classmethod
+    def of(cls, points: Points) -> Predictor:
+        """Predicts these points."""
+        return cls(points.conditions, points.channels, points.channel, points.row)
+
+    def __call__(self, vector: ParameterVector, theta: Array) -> Array:
+        """Predictions, shape (values,)."""
+        return np.asarray(self._values(vector.model(theta), self.conditions, 1)[0])
+
+    def _values(self, model: Model, conditions: Conditions, count: int) -> Array:
+        """The values of each copy of the conditions, shape (copies, values)."""
+        predicted = predict(model, conditions, with_forces=self._with_forces)
+        columns = np.stack([getattr(predicted, n).reshape(count, -1) for n in self.channels])
+        return np.asarray(columns[self.channel, :, self.row].T)
+
+    def many(self, vector: ParameterVector, thetas: Array) -> Array:
+        """Predictions of each parameter vector, shape (vectors, values).
+
+        An effect that cannot take arrays (a user's own) is evaluated one vector after the other.
+        """
+        key = tuple(part.id for part in vector.parts)
+        if len(thetas) > 1 and self._takes_arrays.get(key, True):
+            try:
+                model = vector.tiled_model(thetas, len(self.conditions))
+                found = self._values(model, self._copies(len(thetas)), len(thetas))
+                if key not in self._takes_arrays:
+                    alone = self(vector, thetas[-1])
+                    same = np.allclose(found[-1], alone, rtol=_AGREE, atol=0.0, equal_nan=True)
+                    self._takes_arrays[key] = same
+                if self._takes_arrays[key]:
+                    return found
+            except (EffectError, TypeError, ValueError):
+                if not vector.parts:
+                    raise
+                self._takes_arrays[key] = False
+        return np.stack([self(vector, theta) for theta in thetas])
+
+    def _copies(self, count: int) -> Conditions:
+        if count not in self._tiled:
+            c = self.conditions
+            tags = np.concatenate([np.char.add(f"{i}:", self._soil) for i in range(count)])
+            self._tiled[count] = Conditions(
+                np.tile(c.load, count),
+                np.tile(c.diameter, count),
+                np.tile(c.width, count),
+                np.tile(c.contact, count),
+                tags,
+                {name: np.tile(column, count) for name, column in c.covariates.items()},
+            )
+        return self._tiled[count]
+
+    def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
+        """Predictions (values,) and their slopes by parameter (values, parameters).
+
+        Raises FittingError where the model has no finite prediction there.
+        """
+        steps = vector.steps(theta)
+        thetas = np.vstack([theta, theta + np.diag(steps)])
+        with np.errstate(all="ignore"):  # what is no number is refused below
+            found = self.many(vector, thetas)
+        bad = np.flatnonzero(~np.isfinite(found).all(axis=0))
+        if bad.size:
+            raise FittingError(self._no_number(vector, theta, int(bad[0])))
+        return found[0], np.asarray((found[1:] - found[0]).T / steps)
+
+    def _no_number(self, vector: ParameterVector, theta: Array, value: int) -> str:
+        """Say of which effects the model gives no finite prediction, and at which setting."""
+        effects = vector.model(theta).effects
+        needs = dict.fromkeys(name for effect in effects for name in effect.needs)
+        row = self.row[value]
+        setting = [
+            f"{n} {self.conditions[n][row]:g}" for n in ("load", "diameter", "width", *needs)
+        ]
+        return (
+            f"the model with {', '.join(e.id for e in effects) or 'no effect'} gives no finite "
+            f"{self.channels[self.channel[value]]} at {', '.join(setting)} for the numbers tried"
+        )
 
 
 @dataclass(frozen=True)
@@ -102,6 +206,7 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(unit / np.outer(size, size))
 
 
+@dataclass(frozen=True, eq=False)
 class Fitter:
     """Fits models to one set of points under one variance model.
 
@@ -112,32 +217,33 @@ class Fitter:
     the parameters is in the posterior (`result.posterior_covariance`).
     """
 
-    def __init__(
-        self,
-        points: Points,
-        level: Array,
-        repeats: Repeats,
-        law: Callable[[Points], Predictor] = Predictor.of,
-        *,
-        working: bool = False,
-    ) -> None:
-        self.points, self.level, self.repeats, self._law = points, level, repeats, law
-        self.working = working
-        self.variance = self._variance(working)
-        self.predictor = law(points)
+    points: Points
+    level: Array
+    repeats: Repeats
+    law: Callable[[Points], Predictor] = Predictor.of
+    working: bool = False
 
-    def _variance(self, working: bool) -> VarianceModel:
+    @cached_property
+    def predictor(self) -> Predictor:
+        """What predicts the points."""
+        return self.law(self.points)
+
+    @cached_property
+    def variance(self) -> VarianceModel:
+        """The variance that is worked with."""
         known = self.repeats
-        return VarianceModel(self.points, self.level, known.variance, known.stated, working=working)
+        return VarianceModel(
+            self.points, self.level, known.variance, known.stated, working=self.working
+        )
 
     @cached_property
     def true_variance(self) -> VarianceModel:
-        """The variance as it is believed to be, where `variance` is the one that is worked with."""
-        return self._variance(False) if self.working else self.variance
+        """The variance as it is believed to be."""
+        return replace(self, working=False).variance if self.working else self.variance
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""
-        return Fitter(self.points, self.level, self.repeats, law, working=self.working)
+        return replace(self, law=law)
 
     def of_runs(self, training: Points) -> Fitter:
         """A fitter of some of the runs, under the same levels and repeatability."""
@@ -147,7 +253,7 @@ class Fitter:
         """A fitter of some of the values, `points.take(keep)`, under the same."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
-        return Fitter(training, self.level[keep], part, self._law, working=self.working)
+        return replace(self, points=training, level=self.level[keep], repeats=part)
 
     @one_thread
     def fit(
@@ -167,19 +273,17 @@ class Fitter:
         scatter = self.variance.start if scatter is None else self.variance.suited(scatter)
         predicted, slopes = self.predictor.with_slopes(vector, theta)
         last = -np.inf
-        for turn in range(max(turns, 1)):
+        for _ in range(max(turns, 1)):
             v = self.variance.covariance(scatter, stiffness(vector, slopes))
             theta, predicted, slopes = self._climb(vector, theta, predicted, slopes, v)
-            if turns == 0:
-                break
-            away = self.points.value - predicted + slopes @ (theta - vector.centre)
-            spread = taken_up(vector, theta, slopes)
-            scatter = self.variance.fit(away, spread, stiffness(vector, slopes), scatter)
-            evidence = self._evidence(vector, theta, predicted, slopes, scatter)[0]
-            if abs(evidence - last) < _RESTS or turn == turns - 1:
+            if turns > 0:
+                away = self.points.value - predicted + slopes @ (theta - vector.centre)
+                spread = taken_up(vector, theta, slopes)
+                scatter = self.variance.fit(away, spread, stiffness(vector, slopes), scatter)
+            evidence, covariance = self._evidence(vector, theta, predicted, slopes, scatter)
+            if abs(evidence - last) < _RESTS:
                 break
             last = evidence
-        evidence, covariance = self._evidence(vector, theta, predicted, slopes, scatter)
         return Fit(vector, theta, predicted, slopes, scatter, evidence, covariance)
 
     def _climb(

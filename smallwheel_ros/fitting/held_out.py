@@ -134,6 +134,17 @@ def folds_of(points: Points) -> Index:
     return found
 
 
+def leave_out(group: Index) -> Iterator[Mask]:
+    """Each group in turn, as the mask of its members, where something is left without it.
+
+    group: code of each member, shape (members,).
+    """
+    for number in range(int(group.max()) + 1):
+        out = group == number
+        if out.any() and not out.all():
+            yield out
+
+
 def rows_of(points: Points) -> dict[str, Index]:
     """By channel, the rows of the table that are in its points, and so are judged."""
     found = {}
@@ -173,10 +184,10 @@ def cross_validate(
     """
     measurements = points.measurements
     fold = folds_of(points)[points.run] if fold is None else fold
-    blank = {name: np.full(len(measurements), np.nan) for name in points.channels}
-    errors = [{name: e.copy() for name, e in blank.items()} for _ in range(steps)]
-    for training, left in _splits(points, fold):
-        models, mine = chooser(training), rows_of(left)
+    blank = np.full(len(measurements), np.nan)
+    errors = [{name: blank.copy() for name in points.channels} for _ in range(steps)]
+    for out in leave_out(fold):
+        models, mine = chooser(points.take(~out)), rows_of(points.take(out))
         for step in range(steps):
             model = models[min(step, len(models) - 1)]
             for name, error in row_errors(measurements, model, mine).items():
@@ -184,17 +195,9 @@ def cross_validate(
     return [CvErrors(e, _row_runs(points)) for e in errors]
 
 
-def _splits(points: Points, fold: Index) -> Iterator[tuple[Points, Points]]:
-    """Of each fold, the points that are not in it and those that are."""
-    for number in range(int(fold.max()) + 1):
-        out = fold == number
-        if out.any() and not out.all():
-            yield points.take(~out), points.take(out)
-
-
 def trainings(points: Points) -> list[Points]:
     """The training points of each fold."""
-    return [training for training, _ in _splits(points, folds_of(points)[points.run])]
+    return [points.take(~out) for out in leave_out(folds_of(points)[points.run])]
 
 
 def _row_runs(points: Points) -> Index:

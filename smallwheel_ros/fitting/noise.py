@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Repeatability: what rows of one point differ by, and rows that do not belong to their point.
+"""The size of each value and its repeatability: what rows of one point differ by, and which do not belong.
 
     sigma^2 = absolute^2 + (relative * level)^2    by channel, from sums of squares within points
 
-Where the table states deviations, these are taken times one factor, which repeats determine.
+Where the table states deviations, these are taken times one factor, which repeats determine. The level is
+the size of the value as the model has it; of pull the load, of torque the load times the radius.
 """
 
 from __future__ import annotations
@@ -16,17 +17,91 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from smallwheel_ros.fitting.constants import CLEAN, OUTLIER, ROW_NOISE
+from smallwheel_ros.fitting.constants import (
+    CLEAN,
+    FORCE_LUGS,
+    FORCE_WHEEL,
+    OUTLIER,
+    ROW_NOISE,
+)
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.columns import FORCES
+from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Source = Literal["repeats", "declared", "residuals"]
 
+_SMALLEST = 0.05  # of a channel's median: least level of a value
 _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
 MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
 NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
 _FEWEST = 3  # rows of a point from which its middle is told from an outlier
+
+
+def of_load(conditions: Conditions, channel: str) -> Array:
+    """What a pull (N) is measured by, the load, and a torque (N m), the load times the radius, (rows,)."""
+    return conditions.load * (0.5 * conditions.diameter if channel == "torque" else 1.0)
+
+
+def wheel_discrepancy(conditions: Conditions) -> Array:
+    """What the law of pull and torque is off by for a wheel at all slips, of the load, shape (rows,)."""
+    if "grouser_height" not in conditions:
+        return np.full(len(conditions), FORCE_WHEEL)
+    high = conditions["grouser_height"] >= 0.05 * conditions.diameter
+    return np.where(high, FORCE_LUGS, FORCE_WHEEL)
+
+
+def first_levels(points: Points) -> Array:
+    """The size of each value before any fit: as measured, a curve by its own power law of the load.
+
+    A curve along which the load hardly changes (slip was swept) has one size: were each value its own,
+    a model that predicts nothing would have the same relative error all along, and that is what a run
+    may be off by as a whole.
+    """
+    level = _of_setting(points)
+    loads = points.column("load")
+    for channel in range(len(points.channels)):
+        mine = points.channel == channel
+        if points.channels[channel] in FORCES:
+            level[mine] = of_load(points.conditions, points.channels[channel])[points.row[mine]]
+            continue
+        for run in np.unique(points.run[mine & points.swept]):
+            curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
+            if curve.size > 2:
+                load, value = np.log(loads[curve]), np.log(points.value[curve])
+                line = np.polyfit(load, value, 1) if np.ptp(load) > 0.1 else [value.mean()]
+                level[curve] = np.exp(np.polyval(line, load))
+    return _floored(points, level)
+
+
+def _of_setting(points: Points) -> Array:
+    """Mean size of the values of one setting and channel, shape (values,); of a curve each its own.
+
+    Not each value's own: relative errors of a model that predicts nothing would all be one.
+    """
+    size = np.maximum(np.abs(points.value), 1e-12)
+    key = points.setting * len(points.channels) + points.channel
+    code = np.unique(key, return_inverse=True)[1].reshape(-1)
+    mean = np.exp(np.bincount(code, np.log(size)) / np.bincount(code))
+    return np.where(points.swept, size, mean[code])
+
+
+def _floored(points: Points, level: Array) -> Array:
+    for channel in range(len(points.channels)):
+        mine = points.channel == channel
+        least = _SMALLEST * float(np.median(level[mine]))
+        level[mine] = np.maximum(level[mine], max(least, 1e-9))
+    return level
+
+
+def levels_from(points: Points, predicted: Array) -> Array:
+    """The size of each value as a model has it; of pull the load, of torque that times the radius."""
+    level = np.abs(predicted)
+    for name in points.forces:
+        mine = points.of_channel(name)
+        level[mine] = of_load(points.conditions, name)[points.row[mine]]
+    return _floored(points, level)
 
 
 @dataclass(frozen=True)

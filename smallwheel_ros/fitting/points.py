@@ -1,23 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements as a fit sees them: points, each the mean of a steady stretch of one run.
 
-Rows of a run are no independent evidence (`runs`).
+Rows of a run are no independent evidence. A run in which nothing was changed is one point. A run in which
+a setting was swept (a plate's curve, a time series) has a point for each setting, or, where it passes
+through many, at most `CURVE_POINTS` bins along its path.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.fitting.constants import FEWEST_VALUES
-from smallwheel_ros.fitting.runs import Group, groups_of, runs_of
+from smallwheel_ros.fitting.constants import CURVE_POINTS, FEWEST_VALUES, MOST_POINTS
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.settings import (
     order_columns,
+    runs_of_rows,
     setting_columns,
     settings_of_rows,
     varies,
@@ -29,6 +33,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+_FEWEST_BINS = 4  # a curve's level, slope and bend, and one to check them
+_STRETCHES = MOST_POINTS // 8  # of a long record: so that two channels have four points in each
+_TOUCHED = 0.01  # of a curve's depth: before it the body has not settled on the soil
 _ALONG = np.radians(10.0)  # slip angle up to which the law of pull is as good as along the plane
 
 
@@ -84,12 +91,11 @@ class Points:
         """Mask of the values of that channel."""
         return np.asarray(self.channel == self.channels.index(name))
 
-    def without_channel(self, name: str) -> Points:
-        """The values of the other channels."""
-        kept = self.take(~self.of_channel(name))
-        code = self.channels.index(name)
-        channel = np.where(kept.channel > code, kept.channel - 1, kept.channel)
-        return replace(kept, channels=tuple(c for c in self.channels if c != name), channel=channel)
+    def only(self, channels: Sequence[str]) -> Points:
+        """The values of these channels alone."""
+        code = np.array([channels.index(c) if c in channels else -1 for c in self.channels])
+        kept = self.take(code[self.channel] >= 0)
+        return replace(kept, channels=tuple(channels), channel=code[kept.channel])
 
     def take(self, keep: Mask) -> Points:
         """The values of that mask, on the same points."""
@@ -128,6 +134,86 @@ class Points:
         return best if found.get(best, 0) >= FEWEST_VALUES else ""
 
 
+def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
+    """Names of the runs and each row's run; of a long record without runs, stretches of each wheel."""
+    names, run = runs_of_rows(measurements)
+    if measurements.runs_given or len(names) <= MOST_POINTS:
+        return names, run
+    stretch = np.empty(len(measurements), dtype=np.intp)
+    for wheel in np.unique(measurements.wheel):
+        rows = np.flatnonzero(measurements.wheel == wheel)
+        stretch[rows] = np.arange(rows.size) * _STRETCHES // rows.size
+    return tuple(f"stretch {i + 1}" for i in range(_STRETCHES)), stretch
+
+
+class Group(NamedTuple):
+    """Rows of one point. swept: part of a run in which a setting was changed; path: place along it."""
+
+    rows: Index
+    swept: bool
+    path: float
+
+
+def groups_of(measurements: Measurements, run: Index, usable: Mask) -> list[Group]:
+    """The rows of each point; of more runs than `MOST_POINTS` has room for, those of a sample."""
+    setting = settings_of_rows(measurements)
+    used = np.flatnonzero(usable)
+    used = used[np.argsort(run[used], kind="stable")]
+    runs = np.split(used, np.flatnonzero(np.diff(run[used])) + 1)
+    swept = [_is_swept(measurements.conditions, rows) for rows in runs]
+    room = MOST_POINTS // max(1, len(measurements.channels))
+    most = max(1, room // (_FEWEST_BINS if any(swept) else 1))
+    kept = np.arange(len(runs))
+    if kept.size > most:
+        kept = np.sort(np.random.default_rng(5).choice(kept, most, replace=False))
+    bins = int(np.clip(room // kept.size, _FEWEST_BINS, CURVE_POINTS))
+    groups: list[Group] = []
+    for i in kept:
+        rows = runs[i]
+        parts = [rows]
+        if swept[i]:
+            parts = _along(measurements, rows, setting, bins)
+        last = max(len(parts) - 1, 1)
+        groups += [Group(part, len(parts) > 1, i / last) for i, part in enumerate(parts)]
+    return groups
+
+
+def _is_swept(conditions: Conditions, rows: Index) -> bool:
+    """Whether a setting was changed within the run, by more than it wavers.
+
+    Of the middle four fifths of its rows, so that it does not depend on how many there are.
+    """
+    low, high = np.quantile(conditions.load[rows], [0.1, 0.9])
+    if high > 1.5 * low:
+        return True
+    for name in ("slip", "slip_angle"):
+        if name in conditions and np.isfinite(conditions[name][rows]).all():
+            low, high = np.quantile(conditions[name][rows], [0.1, 0.9])
+            if high - low > 0.1:
+                return True
+    kept = [conditions.diameter, conditions.width]
+    kept += [conditions[n] for n in ("pass_number", "grouser_height") if n in conditions]
+    return any(np.ptp(np.nan_to_num(column[rows])) > 1e-3 for column in kept)
+
+
+def _along(measurements: Measurements, rows: Index, setting: Index, bins: int) -> list[Index]:
+    """The rows of a swept run by setting where those are few, else in bins along its path."""
+    codes = np.unique(setting[rows], return_inverse=True)[1].reshape(-1)
+    if codes.max() < bins:
+        parts = [rows[codes == c] for c in range(int(codes.max()) + 1)]
+        return sorted(parts, key=lambda part: float(measurements.conditions.load[part].mean()))
+    depth = measurements.channels.get("sinkage")
+    if measurements.conditions.rolling[rows].all() or depth is None:
+        parts = [part for part in np.array_split(rows, bins) if part.size]
+        steady = [part for part in parts if not _is_swept(measurements.conditions, part)]
+        return steady or parts
+    settled = rows[depth[rows] > _TOUCHED * np.nanmax(depth[rows])]
+    z = depth[settled]
+    edges = np.linspace(z.min(), z.max(), bins + 1)[1:-1]
+    place = np.searchsorted(edges, z)
+    return [settled[place == b] for b in range(bins) if (place == b).any()]
+
+
 def filled(conditions: Conditions) -> Conditions:
     """No covariate is NaN: a body that does not roll has none, and there the median stands in.
 
@@ -160,10 +246,8 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
     channels = tuple(name for name in CHANNELS if name in usable and usable[name].any())
     names, run = runs_of(measurements)
     groups = groups_of(measurements, run, np.any([usable[c] for c in channels], axis=0))
-    there, kept = (
-        np.unique(run[np.any(list(usable.values()), axis=0)]).size,
-        np.unique(run[[group.rows[0] for group in groups]]).size,
-    )
+    there = np.unique(run[np.any(list(usable.values()), axis=0)]).size
+    kept = np.unique(run[[group.rows[0] for group in groups]]).size
     if kept < there:
         notes.append(
             f"of {there} runs {kept}, drawn at random, are fitted and judged: more take longer and say "

@@ -12,29 +12,36 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
-from smallwheel_ros.fitting.levels import fit_points, make_fitter
-from smallwheel_ros.fitting.noise import outlier_rows
-from smallwheel_ros.fitting.parameters import Array, EffectPart, FreeParameter, ParameterVector
-from smallwheel_ros.fitting.points import FittingError, Points, points_of
-from smallwheel_ros.fitting.prior import (
+from smallwheel_ros.fitting.noise import first_levels, levels_from, outlier_rows, repeats_of
+from smallwheel_ros.fitting.parameters import (
     SOIL_PARAMETERS,
     STRENGTH_PARAMETERS,
     USUAL_STRENGTH,
     WHEEL_PARAMETERS,
+    Array,
+    EffectPart,
+    FreeParameter,
+    ParameterVector,
     Prior,
     SoilPrior,
+    part_of,
     soil_from,
     soil_numbers,
 )
+from smallwheel_ros.fitting.points import FittingError, Points, points_of
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 
+_GRID = ("log_reference_pressure", "n")  # what a fit begins from a grid in
+# A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
+_LEAST = np.array([0.10, 0.05, 0.05])
+_LEVELS = 2  # times that the levels are taken from the fit itself
 _ONE_SIZE = 1.02  # wheels that differ by less are of one diameter: m is then not determined
 
 
@@ -77,9 +84,9 @@ class Base:
             start.append(soil)
             numbers = soil_numbers(soil)
             held = self.fixed_m is not None or one_diameter(points, name)
-            priors, blocks = self._soil(name, numbers, ["m"] if held else [])
+            priors, known = self._soil(name, numbers, ["m"] if held else [])
             strength = self._strength(points)
-            precision += [*blocks, np.diag([p.deviation**-2 for _, p in strength.values()])]
+            precision += [known, np.diag([p.deviation**-2 for _, p in strength.values()])]
             for number, (unit, prior) in (priors | strength).items():
                 value = numbers[number] if name in given else prior.centre
                 value = float(np.clip(value, prior.low, prior.high))
@@ -91,21 +98,20 @@ class Base:
 
     def _soil(
         self, name: str, numbers: Mapping[str, float], held: list[str]
-    ) -> tuple[dict[str, tuple[str, Prior]], list[Array]]:
+    ) -> tuple[dict[str, tuple[str, Prior]], Array]:
         """Units and priors of a soil's free numbers, and the precision of these together."""
         listed = {f: known for f, known in SOIL_PARAMETERS.items() if f not in held}
         prior = self.priors.get(name)
         if prior is None:
-            return listed, [np.diag([p.deviation**-2 for _, p in listed.values()])]
+            return listed, np.diag([p.deviation**-2 for _, p in listed.values()])
         kept = [i for i, f in enumerate(SOIL_PARAMETERS) if f not in held]
         covariance = prior.covariance[np.ix_(kept, kept)]
+        deviations = dict(zip(listed, np.sqrt(np.diag(covariance)).tolist(), strict=True))
         known = {
-            f: (unit, replace(p, centre=numbers[f], deviation=float(deviation)))
-            for (f, (unit, p)), deviation in zip(
-                listed.items(), np.sqrt(np.diag(covariance)), strict=True
-            )
+            f: (unit, replace(p, centre=numbers[f], deviation=deviations[f]))
+            for f, (unit, p) in listed.items()
         }
-        return known, [np.asarray(np.linalg.inv(covariance))]
+        return known, np.asarray(np.linalg.inv(covariance))
 
     def _strength(self, points: Points) -> dict[str, tuple[str, Prior]]:
         """The numbers of a soil's strength that these channels could depend on.
@@ -137,6 +143,138 @@ def one_diameter(points: Points, soil: str) -> bool:
     return sizes.size == 0 or bool(sizes.max() <= _ONE_SIZE * sizes.min())
 
 
+def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, SoilPrior]:
+    """What a model file says of the soils of these rows, as a belief beforehand.
+
+    Empty where the model was fitted to this very data, or the file states no deviations.
+    """
+    if not known.names or _fitted_to(known, measurements):
+        return {}
+    priors = {}
+    for name, soil in _matched(known.model, measurements).items():
+        covariance = np.diag([prior.deviation**2 for _, prior in SOIL_PARAMETERS.values()])
+        names = [f"{soil.name}.{number}" for number in SOIL_PARAMETERS]
+        there = [i for i, full_name in enumerate(names) if full_name in known.names]
+        at = [known.names.index(names[i]) for i in there]
+        covariance[np.ix_(there, there)] = known.covariance[np.ix_(at, at)]
+        priors[name] = SoilPrior(replace(soil, name=name), covariance + np.diag(_LEAST**2))
+    return priors
+
+
+def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
+    """A model file as the model to fit to these rows.
+
+    Soils and effects are refitted within the file's covariance, where it has one and was not made
+    from this data. An effect's number of which it says nothing stays as it is; free: it is fitted.
+    """
+    model = known.model
+    soils = _matched(model, measurements).items()
+    return Base(
+        geometry=model.geometry,
+        thrust_form=model.thrust_form,
+        soils=tuple(replace(soil, name=name) for name, soil in soils),
+        priors=soil_priors(known, measurements),
+        parts=tuple(_part(effect, known, measurements, free) for effect in model.effects),
+    )
+
+
+def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:
+    """The model's soils by the names that the rows use.
+
+    One soil in the model and one in the rows are the same soil, whatever they are called.
+    """
+    named = measurements.conditions.soil
+    wanted = ["soil"] if named is None else sorted({str(name) for name in named})
+    known = {s.name: s for s in model.soils}
+    if len(wanted) == 1 and len(known) == 1:
+        return dict(zip(wanted, known.values(), strict=True))
+    return {name: known[name] for name in wanted if name in known}
+
+
+def _fitted_to(known: CalibratedModel, measurements: Measurements) -> bool:
+    """Whether the model was fitted to this very data: the same evidence must not count twice."""
+    return known.provenance.get("sha256") == measurements.sha256
+
+
+def _part(
+    effect: Effect, known: CalibratedModel, measurements: Measurements, unknown_free: bool
+) -> EffectPart:
+    """An effect whose numbers are within the deviations that the file states.
+
+    A number without one stays where it is, as near as a fit can hold it, or is free.
+    """
+    priors, values = {}, dict(effect.values())
+    for p in effect.parameters():
+        std = known.standard_deviation(f"{effect.id}.{p.name}")
+        wide = p.bounds[1] - p.bounds[0]
+        free = _fitted_to(known, measurements) or (unknown_free and std is None)
+        deviation = wide if free else max(std or 0.0, 1e-4 * wide)
+        priors[p.name] = Prior(float(values[p.name]), deviation, *p.bounds)
+    return part_of(effect, priors)
+
+
+def opening(points: Points, vector: ParameterVector) -> Array:
+    """Where to start: the best of a coarse grid in ln p_ref and n, by logarithms, for each soil.
+
+    Newton's steps in metres stray from a start that is a decade off.
+    """
+    theta = vector.start
+    channel = next((n for n in points.channels if n not in FORCES), None)
+    mine = {(p.owner, p.field): j for j, p in enumerate(vector.of_soils)}
+    if channel is None:
+        return theta
+    grid = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 15.1, 1.0)]
+    thetas = np.tile(theta, (len(grid), 1))
+    for (_, number), j in mine.items():
+        if number in _GRID:
+            column = np.array([at[_GRID.index(number)] for at in grid])
+            thetas[:, j] = np.clip(column, vector.low[j], vector.high[j])
+    predicted = Predictor.of(points).many(vector, thetas)
+    mask = points.of_channel(channel) & (points.value > 0)
+    said = np.log(np.maximum(predicted[:, mask], 1e-9))
+    off = np.abs(said - np.log(points.value[mask]))
+    named = points.conditions.soil
+    for soil in {owner for owner, _ in mine}:
+        here = np.ones(int(mask.sum()), dtype=bool)
+        if named is not None:
+            here = named[points.row[mask]] == soil
+        if here.any():
+            best = int(np.argmin(off[:, here].mean(axis=1)))
+            places = [mine[soil, number] for number in _GRID]
+            theta[places] = thetas[best, places]
+    return theta
+
+
+def make_fitter(
+    points: Points, vector: ParameterVector, start: Array | None = None, *, working: bool = False
+) -> tuple[Fitter, Fit]:
+    """A fitter whose levels suit these points, and the fit of that model with it. working: see `Fitter`.
+
+    Raises FittingError where there are too few values.
+    """
+    if len(points) < 2:
+        raise FittingError("one measurement cannot be fitted: measure at least a few loads")
+    level = first_levels(points)
+    fitter = Fitter(points, level, repeats_of(points, level), working=working)
+    fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
+    return fitter, fitter.fit(vector, fit.theta, fit.scatter)
+
+
+def fit_points(
+    points: Points, vector: ParameterVector, start: Array | None = None
+) -> tuple[Fitter, Fit]:
+    """Fit one model for people, with the levels of the noise from its own predictions. start: theta.
+
+    Raises FittingError where there are too few values.
+    """
+    fitter, fit = make_fitter(points, vector, start, working=True)
+    for _ in range(_LEVELS):
+        level = levels_from(points, fit.predicted)
+        fitter = Fitter(points, level, repeats_of(points, level), working=True)
+        fit = fitter.fit(vector, fit.theta, fit.scatter)
+    return fitter, fit
+
+
 @dataclass(frozen=True)
 class Problem:
     """The points of a table, and the model on them. outliers: rows that were left out."""
@@ -160,10 +298,8 @@ class Problem:
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
         """The same with one effect more in the base; told: as `Base.told`."""
-        base = replace(
-            self.base, parts=(*self.base.parts, part), told={**self.base.told, part.id: told}
-        )
-        return replace(self, base=base)
+        parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
+        return replace(self, base=replace(self.base, parts=parts, told=known))
 
     @property
     def measurements(self) -> Measurements:
@@ -217,12 +353,9 @@ class Problem:
     @cached_property
     def judged(self) -> Problem:
         """The channels that decide about effects: all, but pull and torque only where they are alone."""
-        forces = [name for name in self.points.channels if name in FORCES]
-        if not forces or len(forces) == len(self.points.channels):
+        if len(self.points.forces) in (0, len(self.points.channels)):
             return self
-        points = self.points
-        for name in forces:
-            points = points.without_channel(name)
+        points = self.points.only([n for n in self.points.channels if n not in FORCES])
         parts = tuple(self.base.told.get(part.id, part) for part in self.base.parts)
         return replace(self, points=points, base=replace(self.base, parts=parts))
 

@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.fitting.constants import DETERMINED
+from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
-from smallwheel_ros.fitting.forces import off_by
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
-from smallwheel_ros.fitting.noise import RowNoise
+from smallwheel_ros.fitting.noise import RowNoise, of_load, wheel_discrepancy
+from smallwheel_ros.fitting.parameters import (
+    SOIL_PARAMETERS,
+    STRENGTH_PARAMETERS,
+    WHEEL_PARAMETERS,
+)
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, STRENGTH_PARAMETERS, WHEEL_PARAMETERS
 from smallwheel_ros.fitting.variance import settings_repeated
-from smallwheel_ros.measurements.display import shown_value, words
+from smallwheel_ros.measurements.display import percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
@@ -35,6 +38,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Status = Literal["determined", "at its bound", "not determined", "held"]
 
+_FURTHEST = 0.95  # |slip| up to which the law is held to be so good: a locked wheel is another case
+_FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong where it was measured
 _ALIKE = 0.98  # correlation from which two numbers are said to be tied
 
 _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
@@ -96,7 +101,7 @@ class FitResult(Result):
     errors: CvErrors
     outliers: NDArray[np.intp]
     evidence: float
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -219,7 +224,7 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Repeatability, and what soil and instrument differ by from run to run. Empty for a channel whose
     repeatability is not known from repeats or stated deviations: there misfit would pass for noise.
     """
-    deviations = fit.scatter.as_dict(fitter.variance)
+    deviations = fit.scatter.deviations
     stiff = stiffness(fit.vector, fit.slopes)
     found = {}
     for name in fitter.points.channels:
@@ -250,23 +255,22 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
             bounds = SOIL_PARAMETERS["m"][1]
             parameters.append(FittedParameter(soil.name, "m", soil.m, None, "1",
                               (bounds.low, bounds.high), "held", _REMEDIES["m"]))  # fmt: skip
-    deviations = fit.scatter.as_dict(fitter.variance)
+    deviations = fit.scatter.deviations
     scatter = {"ln k": deviations["tau"]}
     scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
-    kept, errors = covariance[np.ix_(used, used)], in_sample(points, model)
-    return FitResult(
+    found = FitResult(
         model,
         points.measurements,
         tuple(parameters),
         tuple(fit.vector.free[j].name for j in used),
-        kept,
+        covariance[np.ix_(used, used)],
         dict(fitter.repeats.channels),
         scatter,
-        errors,
+        in_sample(points, model),
         outliers,
         fit.evidence,
-        tuple(_notes(points, parameters, fit, kept, used, outliers, errors)),
     )
+    return replace(found, notes=tuple(_notes(found, points)))
 
 
 def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
@@ -295,17 +299,10 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
     )
 
 
-def _notes(
-    points: Points,
-    parameters: list[FittedParameter],
-    fit: Fit,
-    covariance: Array,
-    used: list[int],
-    outliers: NDArray[np.intp],
-    errors: CvErrors,
-) -> list[str]:
+def _notes(found: FitResult, points: Points) -> list[str]:
+    """What to know of a fit besides its numbers."""
     notes = list(points.notes)
-    for p in parameters:
+    for p in found.parameters:
         if p.status == "held":
             notes.append(
                 f"{p.full_name} is held at {p.value:g}: only k D^m is determined with one wheel "
@@ -317,27 +314,51 @@ def _notes(
             )
         elif p.status == "not determined":
             notes.append(f"{p.full_name} is not determined by this data: {p.remedy}")
-    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    for a in range(len(used)):
-        for b in range(a):
-            r = covariance[a, b] / (std[a] * std[b])
-            if abs(r) > _ALIKE:
-                first, second = (fit.vector.free[used[i]].name for i in (b, a))
-                notes.append(
-                    f"{first} and {second} are tied (correlation {r:.3f}): only a combination of them "
-                    "is determined"
-                )
-    if outliers.size:
-        lines = ", ".join(str(line) for line in points.measurements.line[outliers][:20])
-        few = "1 row lies" if outliers.size == 1 else f"{outliers.size} rows lie"
+    for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
+        notes.append(
+            f"{found.names[b]} and {found.names[a]} are tied (correlation {found.correlation[a, b]:.3f}): "
+            "only a combination of them is determined"
+        )
+    if found.outliers.size:
+        lines = ", ".join(str(line) for line in points.measurements.line[found.outliers][:20])
+        count = found.outliers.size
+        few = "1 row lies" if count == 1 else f"{count} rows lie"
         notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
     for name in points.forces:
-        said, far = off_by(errors.error[name], points.measurements.conditions, name)
+        said, far = off_by(found.errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {said}"] if far else []
-    notes += fit.model.cautions(points.conditions)
+    notes += found.bare.cautions(points.conditions)
     if not settings_repeated(points):
         notes.append(
             "no setting was repeated in another run: lack of fit of the law and scatter from run to "
             "run cannot be told apart"
         )
     return notes
+
+
+def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, bool]:
+    """How far off pull or torque is, in words, and whether that is more than its law is known to.
+
+    error: measured less predicted, shape (rows,), NaN where not measured.
+    """
+    share = error / of_load(conditions, channel)
+    known = np.isfinite(error)
+    beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)
+    if (beyond == known).all():
+        beyond = np.zeros_like(known)
+    judged = known & ~beyond
+    law = FORCE_LAW**2 + wheel_discrepancy(conditions)[judged] ** 2
+    usual, off = float(np.sqrt(np.mean(law))), _rms(share[judged])
+    said = f"off by {percent(off)} of the load"
+    if beyond.any():
+        said += f" ({percent(_rms(share[beyond]))} at slips over {_FURTHEST:g})"
+    if off <= _FAR_OFF * usual:
+        return f"{said}, about what its law is known to ({percent(usual)})", False
+    return (
+        f"{said}, where its law is usually off by {percent(usual)}: look at its sign and zero, at the zero "
+        "of sinkage, and at what else pulls"
+    ), True
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

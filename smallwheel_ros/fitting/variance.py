@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.covariance import Covariance, blocks_of
-from smallwheel_ros.fitting.forces import wheel_discrepancy
+from smallwheel_ros.fitting.noise import wheel_discrepancy
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
 
@@ -60,9 +60,10 @@ class Scatter:
     log_deviation: Array
     log_length: float
 
-    def as_dict(self, model: VarianceModel) -> dict[str, float]:
+    @property
+    def deviations(self) -> dict[str, float]:
         """Deviation by name."""
-        return dict(zip(model.names, np.exp(self.log_deviation).tolist(), strict=True))
+        return dict(zip(self.names, np.exp(self.log_deviation).tolist(), strict=True))
 
 
 class VarianceModel:
@@ -83,17 +84,18 @@ class VarianceModel:
         self.points, self.level, self._working = points, level, working
         self.swept = bool(points.swept.any())
         repeated = settings_repeated(points)
-        self.names, self.medians = ["tau"], [constants.SOIL_SCATTER]
-        for c, name in enumerate(points.channels):
-            self._add(f"own:{name}", constants.CHANNEL_SCATTER)
+        medians = {"tau": constants.SOIL_SCATTER}
+        for name in points.channels:
+            medians[f"own:{name}"] = constants.CHANNEL_SCATTER
             if name not in FORCES:
-                self._add(f"zero:{name}", constants.ZERO_SCATTER)
+                medians[f"zero:{name}"] = constants.ZERO_SCATTER
             if repeated:
-                self._add(f"fit:{name}", constants.LACK_OF_FIT)
-            if stated[points.channel == c].any():
-                self._add(f"declared:{name}", 1.0)
+                medians[f"fit:{name}"] = constants.LACK_OF_FIT
+            if stated[points.of_channel(name)].any():
+                medians[f"declared:{name}"] = 1.0
         if self.swept:
-            self._add("along", constants.CURVE_CORRELATED)
+            medians["along"] = constants.CURVE_CORRELATED
+        self.names, self.log_median = tuple(medians), np.log(list(medians.values()))
         links = [points.run, np.where(points.swept, points.channel, -1)]
         links += [points.setting] if repeated else []
         wheels = _wheels(points)
@@ -147,26 +149,20 @@ class VarianceModel:
             return mine * pairs.same(points.setting) * sizes
         return np.eye(pairs.size) * mine * stated[pairs.index][:, :, None]  # declared
 
-    def _add(self, name: str, median: float) -> None:
-        self.names.append(name)
-        self.medians.append(median)
-
     @property
     def start(self) -> Scatter:
         """The priors' medians."""
-        return Scatter(tuple(self.names), np.log(np.array(self.medians)), float(_LENGTHS[1]))
+        return Scatter(self.names, self.log_median, float(_LENGTHS[1]))
 
     def suited(self, scatter: Scatter) -> Scatter:
         """The components that these points have, where a scatter of other points knows them.
 
         Some runs of a table may repeat no setting though the whole does, and have no lack of fit then.
         """
-        if scatter.names == tuple(self.names):
-            return scatter
-        known = dict(zip(scatter.names, scatter.log_deviation.tolist(), strict=True))
-        middle = zip(self.names, np.log(np.array(self.medians)).tolist(), strict=True)
+        known = dict(zip(scatter.names, scatter.log_deviation, strict=True))
+        middle = zip(self.names, self.log_median, strict=True)
         values = np.array([known.get(name, value) for name, value in middle])
-        return Scatter(tuple(self.names), values, scatter.log_length)
+        return Scatter(self.names, values, scatter.log_length)
 
     def kernels(self, stiffness: Array, log_length: float) -> list[Array]:
         """Covariance of each component at unit deviation, by blocks: (components, blocks, m, m).
@@ -202,7 +198,7 @@ class VarianceModel:
 
     def log_prior(self, scatter: Scatter) -> float:
         """Logarithm of the priors' densities, less constants."""
-        away = (scatter.log_deviation - np.log(np.array(self.medians))) / constants.SPREAD
+        away = (scatter.log_deviation - self.log_median) / constants.SPREAD
         return -0.5 * float(away @ away)
 
     def fit(self, error: Array, spread: Array, stiffness: Array, start: Scatter) -> Scatter:
@@ -213,14 +209,13 @@ class VarianceModel:
             kernels = self.kernels(stiffness, float(length))
             found, value = self._climb(error, spread, kernels, start.log_deviation)
             if best is None or value > best[0]:
-                best = value, Scatter(tuple(self.names), found, float(length))
+                best = value, Scatter(self.names, found, float(length))
         assert best is not None
         return best[1]
 
     def _climb(
         self, error: Array, spread: Array, kernels: list[Array], start: Array
     ) -> tuple[Array, float]:
-        medians = np.log(np.array(self.medians))
         curvature = np.eye(start.size) / constants.SPREAD**2
 
         def objective(ln: Array) -> tuple[float, Covariance | None]:
@@ -228,7 +223,7 @@ class VarianceModel:
                 covariance = self.total(ln, kernels, spread)
             except np.linalg.LinAlgError:
                 return -np.inf, None
-            white, away = covariance.whiten(error), (ln - medians) / constants.SPREAD
+            white, away = covariance.whiten(error), (ln - self.log_median) / constants.SPREAD
             return -covariance.log_root - 0.5 * float(white @ white + away @ away), covariance
 
         ln = start.copy()
@@ -239,9 +234,8 @@ class VarianceModel:
             sizes, traces = 2.0 * np.exp(2.0 * ln), np.zeros(ln.size)
             for part, kernel in zip(covariance.inverse_parts(), kernels, strict=True):
                 traces += np.einsum("bij,kbij->k", part, kernel)
-            gradient = (
-                0.5 * (pulled @ moved - sizes * traces) - (ln - medians) / constants.SPREAD**2
-            )
+            gradient = 0.5 * (pulled @ moved - sizes * traces)
+            gradient -= (ln - self.log_median) / constants.SPREAD**2
             white = covariance.whiten(moved)
             step = np.linalg.solve(0.5 * white.T @ white + curvature, gradient)
             step, share = np.clip(step, -1.5, 1.5), 1.0

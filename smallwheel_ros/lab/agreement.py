@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, SoilPrior
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, SoilPrior
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import CONTACTS
@@ -30,22 +30,21 @@ _WORDS = {"plate": "plates", "pressed": "pressed wheels", "rolling": "rolling wh
 class Belief:
     """What one kind of test, or a model, says of a soil.
 
-    values, covariance: (ln p_ref, n, m), ln of the pressure at 10 mm and 0.2 m. diameters, depths: of
-    what it was found with, m; empty for a model.
+    diameters, depths: of what it was found with, m; empty for a model.
     """
 
     of: str
-    values: Array
-    covariance: Array
+    known: SoilPrior
     diameters: Array
     depths: Array
 
     def log_pressure(self, depth: float, diameter: float) -> tuple[float, float]:
         """ln of the pressure (Pa) at a depth under a size (m), and its variance."""
-        at = np.array(
-            [1.0, np.log(depth / REFERENCE_SINKAGE), np.log(diameter / REFERENCE_DIAMETER)]
-        )
-        return float(at @ self.values), float(at @ self.covariance @ at)
+        soil = self.known.soil
+        deep, wide = np.log([depth / REFERENCE_SINKAGE, diameter / REFERENCE_DIAMETER]).tolist()
+        at = np.array([1.0, deep, wide])
+        log_pressure = soil.log_reference_pressure + soil.n * deep + soil.m * wide
+        return log_pressure, float(at @ self.known.covariance @ at)
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,6 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
     except FittingError:
         return None
     found = next(s for s in result.model.soils if s.name == soil)
-    values = np.array([found.log_reference_pressure, found.n, found.m])
     names = [f"{soil}.{name}" for name in SOIL_PARAMETERS]
     free = [i for i, name in enumerate(names) if name in result.names]
     at = [result.names.index(names[i]) for i in free]
@@ -115,7 +113,7 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
         away = np.array([-np.log(float(diameters.mean()) / REFERENCE_DIAMETER), 0.0, 1.0])
         covariance += SOIL_PARAMETERS["m"][1].deviation ** 2 * np.outer(away, away)
     sunk = (np.array(points.channels)[points.channel] == "sinkage") & (points.value > 0)
-    return Belief(words, values, covariance, diameters, points.value[sunk])
+    return Belief(words, SoilPrior(found, covariance), diameters, points.value[sunk])
 
 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
@@ -151,12 +149,7 @@ def agreements(measurements: Measurements, base: Base) -> tuple[Agreement, ...]:
         ]
         usable = [b for b in beliefs if b is not None and b.depths.size]
         if known is not None:
-            found += [compare_beliefs(soil, _of_model(known), b) for b in usable]
+            of_model = Belief("the model's soil", known, np.zeros(0), np.zeros(0))
+            found += [compare_beliefs(soil, of_model, b) for b in usable]
         found += [compare_beliefs(soil, usable[0], b) for b in usable[1:]]
     return tuple(found)
-
-
-def _of_model(prior: SoilPrior) -> Belief:
-    soil = prior.soil
-    values = np.array([soil.log_reference_pressure, soil.n, soil.m])
-    return Belief("the model's soil", values, prior.covariance, np.zeros(0), np.zeros(0))

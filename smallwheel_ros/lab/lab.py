@@ -17,12 +17,10 @@ from scipy.linalg import block_diag
 
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.fitting.files import base_of
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.levels import fit_points
+from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
-from smallwheel_ros.fitting.problem import Base, Problem
+from smallwheel_ros.fitting.problem import Base, Problem, base_of, fit_points
 from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
 from smallwheel_ros.lab.agreement import Agreement, agreements
 from smallwheel_ros.lab.plates import PlateLaws, laws_document, laws_text, plate_laws

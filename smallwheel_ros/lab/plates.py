@@ -11,7 +11,7 @@ says of the slope d ln p / d ln size at the middle size the same, 0 +- `_SLOPE`,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -20,17 +20,18 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.fitting.parameters import FreeParameter, ParameterVector
+from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor, stiffness
+from smallwheel_ros.fitting.held_out import leave_out
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, ParameterVector, Prior
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.predictor import Predictor
-from smallwheel_ros.fitting.prior import SOIL_PARAMETERS, Prior
 from smallwheel_ros.fitting.result import FittedParameter, Status, posterior_covariance
 from smallwheel_ros.measurements.display import listed, number
+from smallwheel_ros.measurements.settings import cluster
 from smallwheel_ros.physics.plates import LAWS, PlateLaw
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _SLOPE = SOIL_PARAMETERS["m"][1].deviation
 _BOUNDS = 5.0  # of s: a slope of eight prior deviations
@@ -54,9 +55,9 @@ class FittedLaw:
     law: PlateLaw
     constants: tuple[FittedParameter, ...]
     covariance: Array
-    held_out: float | None
-    by_size: Mapping[float, float]
-    by_depth: tuple[float, ...]
+    held_out: float | None = None
+    by_size: Mapping[float, float] = field(default_factory=dict)
+    by_depth: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,18 +144,6 @@ def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
     return ParameterVector((), "contact_integral", "integrated", (), (), free, precision)
 
 
-def _sizes(points: Points) -> tuple[Array, NDArray[np.intp]]:
-    """The plates' sizes (m, by equivalent diameter), and which each value is of."""
-    found: list[float] = []
-    diameter = points.column("diameter")
-    code = np.zeros(len(points), dtype=np.intp)
-    for i in np.argsort(diameter):
-        if not found or np.log(diameter[i] / found[-1]) > _SAME_SIZE:
-            found.append(float(diameter[i]))
-        code[i] = len(found) - 1
-    return np.array(found), code
-
-
 def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     """Fit the laws to plates in one soil, and leave out one size after the other.
 
@@ -162,35 +151,37 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     FittingError where the plates are of one size.
     """
     points = fitter.points
-    diameters, size = _sizes(points)
-    if diameters.size < 2:
+    diameter = points.column("diameter")
+    size = cluster(np.log(diameter), _SAME_SIZE)
+    diameters = [float(diameter[size == i].min()) for i in range(size.max() + 1)]
+    if len(diameters) < 2:
         raise FittingError(
             f"all plates have a diameter of {1e3 * diameters[0]:.4g} mm: m, and kc apart from kphi, need "
             "plates of two sizes, and three to check the laws"
         )
     edges = np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1))
-    where = np.clip(np.searchsorted(edges, points.value, side="right") - 1, 0, _RANGES - 1)
-    expected = _expected(fitter, fit)
+    where = np.searchsorted(edges[1:-1], points.value, side="right")
+    # What a value of a new run is off the right law, relative: the root of V.
+    variance = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes)).variance()
+    expected = _rms(np.sqrt(variance) / fitter.level, where)
     laws = []
     for law in LAWS:
         reference = reference_size(law, points)
         under = fitter.under(partial(UnderLaw, law, reference))
         vector = law_vector(law, soil)
         best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
-        constants, covariance = _constants(law, under, best, reference)
-        error = left_out(under, best, size) if diameters.size > 2 else None
-        by_size: dict[float, float] = {}
-        by_depth: tuple[float, ...] = ()
-        if error is not None:
-            by_size = {float(d): _rms(error[size == i]) for i, d in enumerate(diameters)}
-            by_depth = tuple(_rms(error[where == r]) for r in range(_RANGES))
-        held_out = None if error is None else _rms(error)
-        laws.append(FittedLaw(law, constants, covariance, held_out, by_size, by_depth))
-    depths = tuple(
-        DepthRange(float(edges[r]), float(edges[r + 1]), _rms(expected[where == r]))
-        for r in range(_RANGES)
-    )
-    return PlateLaws(soil, tuple(diameters.tolist()), points.run_count, tuple(laws), depths)
+        fitted = FittedLaw(law, *_constants(law, under, best, reference))
+        if len(diameters) > 2:
+            error = left_out(under, best, size)
+            fitted = replace(
+                fitted,
+                held_out=float(np.sqrt(np.mean(error**2))),
+                by_size=dict(zip(diameters, _rms(error, size), strict=True)),
+                by_depth=tuple(_rms(error, where)),
+            )
+        laws.append(fitted)
+    depths = tuple(map(DepthRange, edges[:-1].tolist(), edges[1:].tolist(), expected))
+    return PlateLaws(soil, tuple(diameters), points.run_count, tuple(laws), depths)
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:
@@ -200,25 +191,20 @@ def reference_size(law: PlateLaw, points: Points) -> float:
     return float(np.exp(np.mean(np.log(law.size(points.conditions)))))
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(values: Array, group: Index) -> list[float]:
+    """Root mean square of each group's values. group: code of each value, shape (values,)."""
+    squares: list[float] = np.sqrt(np.bincount(group, values**2) / np.bincount(group)).tolist()
+    return squares
 
 
-def _expected(fitter: Fitter, fit: Fit) -> Array:
-    """What a value of a new run is off the right law, relative, shape (values,): the root of V."""
-    variance = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes)).variance()
-    return np.asarray(np.sqrt(variance) / fitter.level)
-
-
-def left_out(fitter: Fitter, fit: Fit, group: NDArray[np.intp]) -> Array:
+def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
     """ln of predicted over measured sinkage, shape (values,), each group by a fit without its runs."""
     points = fitter.points
-    error = np.empty(len(points))
-    law = fitter.predictor
-    for out in range(int(group.max()) + 1):
-        mine = np.isin(points.run, points.run[group == out])
+    error = np.full(len(points), np.nan)
+    for out in leave_out(group):
+        mine = np.isin(points.run, points.run[out])
         alone = fitter.of_runs(points.take(~mine)).fit(fit.vector, fit.theta, fit.scatter)
-        predicted = law.with_slopes(fit.vector, alone.theta)[0]
+        predicted = fitter.predictor.with_slopes(fit.vector, alone.theta)[0]
         error[mine] = np.log(predicted[mine] / points.value[mine])
     return error
 
@@ -239,15 +225,15 @@ def _constants(
     covariance = np.asarray(slopes @ posterior @ slopes.T)
     sized = np.sqrt(posterior[2, 2]) <= DETERMINED * _SLOPE
     soil = fit.vector.of_soils[0].owner
-    listed = []
-    for (name, unit), value, variance in zip(
-        law.names, of(fit.theta), np.diag(covariance), strict=True
+    found = []
+    for (name, unit), value, std in zip(
+        law.names, of(fit.theta).tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True
     ):
-        status: Status = "determined" if sized or name == "n" else "not determined"
-        std, remedy = float(np.sqrt(variance)), "" if status == "determined" else _REMEDY
-        parameter = FittedParameter(soil, name, float(value), std, unit, _ANY, status, remedy)
-        listed.append(parameter)
-    return tuple(listed), covariance
+        known: tuple[Status, str] = ("determined", "")
+        if not sized and name != "n":
+            known = "not determined", _REMEDY
+        found.append(FittedParameter(soil, name, value, std, unit, _ANY, *known))
+    return tuple(found), covariance
 
 
 def laws_text(laws: PlateLaws) -> str:

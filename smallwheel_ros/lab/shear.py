@@ -14,7 +14,7 @@ theta by generalised least squares, ln S by its restricted likelihood with log-n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,11 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from smallwheel_ros.fitting import constants
+from smallwheel_ros.fitting.constants import SOIL_SCATTER, SPREAD
+from smallwheel_ros.fitting.covariance import Covariance
+from smallwheel_ros.fitting.fit import inverse
+from smallwheel_ros.fitting.held_out import leave_out
+from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.prior import STRENGTH_PARAMETERS
 from smallwheel_ros.lab.plates import clearly_less
-from smallwheel_ros.measurements.settings import LOAD_TOLERANCE
+from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, cluster
 from smallwheel_ros.measurements.shear import ShearTests
 from smallwheel_ros.physics.shear import peaked_share, rising_share, shear_strength
 
@@ -37,10 +40,9 @@ _FEWEST = 5  # rows of a curve: three numbers, and two to check them
 # Misfit of a smooth curve is correlated along it: as in `variance`, over a quarter of its length.
 _STRETCHES = 4.0
 _RESOLUTION = 1e-3  # of the strength: no instrument shows more than three digits
-# Medians of the priors of what runs of one soil differ by: strength, ln K, residual ratio.
-_STRENGTH_SCATTER = constants.SOIL_SCATTER
-_MODULUS_SCATTER = 0.2  # published K of one soil differ by 10 to 40 %
-_RESIDUAL_SCATTER = constants.SOIL_SCATTER
+# Medians of the priors of what runs of one soil differ by: strength, ln K (published K of one soil differ
+# by 10 to 40 %), residual ratio.
+_SCATTER = np.array([SOIL_SCATTER, 0.2, SOIL_SCATTER])
 
 
 class ShearLaw(NamedTuple):
@@ -184,13 +186,11 @@ def fit_curve(law: ShearLaw, curve: Curve) -> RunFit:
     return RunFit(curve, numbers, covariance * np.outer(size, size), float(misfit))
 
 
-def normal_stresses(runs: tuple[RunFit, ...]) -> list[float]:
+def normal_stresses(runs: Sequence[RunFit]) -> list[float]:
     """The different normal stresses, Pa, in order."""
-    found: list[float] = []
-    for sigma in sorted(run.curve.normal_stress for run in runs):
-        if not found or sigma > (1.0 + LOAD_TOLERANCE) * found[-1]:
-            found.append(sigma)
-    return found
+    sigma = np.array([run.curve.normal_stress for run in runs])
+    same = cluster(np.log(sigma), LOAD_TOLERANCE)
+    return [float(sigma[same == i].min()) for i in range(same.max() + 1)]
 
 
 @dataclass(frozen=True)
@@ -214,11 +214,15 @@ class FittedShearLaw:
 def fit_law(law: ShearLaw, curves: list[Curve]) -> FittedShearLaw:
     """Strength and shape of all runs of one soil under one law."""
     runs = tuple(fit_curve(law, curve) for curve in curves)
-    stresses = np.array([curve.normal_stress for curve in curves])
     # the size of the scatter from the line through all runs, not from each run's own value
-    first = _Runs.of(runs, np.array([run.numbers[0] for run in runs]))
-    problem = _Runs.of(runs, shear_strength(stresses, *first.solved(first.medians)[0][:2]))
-    log_scatter = problem.scatter()
+    first = _Regression(runs, np.array([run.numbers[0] for run in runs]))
+    c, friction = first.solved(first.medians)[0][:2]
+    stresses = np.array([curve.normal_stress for curve in curves])
+    problem = _Regression(runs, shear_strength(stresses, c, friction))
+    # the scatter is known to a factor of two: no more digits than that asks for
+    log_scatter = minimize(
+        problem.cost, problem.medians, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-3}
+    ).x
     theta = problem.solved(log_scatter)[0]
     return FittedShearLaw(
         law,
@@ -231,104 +235,75 @@ def fit_law(law: ShearLaw, curves: list[Curve]) -> FittedShearLaw:
     )
 
 
-@dataclass(frozen=True)
-class _Runs:
-    """The regression over runs. number, design, known: y_i, X_i and C_i; level: size of strength."""
+class _Regression:
+    """The runs' numbers y on theta, a block of V = C_i + S for each run. level: size of strength, Pa.
 
-    number: Array
-    design: Array
-    known: Array
-    level: Array
-    prior: Array
-    centre: Array
+    design: X, shape (values, parameters). centre, precision: of theta before the runs. medians: ln of
+    the scatter before them.
+    """
 
-    @classmethod
-    def of(cls, runs: tuple[RunFit, ...], level: Array) -> _Runs:
-        size = runs[0].numbers.size
-        design = np.zeros((len(runs), size, size + 1))
-        design[:, 0, 0] = 1.0
-        design[:, 0, 1] = [run.curve.normal_stress for run in runs]
-        design[:, np.arange(1, size), np.arange(2, size + 1)] = 1.0
-        prior, centre = np.zeros(size + 1), np.zeros(size + 1)
+    def __init__(self, runs: Sequence[RunFit], level: Array) -> None:
+        count, size = len(runs), runs[0].numbers.size
+        self.medians = np.log(_SCATTER[:size])
+        self._blocks = [np.arange(count * size).reshape(count, size)]
+        self._known = np.array([run.covariance for run in runs])
+        self._unit = np.ones((count, size))
+        self._unit[:, 0] = np.maximum(np.abs(level), 1e-3 * np.max(np.abs(level))) ** 2
+        self._number = np.concatenate([run.numbers for run in runs])
+        self._design = np.tile(np.eye(size, size + 1, 1), (count, 1))
+        self._design[::size, :2] = [(1.0, run.curve.normal_stress) for run in runs]
+        self._centre, self._precision = np.zeros((2, size + 1))
         if len(normal_stresses(runs)) < 2:
             # Only c + sigma tan phi is measured: what soils have says the rest.
             c, phi = (STRENGTH_PARAMETERS[n][1] for n in ("cohesion", "friction_angle"))
-            centre[:2] = c.centre, np.tan(phi.centre)
-            prior[:2] = c.deviation**-2, (phi.deviation / np.cos(phi.centre) ** 2) ** -2
-        number = np.array([run.numbers for run in runs])
-        level = np.maximum(np.abs(level), 1e-3 * np.max(np.abs(level)))
-        return cls(number, design, np.array([r.covariance for r in runs]), level, prior, centre)
+            self._centre[:2] = c.centre, np.tan(phi.centre)
+            self._precision[:2] = c.deviation**-2, (phi.deviation / np.cos(phi.centre) ** 2) ** -2
 
-    @property
-    def medians(self) -> Array:
-        """ln of the scatter before the runs."""
-        found = (_STRENGTH_SCATTER, _MODULUS_SCATTER, _RESIDUAL_SCATTER)
-        return np.asarray(np.log(found[: self.number.shape[1]]))
-
-    def _variance(self, log_scatter: Array) -> Array:
-        between = np.tile(np.exp(2.0 * log_scatter), (len(self.number), 1))
-        between[:, 0] *= self.level**2
-        return np.asarray(self.known + between[:, :, None] * np.eye(log_scatter.size))
+    def _covariance(self, log_scatter: Array) -> Covariance:
+        between = self._unit * np.exp(2.0 * log_scatter)
+        parts = self._known + between[:, :, None] * np.eye(log_scatter.size)
+        return Covariance(self._blocks, [parts])
 
     def solved(self, log_scatter: Array) -> tuple[Array, Array]:
         """Generalised least squares: theta and its covariance for a given scatter."""
-        weight = np.linalg.inv(self._variance(log_scatter))
-        normal = np.einsum("iqa,iqr,irb->ab", self.design, weight, self.design) + np.diag(
-            self.prior
-        )
-        pull = np.einsum("iqa,iqr,ir->a", self.design, weight, self.number)
-        size = np.sqrt(np.diag(normal))  # c in Pa beside tan phi
-        inverse = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
-        return np.asarray(inverse @ (pull + self.prior * self.centre)), np.asarray(inverse)
+        weighted = self._covariance(log_scatter).solve(self._design)
+        covariance = inverse(weighted.T @ self._design + np.diag(self._precision))
+        return covariance @ (weighted.T @ self._number + self._precision * self._centre), covariance
 
-    def _cost(self, log_scatter: Array) -> float:
+    def cost(self, log_scatter: Array) -> float:
+        """Less the ln of the restricted likelihood of the scatter, with its prior."""
         theta, covariance = self.solved(log_scatter)
-        variance = self._variance(log_scatter)
-        away = self.number - self.design @ theta
-        square = np.einsum("iq,iqr,ir->", away, np.linalg.inv(variance), away)
-        square += float(self.prior @ (theta - self.centre) ** 2)
-        logs = float(np.linalg.slogdet(variance)[1].sum()) - float(np.linalg.slogdet(covariance)[1])
-        off = (log_scatter - self.medians) / constants.SPREAD
-        return 0.5 * float(square) + 0.5 * logs + 0.5 * float(off @ off)
-
-    def scatter(self) -> Array:
-        """ln of what runs differ by, by restricted likelihood with its prior."""
-        # the scatter is known to a factor of two: no more digits than that asks for
-        found = minimize(
-            self._cost, self.medians, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-3}
-        )
-        return np.asarray(found.x)
+        v = self._covariance(log_scatter)
+        white = v.whiten(self._number - self._design @ theta)
+        away = np.sqrt(self._precision) * (theta - self._centre)
+        off = (log_scatter - self.medians) / SPREAD
+        squares = float(white @ white + away @ away + off @ off)
+        return 0.5 * squares + v.log_root - 0.5 * float(np.linalg.slogdet(covariance)[1])
 
     def averaged(self, log_scatter: Array) -> Array:
         """Covariance of theta with the scatter's own uncertainty in it, as `posterior_covariance`."""
         size, h = log_scatter.size, 0.1
-        step = h * np.eye(size)
         curvature = np.empty((size, size))
-        for a in range(size):
-            for b in range(size):
-                corners = [self._cost(log_scatter + i * step[a] + j * step[b]) * i * j
-                           for i in (1, -1) for j in (1, -1)]  # fmt: skip
-                curvature[a, b] = sum(corners) / (4.0 * h * h)
-        values, vectors = np.linalg.eigh(curvature)
+        for a, b in np.ndindex(size, size):
+            corners = [i * j * self.cost(log_scatter + h * (i * np.eye(size)[a] + j * np.eye(size)[b]))
+                       for i in (1, -1) for j in (1, -1)]  # fmt: skip
+            curvature[a, b] = sum(corners) / (4.0 * h * h)
+        # of one run it is the prior's alone: rounding must not choose the axes
+        values, vectors = np.linalg.eigh(np.round(curvature, 9))
         # nowhere less sure than the prior alone
-        root = vectors / np.sqrt(np.maximum(values, constants.SPREAD**-2))
-        total = np.zeros((size + 1, size + 1))
-        for column in np.sqrt(size) * np.hstack([root, -root]).T:
-            theta_covariance = self.solved(log_scatter + column)[1]
-            total += theta_covariance / (2 * size)
-        return total
+        root = np.sqrt(size) * vectors / np.sqrt(np.maximum(values, SPREAD**-2))
+        points = log_scatter + np.vstack([root.T, -root.T])
+        return np.asarray(np.mean([self.solved(at)[1] for at in points], axis=0))
 
 
-def _shape_errors(law: ShearLaw, runs: tuple[RunFit, ...]) -> Array:
+def _shape_errors(law: ShearLaw, runs: Sequence[RunFit]) -> Array:
     """Error of each run's curve by the others' shape, at its own strength; relative, rms."""
-    size = runs[0].numbers.size
-    between = np.array([_MODULUS_SCATTER, _RESIDUAL_SCATTER][: size - 1]) ** 2
     numbers = np.array([run.numbers[1:] for run in runs])
+    between = _SCATTER[1 : 1 + numbers.shape[1]] ** 2
     weight = 1.0 / (np.array([np.diag(run.covariance)[1:] for run in runs]) + between)
     found = []
-    for i, run in enumerate(runs):
-        others = np.arange(len(runs)) != i
-        shape = np.average(numbers[others], axis=0, weights=weight[others])
+    for out, run in zip(leave_out(np.arange(len(runs))), runs, strict=True):
+        shape = np.average(numbers[~out], axis=0, weights=weight[~out])
         curve = run.curve
         share = law.share(curve.displacement, shape)
         width = curve.width / curve.width.sum()

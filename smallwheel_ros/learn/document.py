@@ -15,7 +15,7 @@ from smallwheel_ros.learn.draft import Number, numbers_of
 from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Place, places_for
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.learn.verdict import PERMUTATIONS, Judged, Sought, agreeing, settings_in
-from smallwheel_ros.measurements.display import number, sentence, shown_value, words
+from smallwheel_ros.measurements.display import number, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -193,18 +193,14 @@ def _implied(fitter: Fitter, best: Candidate) -> list[Entry]:
     if law.drivers and (first := law.by_name[law.drivers[0]]).columns:
         x = first.values(points.conditions) + first.reference
     rows, at = np.unique(points.row, return_index=True)
-    found = []
-    for i, (row, run) in enumerate(zip(rows, points.run[at], strict=True)):
-        entry: Entry = {"run": points.runs[run], "x": float(x[row])}
-        for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
-            value, std = (float(a[i]) for a in asks[channel]) if channel in asks else (np.nan,) * 2
-            if not law.place.added:
-                value = np.exp(value)
-                std = value * std
-            known = np.isfinite(value)
-            entry[channel], entry[key] = (float(value), float(std)) if known else (None, None)
-        found.append(entry)
-    return found
+    columns: Entry = {"run": [points.runs[run] for run in points.run[at]], "x": x[rows]}
+    for channel, key in (("sinkage", "std"), ("resistance", "resistance_std")):
+        value, std = asks.get(channel, np.full((2, rows.size), np.nan))
+        if not law.place.added:
+            value = np.exp(value)
+            std = value * std
+        columns |= {channel: value, key: std}
+    return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
 
 
 def _disagreements(fitter: Fitter, best: Judged) -> dict[str, float | None]:
@@ -341,52 +337,3 @@ def origin(document: Entry) -> str:
 def trust(document: Entry) -> str:
     """Say how far a law is known."""
     return f"{origin(document)}; beyond that it is a guess."
-
-
-def learnt_text(document: Entry) -> str:
-    """The document for people, in the order in which one asks."""
-    law = document["law"]
-    lines = [headline(document)]
-    if law is not None:
-        lines.append(f"  {law['formula']}")
-        for c in law["constants"]:
-            std = "" if c["std"] is None else f" +- {number(c['std'])}"
-            unit = "" if c["unit"] == "1" else f" {c['unit']}"
-            lines.append(f"    {c['name']} = {number(c['value'])}{std}{unit}")
-    lines += [sentence(reason) for reason in document["reasons"]]
-    if document["tied"]:
-        lines += ["", *_evidence(document)]
-    if document["measure_next"]:
-        lines += ["", "What to measure next", f"  {document['measure_next']['text']}"]
-    if law is not None:
-        lines += ["", trust(document)]
-    for key in ("warnings", "notes"):
-        if document[key]:
-            lines += ["", key.title(), *[f"  {text}" for text in document[key]]]
-    return "\n".join(lines)
-
-
-def _evidence(document: Entry) -> list[str]:
-    search, tied = document["search"], document["tied"]
-    lines = ["Held-out error, settings left out with the whole search inside"]
-    for name, error in document["held_out"].items():
-        before, after, floor = (shown_value(name, error[k]) for k in ("before", "after", "floor"))
-        expected = "" if error["floor"] is None else f"; expected error of a true model {floor}"
-        lines.append(f"  {words(name)}: {before} -> {after}{expected}")
-    lines.append(
-        f"Chance of such a gain by accident: p = {search['p']:.2g} ({search['formulas']} formulas, "
-        f"{search['permutations']} permutations)."
-    )
-    count = {1: "One formula fits", 2: "Two formulas fit", 3: "Three formulas fit"}
-    fit = count.get(len(tied), f"{len(tied)} formulas fit")
-    lines.append(f"{fit}{' equally' if len(tied) > 1 else ''}:")
-    lines += [f"  {t['formula']}" for t in tied[:8]]
-    lines += [f"  and {len(tied) - 8} more"] if len(tied) > 8 else []
-    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
-    if stages:
-        ordered = sorted(stages.items(), key=lambda stage: stage[1])
-        listed = ", ".join(f"{stage} {number(value, 2)}" for stage, value in ordered)
-        lines.append(
-            f"What sinkage and resistance ask of each stage differs by: {listed} (1: noise)."
-        )
-    return lines

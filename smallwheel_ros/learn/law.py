@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.drafted import continued
-from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, with_values
-from smallwheel_ros.fitting.prior import Prior
+from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, Prior, with_values
 from smallwheel_ros.learn.grammar import Driver, Term
 
 Array = NDArray[np.float64]

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From measurements to laws in a file: `seek` is the algorithm on one page, `learn` what is made of it."""
+"""From measurements to laws in a file: what is made of each search (`verdict.seek`)."""
 
 from __future__ import annotations
 
-import itertools
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,131 +16,31 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.diagnosis.candidate import FAILURES, CandidateFit
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
+from smallwheel_ros.diagnosis.search import CandidateFit
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
-from smallwheel_ros.fitting import Base, FittingError, Problem
+from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.constants import TIE
-from smallwheel_ros.fitting.fit import Fitter, one_thread
+from smallwheel_ros.fitting.fit import FAILURES, Fitter
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
-from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.learn.document import document, grows, headline, learnt_text, origin, shape_of
+from smallwheel_ros.learn.document import document, grows, headline, origin, shape_of
 from smallwheel_ros.learn.draft import class_text, default_name, file_text, name_problem, numbers_of
-from smallwheel_ros.learn.search import WHOLE, Candidate, Grid, Search
+from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.learn.tangent import Yardstick
-from smallwheel_ros.learn.verdict import (
-    PERMUTATIONS,
-    Judged,
-    Sought,
-    cannot_be_told,
-    chance,
-    judge,
-    left_out,
-    nothing_to_follow,
-    too_little,
-    vault_of,
-    with_vault,
-)
+from smallwheel_ros.learn.verdict import Progress, Sought, seek, silent
 from smallwheel_ros.measurements.table import Measurements
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
-_LOOKED_AT = 0.05  # p up to which held-out errors are worked out at all
 _COMPARED = 6  # tied laws that the draft is told from
 
 
 class LearnError(SmallwheelError):
     """Something that is asked of `learn` and makes no sense."""
-
-
-def silent(step: str, done: int, total: int) -> None:
-    """Tell nobody."""
-
-
-@one_thread
-def seek(
-    measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = silent
-) -> Sought:
-    """Search for one law that a model lacks. The same seed gives the same answer.
-
-    The numbers are those of "How it decides" in docs/learn.md.
-    """
-    try:  # 1, 2: points, and the base
-        problem = Problem.of(_by_trial(measurements), base).judged
-        if reason := too_little(problem.points):
-            return Sought("refused", (reason,), problem)
-        points, fitter, fit = problem.points, problem.fitter, problem.fit
-    except FittingError as error:
-        return Sought("refused", (str(error),))
-    grid = Grid.of(points, fit.model)  # 3, 4: drivers and grammar
-    if reason := nothing_to_follow(grid):
-        return Sought("refused", (reason,), problem, grid)
-    apart = vault_of(points, seed)  # 9
-    if apart.any():
-        fitter = fitter.of_values(points.take(~apart), ~apart)
-        fit = fitter.fit(fit.vector, fit.theta, fit.scatter)
-
-    search = Search(fitter, fit, grid)
-    progress("permuting", 0, 1)
-    p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))  # 8
-    why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
-    nothing = Sought("nothing", (why,), problem, grid, p)
-    if p > _LOOKED_AT:
-        return nothing
-    progress("searching", 0, 1)
-    found = search.run(WHOLE)  # 5, 6: score, tangent and refits
-    draft = found.draft  # 7: tied laws
-    if draft is None:
-        return nothing
-    if reason := cannot_be_told(draft.law, measurements):
-        return Sought("refused", (reason,), problem, grid, p)
-
-    folds = itertools.count(1)
-    step = "searching without some settings"
-    errors, laws = left_out(fitter, fit, grid, seed, lambda: progress(step, next(folds), 0))  # 9
-    verdict, reasons = judge(p, errors, laws, fitter, draft)
-    if apart.any():
-        models = found.base.model, draft.fit.model
-        errors, better = with_vault(errors, points.take(apart), models)
-        if verdict == "law" and not better:
-            verdict, reasons = "unstable", ("on the settings in the vault the error does not fall",)
-    law, tied = _refitted(problem.fitter, draft, found.tied)
-    kept = int(np.unique(points.setting[apart]).size)
-    best = Judged(law, tied, errors, laws, kept)
-    return Sought(verdict, reasons, problem, grid, p, best)
-
-
-def _by_trial(measurements: Measurements) -> Measurements:
-    """The table with each of its trials as a run of its own, where it numbers trials.
-
-    Trials are made on soil prepared anew, so rows of one run that are trials are no repeats on one
-    soil. Curves keep their runs: rows along a curve are no trials.
-    """
-    if "trial" not in measurements.conditions.covariates or points_of(measurements).swept.any():
-        return measurements
-    rows = zip(measurements.run, measurements.line, strict=True)
-    return replace(measurements, run=np.array([f"{run}, row {line}" for run, line in rows]))
-
-
-def _refitted(
-    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate]
-) -> tuple[Candidate, tuple[Candidate, ...]]:
-    """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
-    law = replace(draft, fit=fitter.fit(draft.fit.vector, draft.fit.theta, draft.fit.scatter))
-    made = []
-    for c in tied:
-        if c.law.key == draft.law.key:
-            made.append(law)
-            continue
-        with suppress(*FAILURES):
-            own = fitter.fit(c.fit.vector, c.fit.theta, law.fit.scatter, turns=0)
-            made.append(replace(c, fit=own))
-    return law, tuple(made)
 
 
 @dataclass(frozen=True, repr=False)
@@ -170,10 +69,6 @@ class Learnt(Result):
     def headline(self) -> str:
         """The answer in a sentence."""
         return headline(self.document)
-
-    def text(self) -> str:
-        """As `smallwheel learn` prints it."""
-        return learnt_text(self.document)
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel learn --json` writes it."""
@@ -312,19 +207,16 @@ def _published(
     for form in forms:
         if form.never_acts(conditions) or not form.parameters():
             continue
-        try:
+        cost = float(np.log(len(forms)) + 0.5 * len(form.parameters()) * np.log(yardstick.count))
+        with suppress(*FAILURES):
             effect = form.suited_to(conditions)
             if effect.objection(conditions):
                 continue
             vector = base.with_parts([*base.parts, part_of(effect)])
             start = vector.begun_at(law.fit.vector, law.fit.theta)
             fit = fitter.fit(vector, start, law.fit.scatter, turns=0)
-        except FAILURES:
-            continue
-        cost = float(np.log(len(forms)) + 0.5 * len(form.parameters()) * np.log(yardstick.count))
-        score = yardstick.score(observed - fit.predicted) + cost
-        if score < ours + TIE:
-            as_good.append(form.id)
+            if yardstick.score(observed - fit.predicted) + cost < ours + TIE:
+                as_good.append(form.id)
     return [
         f"the library's {id} fits as well, and is published: `smallwheel add {id}` before this law"
         for id in dict.fromkeys(as_good)

@@ -17,9 +17,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.candidate import FAILURES
 from smallwheel_ros.fitting.constants import TIE
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.learn.grammar import Driver, Term, drivers_of, terms_of
@@ -192,7 +191,9 @@ class Search:
             each = first_of_each(self._ordered(), lambda c: (c.law.place, frozenset(c.law.drivers)))
             for candidate in itertools.islice(each, places):
                 for link in candidate.law.place.links:
-                    self._fit(self._about(candidate, link), effort.forms)
+                    site = self._site(candidate, link)
+                    ranked = self._ranked(site, self.grid.allowed(site.place))
+                    self._fit(first_of_each(ranked, _kind), effort.forms)
         self._judge_anew(effort.anew)
         self._two_terms(effort.seconds)
         base = self.fitter.fit(self.base.vector, self.base.theta, self._scatter, turns=0)
@@ -245,40 +246,30 @@ class Search:
         own = {id(p) for p in first_of_each(best, lambda p: p.law.place)}
         return [p for i, p in enumerate(best) if i < count or id(p) in own]
 
-    def _about(self, candidate: Candidate, link: Link) -> Iterator[Proposal]:
-        """Laws of one term at a candidate's place and tangent, the best of each kind."""
-        site = self._without(candidate, link)
-        return first_of_each(self._ranked(site, self.grid.allowed(site.place)), _kind)
-
-    def _without(self, candidate: Candidate, link: Link) -> Site:
-        """A candidate with its law taken out: another is to explain what it does."""
+    def _site(self, candidate: Candidate, link: Link, *, kept: bool = False) -> Site:
+        """About a candidate, its law taken out: another is to explain what it does. kept: left in."""
         fit, law = candidate.fit, candidate.law
-        slope, total = self._under(candidate, link)
-        error = self.yardstick.white(self.observed - fit.predicted + slope * total)
-        base = [j for j, p in enumerate(fit.vector.free) if p.owner != SOUGHT]
-        tangent = Tangent(self.yardstick, error, fit.slopes[:, base])
+        slope, sinkage = self.slope(fit, law.place), self.grid.sinkage
+        conditions = self.fitter.points.conditions
+        change = law.change(candidate.numbers, lambda driver: driver.values(conditions, sinkage))
+        total = change = np.broadcast_to(change, sinkage.shape)[self._row]
+        if not law.place.added and link == "linear":
+            slope, total = slope / change, change - 1.0
+        elif not law.place.added:
+            total = np.log(change)
+        error, slopes = self.observed - fit.predicted, fit.slopes
+        if not kept:
+            error = error + slope * total
+            slopes = slopes[:, [p.owner != SOUGHT for p in fit.vector.free]]
+        tangent = Tangent(self.yardstick, self.yardstick.white(error), slopes)
         return Site(law.place, link, fit, slope, tangent)
 
-    def _under(self, candidate: Candidate, link: Link) -> tuple[Array, Array]:
-        """Slope of a law's predictions by the sum of its terms, and that sum, under a link."""
-        fit, law = candidate.fit, candidate.law
-        slope = self.slope(fit, law.place)
-        conditions, sinkage = self.fitter.points.conditions, self.grid.sinkage
-        change = law.change(candidate.numbers, lambda driver: driver.values(conditions, sinkage))
-        change = np.broadcast_to(change, sinkage.shape)[self._row]
-        if law.place.added:
-            return slope, change
-        return (slope / change, change - 1.0) if link == "linear" else (slope, np.log(change))
-
     def _second(self, candidate: Candidate) -> Iterator[Proposal]:
-        """The candidate with one more term of its driver, the best of each kind."""
-        law, fit = candidate.law, candidate.fit
-        error = self.yardstick.white(self.observed - fit.predicted)
-        tangent = Tangent(self.yardstick, error, fit.slopes)
-        site = Site(law.place, law.link, fit, self._under(candidate, law.link)[0], tangent)
-        own = self._of_driver(law)
+        """The candidate with one more term of its driver, the shortest law first."""
+        law, own = candidate.law, self._of_driver(candidate.law)
         others = own[[self.grid.terms[i].kind != law.terms[0].kind for i in own]]
-        return (self._joined(candidate, p, own) for p in self._ranked(site, others))
+        ranked = self._ranked(self._site(candidate, law.link, kept=True), others)
+        return (self._joined(candidate, p, own) for p in ranked)
 
     def _two_sided(self, candidate: Candidate) -> list[Proposal]:
         """A term of the candidate's driver on each side of zero, in every pair of shapes.
@@ -290,7 +281,7 @@ class Search:
         side = np.array([self.grid.terms[i].side for i in own])
         if not np.any(side < 0):
             return []
-        site = self._without(candidate, candidate.law.link)
+        site = self._site(candidate, candidate.law.link)
         pairs = []
         for one in first_of_each(self._ranked(site, own[side < 0]), _kind):
             moved = site.slope * self._at_values(one.law.terms[0])

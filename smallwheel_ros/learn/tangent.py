@@ -13,9 +13,7 @@ cannot hide a law, and none is needed to be known. Whitened is with V of the fit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,52 +39,46 @@ class Yardstick:
     """Whitens values by V of a fit and sums up errors. count: n, points with all channels.
 
     V is without lack of fit over settings, which would take a law for scatter. rows: of the
-    conditions, one for each point. pairs: of channels, whose sums of products make S.
+    conditions, one for each point.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit) -> None:
         points = fitter.points
         scatter = without_lack_of_fit(fit.scatter)
         self._v = fitter.variance.covariance(scatter, stiffness(fit.vector, fit.slopes))
-        self._channels = range(len(points.channels))
-        self._channel = points.channel
         self.rows, point = np.unique(points.row, return_inverse=True)
-        self._point = point.reshape(-1)
-        self.pairs = [(a, b) for a in self._channels for b in self._channels if a <= b]
-        self.count = len(points) / len(self._channels)
+        self._place = points.channel, point.reshape(-1)
+        self._shape = len(points.channels), self.rows.size
+        self.count = len(points) / len(points.channels)
         shares = fitter.repeats.variance / self._v.variance()
-        self._floor = [
-            _FLOOR * float(np.mean(shares[points.channel == c])) + 1e-9 for c in self._channels
-        ]
+        mean = np.bincount(points.channel, shares) / np.bincount(points.channel)
+        self._floor = np.diag(_FLOOR * mean + 1e-9)
 
     def white(self, values: Array) -> Array:
         """Values or columns of them, with V taken out; shape as given."""
         return self._v.whiten(values)
 
     def by_channel(self, columns: Array) -> Array:
-        """Whitened columns (values, columns) by channel and point, 0 where nothing was measured."""
-        found = np.zeros((len(self._channels), self.rows.size, columns.shape[1]))
-        found[self._channel, self._point] = columns
+        """Columns (values, columns) by channel and point, 0 where nothing was measured."""
+        found = np.zeros((*self._shape, columns.shape[1]))
+        found[self._place] = columns
         return found
 
     def at_each_point(self, slope: Array) -> Array:
         """What a unit at one point alone moves the values by, shape (values, points)."""
         found = np.zeros((slope.size, self.rows.size))
-        found[np.arange(slope.size), self._point] = slope
+        found[np.arange(slope.size), self._place[1]] = slope
         return found
 
-    def nats(self, spread: Sequence[Any]) -> Array:
-        """n/2 ln det S from sums of products, one for each of `pairs`, of any one shape."""
-        s = dict(zip(self.pairs, (np.asarray(one) / self.count for one in spread), strict=True))
-        det = s[0, 0] + self._floor[0]
-        if len(self._channels) == 2:
-            det = det * (s[1, 1] + self._floor[1]) - s[0, 1] ** 2
-        return np.asarray(0.5 * self.count * np.log(np.maximum(det, 1e-300)))
+    def nats(self, products: Array) -> Array:
+        """n/2 ln det S from sums of products of errors, shape (..., channels, channels)."""
+        determinant = np.linalg.det(products / self.count + self._floor)
+        return np.asarray(0.5 * self.count * np.log(np.maximum(determinant, 1e-300)))
 
     def score(self, error: Array) -> float:
         """n/2 ln det S of errors, shape (values,)."""
-        parts = self.by_channel(self.white(error)[:, None])
-        return float(self.nats([np.sum(parts[a] * parts[b]) for a, b in self.pairs]))
+        parts = self.by_channel(self.white(error)[:, None])[:, :, 0]
+        return float(self.nats(parts @ parts.T))
 
 
 class Tangent:
@@ -99,7 +91,7 @@ class Tangent:
         self._yardstick, self._errors, self._slopes = yardstick, white_errors, slopes
         self._basis = np.linalg.qr(yardstick.white(slopes))[0]
         self._parts = yardstick.by_channel(self._rest(white_errors.reshape(len(slopes), -1)))
-        self._spread = [np.sum(self._parts[a] * self._parts[b], axis=0) for a, b in yardstick.pairs]
+        self._products = np.einsum("apc,bpc->cab", self._parts, self._parts)
 
     def _rest(self, columns: Array) -> Array:
         return np.asarray(columns - self._basis @ (self._basis.T @ columns))
@@ -112,7 +104,7 @@ class Tangent:
     @property
     def nats(self) -> Array:
         """n/2 ln det S without another term, shape (copies,)."""
-        return self._yardstick.nats(self._spread)
+        return self._yardstick.nats(self._products)
 
     def gains(self, slope: Array, terms: Array) -> tuple[Array, Array]:
         """What each term gains, and its strength; shape (terms, copies).
@@ -123,20 +115,18 @@ class Tangent:
         """
         each = self._yardstick.white(self._yardstick.at_each_point(slope))
         moved = self._yardstick.by_channel(self._rest(each))
-        ours, pairs = self._parts, self._yardstick.pairs
-
-        def size(matrix: Array) -> Array:
-            return np.asarray(np.sum(terms * (matrix @ terms), axis=0))
-
-        own = [size(moved[a].T @ moved[b])[:, None] for a, b in pairs]
-        mixed = [terms.T @ (moved[a].T @ ours[b] + moved[b].T @ ours[a]) for a, b in pairs]
-        same = [i for i, (a, b) in enumerate(pairs) if a == b]
-        left = sum((own[i] for i in same), np.zeros(1))
-        testable = left > _LEFT * size(each.T @ each)[:, None] + 1e-300
-        strength = 0.5 * sum(mixed[i] for i in same) / np.where(testable, left, 1.0)
-        after = [
-            before - strength * m + strength**2 * o
-            for before, m, o in zip(self._spread, mixed, own, strict=True)
-        ]
-        gained = self.nats - self._yardstick.nats(after)
+        # Products of what a term moves with itself and with the errors, last axes (channels, channels).
+        own = np.array([[_squares(a.T @ b, terms) for b in moved] for a in moved])
+        mixed = np.array([[terms.T @ (a.T @ e) for e in self._parts] for a in moved])
+        own, mixed = own.T[:, None], np.moveaxis(mixed + mixed.swapaxes(0, 1), (0, 1), (2, 3))
+        left = np.trace(own, axis1=2, axis2=3)
+        testable = left > _LEFT * _squares(each.T @ each, terms)[:, None] + 1e-300
+        strength = 0.5 * np.trace(mixed, axis1=2, axis2=3) / np.where(testable, left, 1.0)
+        by = strength[:, :, None, None]
+        gained = self.nats - self._yardstick.nats(self._products - by * mixed + by**2 * own)
         return np.where(testable, gained, _UNTESTABLE), strength
+
+
+def _squares(matrix: Array, columns: Array) -> Array:
+    """c' M c of each column c, shape (columns,)."""
+    return np.asarray(np.sum(columns * (matrix @ columns), axis=0))

@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a law is drafted: what is too little, what chance does, and what settings never seen say."""
+"""Whether a law is drafted: what is too little, what chance does, and what settings never seen say.
+
+`seek` is the algorithm on one page, with the numbers of "How it decides" in docs/learn.md.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.settings import independent
-from smallwheel_ros.fitting import Problem
+from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
-from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate, in_sample
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.points import Points, points_of
+from smallwheel_ros.fitting.variance import Scatter
 from smallwheel_ros.learn.grammar import FEWEST_LEVELS, Driver
 from smallwheel_ros.learn.law import Law
-from smallwheel_ros.learn.search import FOLD, Candidate, Grid, Search
+from smallwheel_ros.learn.search import FOLD, WHOLE, Candidate, Grid, Search
 from smallwheel_ros.learn.tangent import Tangent, Yardstick
 from smallwheel_ros.measurements.columns import COLUMNS, is_bookkeeping, is_response
 from smallwheel_ros.measurements.settings import (
@@ -32,8 +38,11 @@ from smallwheel_ros.model.model import Model
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+Progress = Callable[[str, int, int], None]
+
 PERMUTATIONS = 199
 SURE = 0.02  # p of a draft
+_LOOKED_AT = 0.05  # p up to which held-out errors are worked out at all
 VAULT_FROM = 40  # settings from which some are kept apart from everything
 _FEWEST_SETTINGS = 10
 _FOLDS = 8
@@ -77,6 +86,91 @@ class Sought:
     best: Judged | None = None
 
 
+def silent(step: str, done: int, total: int) -> None:
+    """Tell nobody."""
+
+
+@one_thread
+def seek(
+    measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = silent
+) -> Sought:
+    """Search for one law that a model lacks. The same seed gives the same answer.
+
+    The comments' numbers are those of "How it decides" in docs/learn.md.
+    """
+    try:  # 1, 2: points, and the base
+        problem = Problem.of(_by_trial(measurements), base).judged
+        if reason := too_little(problem.points):
+            return Sought("refused", (reason,), problem)
+        points, fitter, fit = problem.points, problem.fitter, problem.fit
+    except FittingError as error:
+        return Sought("refused", (str(error),))
+    grid = Grid.of(points, fit.model)  # 3, 4: drivers and grammar
+    if reason := nothing_to_follow(grid):
+        return Sought("refused", (reason,), problem, grid)
+    apart = vault_of(points, seed)  # 9
+    if apart.any():
+        fitter = fitter.of_values(points.take(~apart), ~apart)
+        fit = fitter.fit(fit.vector, fit.theta, fit.scatter)
+
+    search = Search(fitter, fit, grid)
+    progress("permuting", 0, 1)
+    p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))  # 8
+    why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
+    nothing = Sought("nothing", (why,), problem, grid, p)
+    if p > _LOOKED_AT:
+        return nothing
+    progress("searching", 0, 1)
+    found = search.run(WHOLE)  # 5, 6: score, tangent and refits
+    draft = found.draft  # 7: tied laws
+    if draft is None:
+        return nothing
+    if reason := cannot_be_told(draft.law, measurements):
+        return Sought("refused", (reason,), problem, grid, p)
+
+    folds = itertools.count(1)
+    step = "searching without some settings"
+    errors, laws = left_out(fitter, fit, grid, seed, lambda: progress(step, next(folds), 0))  # 9
+    verdict, reasons = judge(p, errors, laws, fitter, draft)
+    if apart.any():
+        models = found.base.model, draft.fit.model
+        errors, better = with_vault(errors, points.take(apart), models)
+        if verdict == "law" and not better:
+            verdict, reasons = "unstable", ("on the settings in the vault the error does not fall",)
+    law, tied = _refitted(problem.fitter, draft, found.tied)
+    kept = int(np.unique(points.setting[apart]).size)
+    best = Judged(law, tied, errors, laws, kept)
+    return Sought(verdict, reasons, problem, grid, p, best)
+
+
+def _by_trial(measurements: Measurements) -> Measurements:
+    """The table with each of its trials as a run of its own, where it numbers trials.
+
+    Trials are made on soil prepared anew, so rows of one run that are trials are no repeats on one
+    soil. Curves keep their runs: rows along a curve are no trials.
+    """
+    if "trial" not in measurements.conditions.covariates or points_of(measurements).swept.any():
+        return measurements
+    rows = zip(measurements.run, measurements.line, strict=True)
+    return replace(measurements, run=np.array([f"{run}, row {line}" for run, line in rows]))
+
+
+def _refitted(
+    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate]
+) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
+
+    def fitted(candidate: Candidate, scatter: Scatter, **how: int) -> Candidate:
+        near = candidate.fit
+        return replace(candidate, fit=fitter.fit(near.vector, near.theta, scatter, **how))
+
+    law, made = fitted(draft, draft.fit.scatter), []
+    for candidate in tied:
+        with suppress(*FAILURES):
+            made.append(law if candidate is draft else fitted(candidate, law.fit.scatter, turns=0))
+    return law, tuple(made)
+
+
 # --- What no law can be learnt of, in words
 
 
@@ -97,7 +191,7 @@ def too_little(points: Points) -> str:
 
 def settings_in(points: Points) -> int:
     """How many settings the rows have that are used."""
-    used = np.unique(np.concatenate(points.rows))
+    used = np.concatenate(points.rows)
     return int(np.unique(settings_of_rows(points.measurements)[used]).size)
 
 
@@ -277,15 +371,14 @@ def judge(
 def _gain(errors: Sequence[CvErrors], fitter: Fitter, fit: Fit) -> tuple[float, float]:
     """Relative fall of the whitened rms, and the settings' mean gain over its standard error."""
     points, yardstick = fitter.points, Yardstick(fitter, fit)
-    before, after = (_by_point(yardstick, points, e.error) for e in errors)
+    white = np.array([_by_point(yardstick, points, e.error) for e in errors])
     row = np.unique(points.row, return_index=True)[1]
     setting = np.unique(setting_of(points)[row], return_inverse=True)[1].reshape(-1)
-    gap = np.bincount(setting, _loss(before) - _loss(after))
+    before, after = (_STUDENT + 1) / 2 * np.log1p(white**2 / _STUDENT).sum(axis=1)
+    gap = np.bincount(setting, before - after)
     spread = float(np.std(gap, ddof=1)) / np.sqrt(gap.size)
-    most = max(3.0 * float(np.sqrt(np.mean(before**2))), 4.0)
-    first, second = (
-        float(np.sqrt(np.mean(np.minimum(np.abs(e), most) ** 2))) for e in (before, after)
-    )
+    most = max(3.0 * float(np.sqrt(np.mean(white[0] ** 2))), 4.0)
+    first, second = np.sqrt(np.mean(np.minimum(np.abs(white), most) ** 2, axis=(1, 2))).tolist()
     return 1.0 - second / first, float(gap.mean()) / max(spread, 1e-12)
 
 
@@ -296,7 +389,3 @@ def _by_point(yardstick: Yardstick, points: Points, errors: Mapping[str, Array])
         [np.mean(errors[name][rows]) for name, rows in zip(names, points.rows, strict=True)]
     )
     return yardstick.by_channel(yardstick.white(mean)[:, None])[:, :, 0]
-
-
-def _loss(white: Array) -> Array:
-    return np.asarray((_STUDENT + 1) / 2 * np.log1p(white**2 / _STUDENT).sum(axis=0))

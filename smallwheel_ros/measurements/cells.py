@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +21,7 @@ MOST_COLUMNS = 20_000  # a sheet of Excel has 16,384
 MOST_CHARACTERS = 64_000_000  # rows times the longest cell, summed over the columns of texts
 EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 SMALLER = "split the table, or thin out rows of long records"
+TOO_MANY = f"expected at most {MOST_CELLS} cells: {SMALLER}"
 
 
 class MeasurementsError(SmallwheelError):
@@ -41,14 +43,24 @@ class Grid:
     header: names that the file keeps apart from its rows. comma: a comma can only be a decimal mark.
     """
 
-    source: str
-    sha256: str
     rows: list[Sequence[Cell]]
     numbers: list[int]
     place: str
     header: list[str] | None = None
     comma: bool = False
     said: list[str] = field(default_factory=list)
+    source: str = "data frame"
+    sha256: str = ""
+
+
+@contextmanager
+def naming(source: str) -> Iterator[None]:
+    """Say in which table it is what is refused inside."""
+    try:
+        yield
+    except MeasurementsError as error:
+        comma = ", " if str(error).startswith(("line ", "row ", "column ")) else ": "
+        raise MeasurementsError(f"{source}{comma}{error}") from None
 
 
 def clipped(text: str) -> str:
@@ -78,19 +90,23 @@ def array_of_texts(cells: Sequence[Cell]) -> NDArray[np.str_]:
 
 @dataclass
 class Problems:
-    """What is wrong with a table, all of it: said at once, by `raise_any`."""
+    """What is wrong with a table, all of it: said at once, by `raise_any`.
+
+    place, lines: what the lines or rows of the file are called, and that of each row of the table.
+    header: the header's line.
+    """
 
     source: str
     place: str
-    numbers: NDArray[np.intp]
-    header: int | None = None  # the header's line
+    lines: NDArray[np.intp]
+    header: int | None = None
     found: list[str] = field(default_factory=list)
 
     def add(
         self, message: str, column: str | None = None, rows: Iterable[int] | None = None
     ) -> None:
         """Add a problem of these rows; without rows it is one of the header."""
-        lines = [] if rows is None else [int(self.numbers[row]) for row in rows]
+        lines = [] if rows is None else [int(self.lines[row]) for row in rows]
         first = lines[0] if lines else self.header
         where = [] if first is None else [f"{self.place} {first}"]
         where += [] if column is None else [f"column '{clipped(column)}'"]
@@ -102,26 +118,23 @@ class Problems:
 
     def raise_any(self) -> None:
         """Raise MeasurementsError with all that was found, if anything was."""
-        if len(self.found) == 1:
-            comma = ", " if self.found[0].startswith(("line ", "row ", "column ")) else ": "
-            raise MeasurementsError(f"{self.source}{comma}{self.found[0]}")
-        if self.found:
-            lines = [f"{self.source}: {len(self.found)} problems", *self.found[:_MOST_PROBLEMS]]
-            if (more := len(self.found) - _MOST_PROBLEMS) > 0:
-                lines.append(
-                    f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause"
-                )
-            raise MeasurementsError("\n  ".join(lines))
+        lines = self.found[:_MOST_PROBLEMS]
+        if len(self.found) > 1:
+            lines.insert(0, f"{len(self.found)} problems")
+        if (more := len(self.found) - _MOST_PROBLEMS) > 0:
+            lines.append(f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause")
+        with naming(self.source):
+            if lines:
+                raise MeasurementsError("\n  ".join(lines))
 
 
-def refuse_many_cells(source: str, rows: int, columns: int) -> None:
+def refuse_many_cells(rows: int, columns: int) -> None:
     """Refuse a table of more cells than `MOST_CELLS`, or more columns than `MOST_COLUMNS`."""
     if columns > MOST_COLUMNS:
-        raise MeasurementsError(f"{source}: {columns} columns, expected at most {MOST_COLUMNS}")
+        raise MeasurementsError(f"{columns} columns, expected at most {MOST_COLUMNS}")
     if rows * columns > MOST_CELLS:
         raise MeasurementsError(
-            f"{source}: {rows} rows of {columns} columns, expected at most {MOST_CELLS} cells: "
-            f"{SMALLER}"
+            f"{rows} rows of {columns} columns, expected at most {MOST_CELLS} cells: {SMALLER}"
         )
 
 

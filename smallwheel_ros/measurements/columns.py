@@ -18,6 +18,7 @@ from smallwheel_ros.measurements.units import DIMENSIONLESS, RADIAN, TORQUE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Texts = NDArray[np.str_]
 
 CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")  # what a model predicts
 FORCES = ("drawbar_pull", "torque")  # those that rest on the soil's strength, and need slip

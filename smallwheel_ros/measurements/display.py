@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.measurements.units import DIMENSIONLESS, to_base
+from smallwheel_ros.measurements.units import shown_unit, to_base
 
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements
@@ -90,8 +90,11 @@ def listed(names: Sequence[str], last: str = "and") -> str:
 
 def display(name: str, unit: str) -> Display:
     """How values of that column, held in that SI unit ("" if unknown), are shown."""
-    scale, shown = _SCALES.get(unit, (1.0, unit if unit not in ("", "1") else ""))
-    return Display(scale, f"{words(name)} [{shown}]" if shown else words(name), shown)
+    return _in_unit(name, *_SCALES.get(unit, (1.0, shown_unit(unit))))
+
+
+def _in_unit(name: str, scale: float, unit: str) -> Display:
+    return Display(scale, f"{words(name)} [{unit}]" if unit else words(name), unit)
 
 
 def column_display(measurements: Measurements, name: str) -> Display:
@@ -100,12 +103,10 @@ def column_display(measurements: Measurements, name: str) -> Display:
     if written is not None:
         zero, one = to_base(np.array([0.0, 1.0]), written)
         if zero == 0.0:  # no degrees Celsius
-            # A mass that was given for a load stands for its weight.
-            shown = "" if written == DIMENSIONLESS else written.replace("*g_0", "")
-            return Display(1.0 / one, f"{words(name)} [{shown}]" if shown else words(name), shown)
+            return _in_unit(name, 1.0 / one, shown_unit(written))
     unit = measurements.units.get(name, unit_of(name))
     if unit == "m/s" and np.nanmax(np.abs(measurements.conditions[name])) < _SLOW:
-        return Display(1e3, f"{words(name)} [mm/s]", "mm/s")
+        return _in_unit(name, 1e3, "mm/s")
     return display(name, unit)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where in a grid of cells the table is: its header, its units, its rows of measurements."""
+"""Where in a grid of cells the table is: header, units, rows; and which quantity each column is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,16 +14,28 @@ from smallwheel_ros.measurements.cells import (
     Cell,
     Grid,
     MeasurementsError,
+    Problems,
+    clipped,
     is_blank,
     refuse_many_cells,
     shown,
 )
-from smallwheel_ros.measurements.headers import UNKNOWN, expected_unit, read_heading
+from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, spelled
-from smallwheel_ros.measurements.words import find
+from smallwheel_ros.measurements.words import (
+    UNKNOWN,
+    Heading,
+    expected_unit,
+    find,
+    mapped_heading,
+    meant,
+    plain,
+    read_heading,
+)
 
 SEARCHED = 40  # rows among which the header is: titles and remarks of a trial fill less than a page
 _LONGEST_HEADER = 80
+_MOST_NAMES = 30  # that a message lists
 _COMMENTS = ("#", "%", "//")
 
 
@@ -72,9 +84,7 @@ def find_layout(grid: Grid) -> Layout:
     headers, header_line = grid.header, None
     if headers is None:
         if not rows:
-            raise MeasurementsError(
-                f"{grid.source}: nothing but empty cells, expected a header and rows"
-            )
+            raise MeasurementsError("nothing but empty cells, expected a header and rows")
         at = _header(grid, rows)
         said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
@@ -95,14 +105,14 @@ def find_layout(grid: Grid) -> Layout:
             break
         rows = rows[1:]
     if not rows:
-        raise MeasurementsError(f"{grid.source}: no rows below the header")
+        raise MeasurementsError("no rows below the header")
     numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
     inner = sum(rows[0] < i < rows[-1] for i in comments)
     blank = int(numbers[-1] - numbers[0]) + 1 - len(rows) - inner
     if blank > 0 and rows[-1] - rows[0] + 1 - len(rows) + (grid.place == "row") > 0:
         said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
-    refuse_many_cells(grid.source, len(rows) + (grid.header is None), width)
+    refuse_many_cells(len(rows) + (grid.header is None), width)
     body = [_fitted(grid.rows[i], width) for i in rows]
     headers = [*headers[:width], *[""] * (width - len(headers))]
     columns = list(zip(*body, strict=True))
@@ -115,7 +125,7 @@ def _header(grid: Grid, rows: list[int]) -> int:
     known = [known_cells(row) for row in first]
     if len(rows) <= SEARCHED and known_cells([row[0] for row in first]) > max(2, *known):
         raise MeasurementsError(
-            f"{grid.source}: names of quantities stand in the first column, expected them in one row: "
+            "names of quantities stand in the first column, expected them in one row: "
             "turn the table (in a spreadsheet: copy, paste special, transpose)"
         )
     if max(known) > 0:
@@ -184,3 +194,112 @@ def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[i
 
 def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
     return row if len(row) == width else [*row[:width], *[""] * (width - len(row))]
+
+
+def match_columns(
+    layout: Layout, mapping: Mapping[str, str], problems: Problems
+) -> dict[int, Heading]:
+    """The heading of each column, by its position; what is wrong is added to the problems.
+
+    Of several columns of one quantity the one that the user mapped is it, else the one that has
+    our own name; the others stay columns of their own.
+    """
+    wanted = _mapped(layout, mapping, problems)
+    found: dict[int, Heading] = {}
+    for position, text in enumerate(layout.headers):
+        blank = all(map(is_blank, layout.columns[position]))
+        if not text or (text.startswith("Unnamed: ") and blank):
+            if not blank:
+                hint = " (a pandas index? write with index=False)" if position == 0 else ""
+                problems.add(f"column {position + 1} has no name{hint}")
+            continue
+        try:
+            ours = wanted.get(position)
+            heading = read_heading(text) if ours is None else mapped_heading(text, ours)
+        except UnitsError as error:
+            problems.add(f"header '{clipped(text)}': {error}")
+            continue
+        if not heading.name:
+            problems.add(f"column {position + 1} has no name")
+            continue
+        found[position] = _with_unit(heading, layout.units.get(position), problems)
+    _settle(found, problems)
+    names = {heading.name for heading in found.values()}
+    for heading in found.values():
+        near = meant(heading) if heading.rank == UNKNOWN else None
+        near = "diameter" if near == "radius" else near
+        text = clipped(heading.text)
+        if near is not None and near not in names:
+            problems.add(
+                f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
+                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
+            )
+    return found
+
+
+def _mapped(layout: Layout, mapping: Mapping[str, str], problems: Problems) -> dict[int, str]:
+    """Our name by the position of the column that the user says it is."""
+    headers, wanted = layout.headers, dict[int, str]()
+    alike = [plain(text) for text in headers]
+    without_unit = [plain(text.partition("[")[0].partition("(")[0]) for text in headers]
+    for ours, theirs in mapping.items():
+        option = f"--map {clipped(ours)}={clipped(theirs)}"
+        try:
+            heading = read_heading(ours)
+        except UnitsError as error:
+            problems.add(f"{option}: {error}")
+            continue
+        near = meant(heading) if heading.rank == UNKNOWN and ours != theirs else None
+        if near is not None:
+            problems.add(f"{option}: '{clipped(ours)}' is nearly '{near}'")
+            continue
+        at = [i for i, text in enumerate(headers) if text == theirs.strip()]
+        at = at or [i for i, text in enumerate(alike) if text == plain(theirs)]
+        at = at or [i for i, text in enumerate(without_unit) if text == plain(theirs)]
+        if len(at) == 1 and at[0] not in wanted:
+            wanted[at[0]] = ours
+        else:
+            what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
+            problems.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(headers)}")
+    return wanted
+
+
+def _with_unit(heading: Heading, unit: str | None, problems: Problems) -> Heading:
+    """The heading with the unit of the unit row, if it has none of its own."""
+    if unit is not None and heading.unit is None:
+        pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
+        return heading if pure else heading._replace(unit=unit)
+    if unit is not None and heading.unit != unit:
+        problems.add(
+            f"header '{clipped(heading.text)}' and the row of units below it ({unit}) differ"
+        )
+    return heading
+
+
+def _settle(found: dict[int, Heading], problems: Problems) -> None:
+    """Leave one column of each quantity, and give the others their own names."""
+    by_name: dict[str, list[int]] = {}
+    for position, heading in found.items():
+        by_name.setdefault(heading.name, []).append(position)
+    for name, positions in by_name.items():
+        best = min(found[i].rank for i in positions)
+        first, *others = [i for i in positions if found[i].rank == best]
+        if others:
+            problems.add(
+                f"two columns are named '{clipped(name)}' ('{clipped(found[first].text)}' and "
+                f"'{clipped(found[others[0]].text)}'), expected one: remove or rename the other, or say "
+                f"which with --map {clipped(name)}='{clipped(found[first].text)}'"
+            )
+        for i in positions:
+            if i != first:
+                own = found[i].text.partition("[")[0].strip()
+                taken = {heading.name for heading in found.values()}
+                own = found[i].text if own in taken else own
+                found[i] = found[i]._replace(name=own, rank=UNKNOWN, factor=1.0)
+
+
+def listed(names: list[str]) -> str:
+    """Names as a message lists them."""
+    shown = ", ".join(clipped(name) for name in names[:_MOST_NAMES])
+    more = len(names) - _MOST_NAMES
+    return f"{shown} and {more} more" if more > 0 else shown

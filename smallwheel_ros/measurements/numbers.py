@@ -15,12 +15,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import Cell, Percent
+from smallwheel_ros.measurements.columns import Array, Mask
 from smallwheel_ros.measurements.words import MISSING
-
-Array = NDArray[np.float64]
 
 TWO_WAYS = (
     "can be read in two ways, with a decimal mark or a mark of thousands: write the column "
@@ -59,8 +57,8 @@ class Numbers:
     """
 
     values: Array
-    blank: NDArray[np.bool_]
-    percent: NDArray[np.bool_]
+    blank: Mask
+    percent: Mask
     faults: dict[int, str] = field(default_factory=dict)
     missing: set[str] = field(default_factory=set)
     comma: bool = False

@@ -7,18 +7,13 @@ sinkage = measured sinkage - compliance x load
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.columns import COLUMNS
-from smallwheel_ros.measurements.reading import Columns, check_range
-from smallwheel_ros.measurements.settings import curves_of_rows
+from smallwheel_ros.measurements.columns import COLUMNS, Mask, Texts
+from smallwheel_ros.measurements.reading import BEFORE_TOUCH, Columns, check_range
+from smallwheel_ros.measurements.settings import Index, curves_of_rows
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
-
-Mask = NDArray[np.bool_]
 
 _STIFFEST, _SOFTEST = 1e-10, 1e-2  # m/N: a press's steel frame, and a soft spring
 _UNLOADED = 0.9  # of the largest load before it: less is a load that was taken off
@@ -32,64 +27,51 @@ _NO_AREA = (
     "pressure needs the area that it acts on, and that of a wheel changes with its depth: give the "
     "wheel's load; for plates say contact = plate (--contact plate)"
 )
+_TWO_SHAPES = "a plate with a diameter too, expected one of the two: round or rectangular"
 
 
-def contact_of_rows(columns: Columns, given: str | None) -> NDArray[np.str_]:
+def take_contact(columns: Columns, given: str | None) -> None:
     """What meets the soil in each row; a table of pressures without a width is of plates."""
-    rows = columns.lines.size
     texts = columns.texts.get("contact")
     if given is not None and given not in CONTACTS:
-        columns.problems.add(f"contact given as '{given}', expected one of {', '.join(CONTACTS)}")
+        columns.add(f"contact given as '{given}', expected one of {', '.join(CONTACTS)}")
     elif given is not None and texts is not None:
         columns.problem("contact was given for all rows too, expected one of the two", "contact")
     if texts is None:
-        pressed = _known(columns, "pressure") and not columns.there("load")
+        pressed = columns.read("pressure") and not columns.there("load")
         plates = pressed and not (columns.there("width") and not columns.there("length"))
         if plates and given is None:
             columns.understood.append("pressure over sinkage and no width: tests of plates")
-        return np.full(rows, given or (PLATE if plates else ROLLING))
-    contact = np.where(texts == "", ROLLING, texts)
-    for word in np.unique(contact[~np.isin(contact, CONTACTS)]):
-        columns.problem(
-            f"'{word}' found, expected one of {', '.join(CONTACTS)} (blank is {ROLLING})",
-            "contact",
-            contact == word,
-        )
-    return contact
+        columns.contact = np.full(columns.lines.size, given or (PLATE if plates else ROLLING))
+        return
+    columns.contact = contact = np.where(texts == "", ROLLING, texts)
+    for word in np.setdiff1d(contact, CONTACTS):
+        wanted = f"one of {', '.join(CONTACTS)} (blank is {ROLLING})"
+        columns.problem(f"'{word}' found, expected {wanted}", "contact", contact == word)
 
 
-def _known(columns: Columns, name: str) -> bool:
-    """Whether the table has that quantity with numbers."""
-    return name in columns.headings and name in columns.numbers
-
-
-def take_plates(columns: Columns, contact: NDArray[np.str_], compliance: float | None) -> None:
+def take_plates(columns: Columns, compliance: float | None) -> None:
     """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
-    plate = contact == PLATE
+    plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     _take_sizes(columns, plate)
     _take_pressure(columns, plate)
-    for name in ("load", "sinkage"):
-        if name in columns.numbers and name in columns.headings:
-            check_range(columns, name, COLUMNS[name], columns.numbers[name], contact == ROLLING)
+    for name in BEFORE_TOUCH:
+        if columns.read(name):
+            check_range(columns, name, COLUMNS[name], columns.numbers[name], rolling)
     if compliance is not None:
-        _take_compliance(columns, contact == ROLLING, compliance)
+        _take_compliance(columns, rolling, compliance)
 
 
 def _take_sizes(columns: Columns, plate: Mask) -> None:
     """A round plate has a diameter; a rectangular one width and length, and an equivalent diameter."""
     if not plate.any():
         return
-    blank = np.full(plate.size, np.nan)
-    diameter, width = (columns.numbers.get(name, blank) for name in ("diameter", "width"))
+    diameter, width = columns.values("diameter"), columns.values("width")
     rectangular = np.zeros(plate.size, dtype=bool)
-    if _known(columns, "length"):
+    if columns.read("length"):
         length = columns.numbers.pop("length")
         rectangular = plate & np.isfinite(length)
-        columns.problem(
-            "a plate with a diameter too, expected one of the two: round or rectangular",
-            "length",
-            rectangular & np.isfinite(diameter),
-        )
+        columns.problem(_TWO_SHAPES, "length", rectangular & np.isfinite(diameter))
         lacking = rectangular & np.isnan(width)
         columns.problem("a plate's length without its width", "length", lacking)
         diameter = np.where(rectangular, equivalent_diameter(width, length), diameter)
@@ -106,14 +88,13 @@ def _take_sizes(columns: Columns, plate: Mask) -> None:
 
 def _take_pressure(columns: Columns, plate: Mask) -> None:
     """Load from pressure, where a plate's area is known."""
-    load = columns.numbers.get("load", np.full(plate.size, np.nan))
+    load = columns.values("load")
     wanted = np.isnan(load)
-    if not _known(columns, "pressure") or not wanted.any():
+    if not columns.read("pressure") or not wanted.any():
         return  # a column beside the load: a covariate, as any other
     pressure = columns.numbers.pop("pressure")
     columns.problem(_NO_AREA, "pressure", wanted & ~plate & np.isfinite(pressure))
-    diameter = columns.numbers.get("diameter", np.full(plate.size, np.nan))
-    borne = pressure * plate_area(diameter)
+    borne = pressure * plate_area(columns.values("diameter"))
     columns.numbers["load"] = np.where(wanted & plate, borne, load)
     columns.units["load"] = "N"
     columns.understood.append("load = pressure x area of the plate")
@@ -122,39 +103,33 @@ def _take_pressure(columns: Columns, plate: Mask) -> None:
 def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None:
     load, sinkage = (columns.numbers.get(name) for name in ("load", "sinkage"))
     if not _STIFFEST <= compliance <= _SOFTEST:
-        columns.problems.add(
+        columns.add(
             f"compliance given as {compliance!r} m/N, expected {_STIFFEST:g} to {_SOFTEST:g} m/N: 1 mm "
             "under 1 kN is 1e-6 m/N"
         )
     elif load is not None and sinkage is not None:
         soil = sinkage - compliance * load
-        columns.problem(
-            f"sinkage less {compliance:g} m/N x load is under 0: is the compliance right?",
-            "sinkage",
-            rolling & (soil < 0.0),
-        )
+        less = f"sinkage less {compliance:g} m/N x load"
+        wrong = f"{less} is under 0: is the compliance right?"
+        columns.problem(wrong, "sinkage", rolling & (soil < 0.0))
         columns.numbers["sinkage"] = soil
-        most = 1e3 * compliance * float(np.nanmax(load))
-        columns.understood.append(
-            f"sinkage less {compliance:g} m/N x load, what the machine gives way by: up to {most:.3g} mm"
-        )
+        most = 1e3 * compliance * float(np.fmax.reduce(load))
+        columns.understood.append(f"{less}, what the machine gives way by: up to {most:.3g} mm")
 
 
-def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
+def name_curves(columns: Columns) -> None:
     """Find the runs of a table of curves that names none: where size, soil, load and depth begin anew.
 
     Else each row of a curve would count as a run of its own.
     """
     texts, sinkage = columns.texts.get("run"), columns.numbers.get("sinkage")
     named = texts is not None and (texts != "").any()
-    if named or sinkage is None or (contact == ROLLING).any():
+    if named or sinkage is None or (columns.contact == ROLLING).any():
         return
     load, z = columns.numbers["load"], np.nan_to_num(sinkage)
-    key = [columns.numbers["diameter"], np.nan_to_num(columns.numbers.get("width", z * 0.0))]
-    for text in columns.texts.values():
-        key.append(np.unique(text, return_inverse=True)[1].reshape(-1).astype(float))
-    same = np.all(np.diff(np.array(key), axis=1) == 0.0, axis=0)
-    curve = curves_of_rows([load, z], lambda first, row: not same[row - 1])
+    sizes = [columns.numbers["diameter"], np.nan_to_num(columns.values("width"))]
+    another = np.any([c[1:] != c[:-1] for c in (*sizes, *columns.texts.values())], axis=0)
+    curve = curves_of_rows([load, z], lambda first, row: bool(another[row - 1]))
     columns.texts["run"] = np.array([f"curve {c + 1}" for c in curve])
     columns.understood.append(
         f"no column 'run': {int(curve[-1]) + 1} curves, each begins where size or soil changes or load "
@@ -162,16 +137,16 @@ def name_curves(columns: Columns, contact: NDArray[np.str_]) -> None:
     )
 
 
-def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.str_]) -> Mask:
-    """Rows of plates and pressed wheels that press on the soil, for the first time; all others too.
+def keep_rows_on_soil(columns: Columns, run: Texts) -> None:
+    """Keep rows of plates and pressed wheels that press on the soil, for the first time; all others too.
 
     Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
     again is not what a law of first loading is of. What is left out is said.
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
-    pushed = contact != ROLLING
-    if sinkage is None or not pushed.any():
-        return np.ones(pushed.size, dtype=bool)
+    pushed = columns.contact != ROLLING
+    if sinkage is None:
+        return
     early = pushed & ~((load >= COLUMNS["load"].low) & ~(sinkage < 0.0))
     if early.any():
         what = "rows of plates or pressed wheels are left out: load or sinkage is not over 0 there"
@@ -185,40 +160,44 @@ def rows_on_soil(columns: Columns, contact: NDArray[np.str_], run: NDArray[np.st
     if off.any():
         what = "rows of curves are left out: the load was taken off or put on again there"
         columns.understood.append(columns.count(off, what))
-    return np.asarray(~(early | off))
-
-
-def _ranks(one: NDArray[Any], other: Array) -> float:
-    """Spearman's rank correlation."""
-    from scipy.stats import spearmanr  # slow to import, and few tables have curves
-
-    return float(spearmanr(one, other)[0])
+    if (early | off).all():
+        columns.add("no row of load and sinkage over 0 is left")
+        columns.raise_any()
+    columns.keep(~(early | off))
 
 
 def _unloaded(load: Array, sinkage: Array) -> Mask:
     """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
     end = 0 if np.isnan(sinkage).all() else int(np.nanargmax(sinkage))
     down = sinkage[: end + 1]
-    if end < _FEWEST or np.ptp(down) == 0.0 or not _ranks(np.arange(end + 1), down) > _IN_ORDER:
+    if end < _FEWEST or not _rise(np.arange(end + 1), down) > _IN_ORDER:
         return np.zeros(load.size, dtype=bool)
     reached, deepest = np.maximum.accumulate(load), np.fmax.accumulate(sinkage)
     back = sinkage < deepest - _REBOUND * sinkage[end]
     return np.asarray((load < _UNLOADED * reached) & back)
 
 
+def _rise(one: Array | Index, other: Array) -> float:
+    """Spearman's rank correlation; NaN where one of them is the same throughout."""
+    from scipy.stats import spearmanr  # slow to import, and few tables have curves
+
+    return np.nan if np.ptp(one) == 0 or np.ptp(other) == 0 else float(spearmanr(one, other)[0])
+
+
 def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> None:
+    """Warn of a load over depth that no soil bears. load (N), sinkage (m): of one curve."""
     known = np.isfinite(sinkage)
     if known.sum() < _FEWEST or np.ptp(sinkage[known]) == 0.0:
         return
-    if np.ptp(load) <= _SAME_LOAD * load.max():
-        if sinkage[known].max() > 2.0 * sinkage[known].min():
-            columns.warnings.append(
-                f"run '{name}': the load is {load.mean():.4g} N at all depths from "
-                f"{1e3 * sinkage[known].min():.3g} to {1e3 * sinkage[known].max():.3g} mm, and no soil bears "
-                "alike there: is it the load at that depth, or that of the whole test?"
-            )
-        return
-    if _ranks(load[known], sinkage[known]) < 0.0:
+    least, most = sinkage[known].min(), sinkage[known].max()
+    constant = np.ptp(load) <= _SAME_LOAD * load.max()
+    if constant and most > 2.0 * least:
+        columns.warnings.append(
+            f"run '{name}': the load is {load.mean():.4g} N at all depths from {1e3 * least:.3g} to "
+            f"{1e3 * most:.3g} mm, and no soil bears alike there: is it the load at that depth, or that of "
+            "the whole test?"
+        )
+    elif not constant and _rise(load[known], sinkage[known]) < 0.0:
         columns.warnings.append(
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +17,7 @@ from smallwheel_ros.measurements.cells import (
     array_of_texts,
     clipped,
     is_blank,
+    naming,
     refuse_long_texts,
     shown,
 )
@@ -28,36 +30,57 @@ from smallwheel_ros.measurements.columns import (
     Array,
     ColumnSpec,
     Mask,
+    Texts,
 )
-from smallwheel_ros.measurements.headers import UNKNOWN, Heading, listed, match_columns
-from smallwheel_ros.measurements.layout import Layout, find_layout
+from smallwheel_ros.measurements.layout import Layout, find_layout, listed, match_columns
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
-from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, base_unit, to_base
-from smallwheel_ros.measurements.words import contact_of, is_summary, may_have_summary
+from smallwheel_ros.measurements.units import (
+    DIMENSIONLESS,
+    UnitsError,
+    base_unit,
+    shown_unit,
+    to_base,
+)
+from smallwheel_ros.measurements.words import (
+    UNKNOWN,
+    Heading,
+    contact_of,
+    is_summary,
+    may_have_summary,
+)
 
 _MOST_TEXTS = 30  # that are told apart in one column
 _MOST_FAULTS = 1000  # texts in a column of numbers that are looked at: means and sums are few
+_GIVEN_TWICE = (
+    "{} was given for all rows too, expected one of the two: leave the option or the column out"
+)
+# How a cell begins that is no number, and what to do about it.
+_ODD_CELLS = (
+    ("#", "an error of the spreadsheet: mend the formula, or leave the cell blank"),
+    ("[0-9]{4}-", "a date; a spreadsheet makes one of 1.5 where it expects 1,5"),
+    (r".*(±|\+/-)", "write the deviation in a column of its own, as in 'sinkage_std [mm]'"),
+    ("[<>~≈≤≥]", "a limit is no measurement: write what was read, or leave the cell blank"),
+    (r"[0-9].*[^\W\d_]$", "write the unit in the header, not in the cell"),
+)
+_MOST_SAID = 5  # rows that are left out, and texts that are read as blank
 _MOSTLY = 0.8  # an extra column with at least this share of numbers is a numeric one
 
 
 @dataclass
-class Columns:
+class Columns(Problems):
     """A table's columns by our names, SI units; what was understood, noted, and is wrong.
 
     headings: as the file has them. numbers: NaN where blank. texts: of the contract and labels
-    alike. lines: each row's line or row in the file.
+    alike. contact: what meets the soil in each row (`plates.take_contact`).
     """
 
-    source: str
-    sha256: str
-    place: str
-    lines: NDArray[np.intp]
-    problems: Problems
+    sha256: str = ""
     headings: dict[str, Heading] = field(default_factory=dict)
     cells: dict[str, Sequence[Cell]] = field(default_factory=dict)
     numbers: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    texts: dict[str, NDArray[np.str_]] = field(default_factory=dict)
+    texts: dict[str, Texts] = field(default_factory=dict)
+    contact: Texts = field(default_factory=lambda: np.array([], dtype=np.str_))
     notes: list[str] = field(default_factory=list)
     understood: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -66,17 +89,25 @@ class Columns:
         """Whether the table has the column or a value for all rows."""
         return name in self.headings or name in self.numbers
 
+    def read(self, name: str) -> bool:
+        """Whether the table has the column with numbers."""
+        return name in self.headings and name in self.numbers
+
+    def values(self, name: str, default: float = np.nan) -> Array:
+        """Numbers of the column, the default throughout where there is none; shape (rows,)."""
+        return self.numbers.get(name, np.full(self.lines.size, default))
+
     def title(self, name: str) -> str:
         """The column as messages name it: by our name where the file does so too."""
         heading = self.headings.get(name)
         return name if heading is None or name in heading.text else heading.text
 
-    def lacking(self, messages: Sequence[str]) -> None:
+    def lacking(self, messages: Iterable[str]) -> None:
         """Add a problem for each column that must be there and is not; the first says what is."""
         names = listed([heading.text for heading in self.headings.values()])
         hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
-            self.problems.add(message + ("" if i else hint))
+            self.add(message + ("" if i else hint))
 
     def keep(self, rows: Mask) -> None:
         """Keep the rows of that mask."""
@@ -85,35 +116,35 @@ class Columns:
         self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
         self.numbers = {name: values[index] for name, values in self.numbers.items()}
         self.texts = {name: texts[index] for name, texts in self.texts.items()}
+        self.contact = self.contact[index] if self.contact.size else self.contact
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
         """Add a problem of a column: of its header, or of these rows if there are any."""
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
         if at is None or at.size:
-            self.problems.add(message, self.title(name), None if at is None else at.tolist())
+            self.add(message, self.title(name), None if at is None else at.tolist())
 
     def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
         """Add a problem for the values of these rows, if there are any; wanted: in the first."""
         if rows.any():
-            found = self.found(name, values, int(np.argmax(rows)))
-            self.problem(f"{clipped(name)} is {found}, expected {wanted}", name, rows)
+            value = self.written(name, values, int(np.argmax(rows)))
+            self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
 
     def count(self, rows: Mask, what: str) -> str:
         """How many rows these are, what of them is said, and where the first is."""
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
 
-    def found(self, name: str, values: Array, row: int) -> str:
+    def written(self, name: str, values: Array, row: int) -> str:
         """Show a value as it stands in the file, and converted where the file has another unit."""
-        cell, unit = shown(self.cells[name][row]), self.headings[name].unit
-        if unit in (None, DIMENSIONLESS):
+        cell, unit = shown(self.cells[name][row]), shown_unit(self.headings[name].unit)
+        if not unit:
             return cell
         try:
             same = float(values[row]) == float(cell)
         except ValueError:
             same = False
-        plain = str(unit).replace("*g_0", "")
-        return f"{cell} {plain}" + ("" if same else f" ({values[row]:.6g} in SI)")
+        return f"{cell} {unit}" + ("" if same else f" ({values[row]:.6g} in SI)")
 
 
 def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
@@ -122,35 +153,36 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     mapping: our name -> their header, where words do not say it. What is wrong is in `problems`.
     Raises MeasurementsError where there is no table.
     """
-    layout = find_layout(grid)
-    problems = Problems(grid.source, grid.place, layout.numbers, layout.header_line)
-    named = match_columns(layout, mapping, problems)
+    with naming(grid.source):
+        layout = find_layout(grid)
+    columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line)
+    columns.sha256 = grid.sha256
+    named = match_columns(layout, mapping, columns)
     parsed = _numbers(layout, named, grid.comma)
     texts = [i for i in range(len(layout.headers)) if i not in parsed or parsed[i].faults]
-    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], problems)
+    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], columns)
     left_out = rows_not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
         many = count > len(layout.headers)
         hint = " (a decimal comma, or a comma in a text? write 1.5, and texts in quotes)"
-        problems.add(
+        columns.add(
             f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
             rows=[row for row, n in ragged.items() if n == count],
         )
-    layout.said += [
-        f"row {layout.numbers[row]} '{clipped(text.strip())}' is no measurement: left out"
-        for row, text in [*left_out.items()][:5]
-    ]
-    layout.said += [f"and {len(left_out) - 5} more rows like it"] if len(left_out) > 5 else []
+    columns.understood += layout.said
+    for row, text in [*left_out.items()][:_MOST_SAID]:
+        what = f"row {layout.numbers[row]} '{clipped(text.strip())}'"
+        columns.understood.append(f"{what} is no measurement: left out")
+    if (more := len(left_out) - _MOST_SAID) > 0:
+        columns.understood.append(f"and {more} more rows like it")
     if left_out or ragged:
         layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
-        if not layout.numbers.size:
-            problems.add("no rows of measurements are left")
-            problems.raise_any()
+        columns.lines = layout.numbers
+        if not columns.lines.size:
+            columns.add("no rows of measurements are left")
+            columns.raise_any()
         parsed = _numbers(layout, named, grid.comma)
-        problems.numbers = layout.numbers
-    columns = Columns(grid.source, grid.sha256, grid.place, problems.numbers, problems)
-    columns.understood += layout.said
     for position, heading in named.items():
         columns.headings[heading.name] = heading
         columns.cells[heading.name] = layout.columns[position]
@@ -161,9 +193,8 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
 
 
 def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[int, Numbers]:
-    positions = [i for i, heading in named.items() if heading.name not in TEXTS]
-    found = read_numbers([layout.columns[i] for i in positions], comma)
-    return dict(zip(positions, found, strict=True))
+    columns = {i: layout.columns[i] for i, h in named.items() if h.name not in TEXTS}
+    return dict(zip(columns, read_numbers([*columns.values()], comma), strict=True))
 
 
 def rows_not_measured(
@@ -209,11 +240,11 @@ def is_label(heading: Heading, parsed: Numbers) -> bool:
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
-    name = heading.name
+    name, cells = heading.name, columns.cells[heading.name]
+    spec = COLUMNS.get(name) or (LAB_COLUMNS.get(name) if heading.rank != UNKNOWN else None)
     if parsed is None:
-        if heading.unit not in (None, DIMENSIONLESS):
+        if shown_unit(heading.unit):
             columns.problem(f"unit '{heading.unit}' on a text", name)
-        cells = columns.cells[name]
         if name == "contact":
             cells = [contact_of(shown(cell)) for cell in cells]
         columns.texts[name] = array_of_texts(cells)
@@ -222,15 +253,13 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
             columns.problem("the whole column is blank", name)
         else:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
-    elif name in COLUMNS or (name in LAB_COLUMNS and heading.rank != UNKNOWN):
-        _take_numbers(columns, heading, parsed, (LAB_COLUMNS | COLUMNS)[name])
-    elif heading.rank == UNKNOWN and is_label(heading, parsed):
-        columns.texts[name] = array_of_texts(columns.cells[name])
+    elif spec is None and heading.rank == UNKNOWN and is_label(heading, parsed):
+        columns.texts[name] = array_of_texts(cells)
         columns.notes.append(
             f"column '{clipped(name)}' is text: kept as a label, not used by any model"
         )
     else:
-        _take_numbers(columns, heading, parsed, OTHER)
+        _take_numbers(columns, heading, parsed, spec or OTHER)
 
 
 # Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
@@ -239,29 +268,32 @@ BEFORE_TOUCH = ("load", "sinkage")
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
     """Numbers of a column in SI units, each within the range of its kind."""
-    name, before = heading.name, len(columns.problems.found)
-    expected = spec.unit or None
+    name, unit, before = heading.name, heading.unit, len(columns.found)
+    expected, values = spec.unit or None, parsed.values
     try:
-        to_base(np.zeros(1), heading.unit or DIMENSIONLESS, expected if heading.unit else None)
-        columns.units[name] = expected or ("" if heading.unit is None else base_unit(heading.unit))
+        to_base(np.zeros(1), unit or DIMENSIONLESS, expected if unit else None)
+        columns.units[name] = expected or ("" if unit is None else base_unit(unit))
     except UnitsError as error:
         # Of a column in the wrong unit every value may look wrong: say nothing of those.
         columns.problem(str(error).replace("*g_0", ""), name)
         return
     _check_cells(columns, name, parsed)
-    values = heading.factor * _in_header_unit(columns, heading, parsed, expected)
-    if heading.unit is not None:
-        values = to_base(values, heading.unit, expected)
+    if unit == "%":  # a cell of 20 % is 20 below [%]
+        values = np.where(parsed.percent, 100.0 * values, values)
+    elif shown_unit(unit) or shown_unit(expected):
+        columns.problem(f"cells in per cent, expected {unit or expected}", name, parsed.percent)
+    values = heading.factor * values
+    if unit is not None:
+        values = to_base(values, unit, expected)
     early = name in BEFORE_TOUCH
     rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
     check_range(columns, name, spec, values, rows)
-    if len(columns.problems.found) > before:
+    if len(columns.found) > before:
         values = np.full(values.size, np.nan)
     tiny = (np.abs(values) < LEAST) & (values != 0.0)
     if tiny.any():
-        columns.notes.append(
-            f"column '{clipped(name)}': {tiny.sum()} numbers under {LEAST:g} are taken as 0"
-        )
+        many = f"{tiny.sum()} numbers under {LEAST:g}"
+        columns.notes.append(f"column '{clipped(name)}': {many} are taken as 0")
         values = np.where(tiny, 0.0, values)
     columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
 
@@ -281,21 +313,6 @@ def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, ro
     columns.outside(name, values, bad, wanted + hint)
 
 
-def _in_header_unit(
-    columns: Columns, heading: Heading, parsed: Numbers, expected: str | None
-) -> Array:
-    """Values as if every cell were in the unit of the header: a cell of 20 % is 20 below [%]."""
-    if not parsed.percent.any():
-        return parsed.values
-    if heading.unit == "%":
-        return np.where(parsed.percent, 100.0 * parsed.values, parsed.values)
-    if heading.unit not in (None, DIMENSIONLESS) or expected not in (None, DIMENSIONLESS):
-        columns.problem(
-            f"cells in per cent, expected {heading.unit or expected}", heading.name, parsed.percent
-        )
-    return parsed.values
-
-
 def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     """Add a problem for each text that is no number, and for what is not finite."""
     cells = columns.cells[name]
@@ -303,7 +320,7 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     for row, fault in parsed.faults.items():
         # Of cells that are wrong in the same way the first says it all.
         text = shown(cells[row])
-        why = fault or _number_hint(text)
+        why = fault or next((why for start, why in _ODD_CELLS if re.match(start, text)), "")
         many = why or len(by_text) >= _MOST_TEXTS
         key = next((t for t, w in by_text if w == why), text) if many else text
         by_text.setdefault((key, why), []).append(row)
@@ -313,25 +330,8 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
     text = shown(cells[int(np.argmax(bad))])
-    columns.problem(
-        f"{text} found, expected a finite number, or a blank cell where nothing was measured",
-        name,
-        bad,
-    )
-
-
-def _number_hint(text: str) -> str:
-    if text.startswith("#"):
-        return "an error of the spreadsheet: mend the formula, or leave the cell blank"
-    if text[:4].isdigit() and text[4:5] == "-":
-        return "a date; a spreadsheet makes one of 1.5 where it expects 1,5"
-    if "±" in text or "+/-" in text:
-        return "write the deviation in a column of its own, as in 'sinkage_std [mm]'"
-    if text[:1] in "<>~≈≤≥":
-        return "a limit is no measurement: write what was read, or leave the cell blank"
-    if text[:1].isdigit() and text[-1:].isalpha():
-        return "write the unit in the header, not in the cell"
-    return ""
+    wanted = "a finite number, or a blank cell where nothing was measured"
+    columns.problem(f"{text} found, expected {wanted}", name, bad)
 
 
 def take_size(columns: Columns, name: str, size: float | None) -> None:
@@ -340,13 +340,9 @@ def take_size(columns: Columns, name: str, size: float | None) -> None:
         return
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
-        columns.problems.add(f"{name} given as {size!r} m, expected {spec.expected()}")
+        columns.add(f"{name} given as {size!r} m, expected {spec.expected()}")
     elif name in columns.headings:
-        columns.problem(
-            f"{name} was given for all rows too, expected one of the two: leave the option or the "
-            "column out",
-            name,
-        )
+        columns.problem(_GIVEN_TWICE.format(name), name)
     columns.numbers[name] = np.full(columns.lines.size, size)
     columns.units[name] = spec.unit
 
@@ -356,18 +352,16 @@ def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
     for heading in columns.headings.values():
         if heading.rank == UNKNOWN:
             continue
-        unit = "" if heading.unit in (None, DIMENSIONLESS) else f" [{heading.unit}]"
-        if heading.text in {f"{heading.name}{usual}" for usual in ("", unit, " [-]", " [1]")}:
-            continue
-        weight = ", the weight of that mass" if "*g_0" in unit else ""
+        unit = f" [{shown_unit(heading.unit)}]".replace(" []", "")
+        weight = ", the weight of that mass" if "*g_0" in str(heading.unit) else ""
         twice = ", twice the radius" if heading.factor == 2.0 else ""
-        columns.understood.append(
-            f"'{clipped(heading.text)}' -> {heading.name}{unit.replace('*g_0', '')}{weight}{twice}"
-        )
+        made = f"{heading.name}{unit}{weight}{twice}"
+        if heading.text not in (heading.name, made, f"{heading.name} [-]", f"{heading.name} [1]"):
+            columns.understood.append(f"'{clipped(heading.text)}' -> {made}")
     if any(p.comma for p in parsed):
         columns.understood.append("decimal commas")
     if any(p.percent.any() for p in parsed):
         columns.understood.append("cells in per cent")
     missing = sorted({text for p in parsed for text in p.missing})
     if missing:
-        columns.understood.append(f"{', '.join(missing[:5])}: read as blank")
+        columns.understood.append(f"{', '.join(missing[:_MOST_SAID])}: read as blank")

@@ -18,7 +18,7 @@ is no setting.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -88,8 +88,11 @@ def varied_settings(measurements: Measurements) -> dict[str, Array]:
     return {n: column for n, column in setting_columns(measurements).items() if varies(column)}
 
 
-def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
-    """Each column of numbers that was set, and how far two values of one setting may differ."""
+def _tolerances(measurements: Measurements, wheels: bool) -> list[tuple[Array, float]]:
+    """Each column that was set, texts as codes, and how far two values of one setting may differ.
+
+    wheels: whether the wheel's name is a part of the setting.
+    """
     c = measurements.conditions
     found = [
         (np.log(c.load), LOAD_TOLERANCE),
@@ -104,15 +107,8 @@ def _tolerances(measurements: Measurements) -> list[tuple[Array, float]]:
             size = 0.0 if measurements.units.get(name) == "K" else np.max(np.abs(known))
             same = max(same, OF_RANGE * float(np.ptp(known)), _OF_SIZE * float(size))
         found.append((c[name], same))
-    return found
-
-
-def _texts(measurements: Measurements, wheels: bool) -> list[Index]:
-    """Codes of the texts of a setting: contact, soil, and the wheel where it is a part of it."""
-    texts = [measurements.conditions.contact, measurements.soil]
-    if wheels:
-        texts.append(measurements.wheel)
-    return [codes_of(text)[1] for text in texts]
+    texts = [c.contact, measurements.soil, *([measurements.wheel] if wheels else [])]
+    return found + [(codes_of(text)[1].astype(float), 0.0) for text in texts]
 
 
 def cluster(values: Array, tolerance: float) -> Index:
@@ -142,9 +138,9 @@ def cluster(values: Array, tolerance: float) -> Index:
     return codes
 
 
-def _combined(columns: list[Index]) -> Index:
+def _combined(columns: Iterable[Index]) -> Index:
     """One code for each combination, numbered in the order in which they first appear."""
-    codes: Index = np.zeros(columns[0].size, dtype=np.intp)
+    codes: Index = np.zeros(1, dtype=np.intp)
     for column in columns:
         codes = codes_of(codes * (int(column.max(initial=0)) + 2) + column + 1)[1]
     return codes
@@ -157,8 +153,7 @@ def settings_of_rows(measurements: Measurements) -> Index:
     one vehicle the name is no part of the setting. A blank covariate agrees with blank only.
     """
     wheels = measurements.wheels_given and not one_row_a_wheel(measurements)
-    numbers = [cluster(values, tolerance) for values, tolerance in _tolerances(measurements)]
-    return _combined(numbers + _texts(measurements, wheels))
+    return _combined(cluster(*column) for column in _tolerances(measurements, wheels))
 
 
 def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
@@ -178,8 +173,8 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
 
 def setting_codes(measurements: Measurements) -> Index:
     """Code of the set point that each row was measured at, shape (rows,), in order of appearance."""
-    numbers = [_set_points(values, tolerance) for values, tolerance in _tolerances(measurements)]
-    return _combined(numbers + _texts(measurements, measurements.wheels_given))
+    columns = _tolerances(measurements, measurements.wheels_given)
+    return _combined(_set_points(*column) for column in columns)
 
 
 def _set_points(values: Array, tolerance: float) -> Index:
@@ -219,10 +214,7 @@ def repeats_of_rows(measurements: Measurements) -> Index:
     """
     names, run = runs_of_rows(measurements)
     same = np.ones(len(names), dtype=bool)
-    wheels = measurements.wheels_given
-    columns = [*_tolerances(measurements)]
-    columns += [(codes.astype(float), 0.0) for codes in _texts(measurements, wheels)]
-    for values, tolerance in columns:
+    for values, tolerance in _tolerances(measurements, measurements.wheels_given):
         low, high = ends_of_runs(values, run, len(names))
         same &= ~(high - low > tolerance)  # all blank: -inf
     return np.where(same[run], run, -1)

@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.columns import LAB_COLUMNS
+from smallwheel_ros.measurements.columns import LAB_COLUMNS, Array, Mask, Texts
 from smallwheel_ros.measurements.reading import Columns
 from smallwheel_ros.measurements.settings import curves_of_rows
-
-Array = NDArray[np.float64]
+from smallwheel_ros.measurements.table import joined_rows
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class ShearTests:
     normal_stress: Array
     shear_stress: Array
     displacement: Array
-    run: NDArray[np.str_]
-    soil: NDArray[np.str_]
+    run: Texts
+    soil: Texts
     line: NDArray[np.intp]
     notes: tuple[str, ...] = ()
     understood: tuple[str, ...] = ()
@@ -38,10 +38,20 @@ class ShearTests:
     def __len__(self) -> int:
         return int(self.displacement.size)
 
-    def take(self, rows: NDArray[np.bool_]) -> ShearTests:
+    def take(self, rows: Mask) -> ShearTests:
         """Keep the rows of that mask."""
         arrays = ("normal_stress", "shear_stress", "displacement", "run", "soil", "line")
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+
+
+def joined_shear(tables: Sequence[ShearTests]) -> ShearTests:
+    """The rows of several tables of shear tests, in order."""
+    if len(tables) == 1:
+        return tables[0]
+    names = ("normal_stress", "shear_stress", "displacement", "soil")
+    found = {name: np.concatenate([getattr(t, name) for t in tables]) for name in names}
+    notes = tuple(note for table in tables for note in table.notes)
+    return replace(tables[0], **joined_rows(tables), **found, notes=notes)
 
 
 _NEEDED = ("normal_stress", "shear_stress", "shear_displacement")
@@ -59,40 +69,32 @@ def shear_tests(columns: Columns) -> ShearTests:
 
     Raises MeasurementsError that lists everything that is wrong.
     """
-    lacking = [
+    columns.lacking(
         f"no column '{name}' ({LAB_COLUMNS[name].description})"
         for name in _NEEDED
         if name not in columns.headings
-    ]
-    columns.lacking(lacking)
-    columns.problems.raise_any()
+    )
+    columns.raise_any()
     for name in (n for n in _NEEDED if n not in columns.numbers):
         columns.problem("the whole column is blank", name)
-    columns.problems.raise_any()
+    columns.raise_any()
     sigma = columns.numbers["normal_stress"]
     columns.outside("normal_stress", sigma, sigma <= 0.0, "over 0")
-    columns.problems.raise_any()
+    columns.raise_any()
     blank = np.any([np.isnan(columns.numbers[name]) for name in _NEEDED], axis=0)
     if blank.any():
         columns.understood.append(f"{int(blank.sum())} rows with a blank cell are left out")
         columns.keep(~blank)
     sigma, stress, j = (columns.numbers[name] for name in _NEEDED)
     soil = columns.texts.get("soil", np.full(sigma.size, ""))
+    run = _runs(columns, sigma, j, soil)
+    said = tuple(columns.notes), tuple(columns.understood)
     return ShearTests(
-        sigma,
-        stress,
-        j,
-        _runs(columns, sigma, j, soil),
-        soil,
-        columns.lines,
-        tuple(columns.notes),
-        tuple(columns.understood),
-        columns.source,
-        columns.sha256,
+        sigma, stress, j, run, soil, columns.lines, *said, columns.source, columns.sha256
     )
 
 
-def _runs(columns: Columns, sigma: Array, j: Array, soil: NDArray[np.str_]) -> NDArray[np.str_]:
+def _runs(columns: Columns, sigma: Array, j: Array, soil: Texts) -> Texts:
     named = columns.texts.get("run")
     if named is not None and (named != "").all():
         return named

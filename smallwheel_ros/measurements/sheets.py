@@ -8,6 +8,7 @@ import hashlib
 import io
 import os
 import stat
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,10 +21,12 @@ from smallwheel_ros.measurements.cells import (
     MOST_CELLS,
     MOST_CHARACTERS,
     SMALLER,
+    TOO_MANY,
     Cell,
     Grid,
     MeasurementsError,
     clipped,
+    naming,
     refuse_many_cells,
 )
 from smallwheel_ros.measurements.layout import SEARCHED, known_cells
@@ -55,26 +58,30 @@ def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None)
     sheet: of a workbook, by name or number; without it the one sheet that has a table is read.
     Raises MeasurementsError where the file cannot be read, is of another kind, or is no table.
     """
-    if not isinstance(source, (str, Path)):
-        if hasattr(source, "columns") and hasattr(source, "to_numpy"):
-            return frame_grid(source)
+    if isinstance(source, (str, Path)):
+        with naming(str(source)):
+            data = _bytes(str(source))
+            grid = _file_grid(data, sheet)
+        grid.source, grid.sha256 = str(source), hashlib.sha256(data).hexdigest()
+        return grid
+    if not (hasattr(source, "columns") and hasattr(source, "to_numpy")):
         raise MeasurementsError(
             f"a {type(source).__name__} given, expected the path of a file or a pandas data frame"
         )
-    name = str(source)
-    data = _bytes(name)
-    digest = hashlib.sha256(data).hexdigest()
+    with naming("data frame"):
+        return frame_grid(source)
+
+
+def _file_grid(data: bytes, sheet: str | int | None) -> Grid:
     if data.startswith(b"PK\x03\x04"):
         from smallwheel_ros.measurements.workbook import workbook_grid
 
-        return workbook_grid(data, name, digest, None if sheet is None else str(sheet))
+        return workbook_grid(data, None if sheet is None else str(sheet))
     if sheet is not None:
-        raise MeasurementsError(f"{name}: sheet '{sheet}' asked for, but this is no workbook")
+        raise MeasurementsError(f"sheet '{sheet}' asked for, but this is no workbook")
     if kind := next((kind for magic, kind in _OTHERS if data.startswith(magic)), ""):
-        raise MeasurementsError(f"{name}: this is {kind}, {EXPECTED}")
-    if data.startswith(b"PAR1"):
-        return parquet_grid(data, name, digest)
-    return text_grid(data, name, digest)
+        raise MeasurementsError(f"this is {kind}, {EXPECTED}")
+    return parquet_grid(data) if data.startswith(b"PAR1") else text_grid(data)
 
 
 def _bytes(source: str) -> bytes:
@@ -86,92 +93,84 @@ def _bytes(source: str) -> bytes:
             mode = os.fstat(descriptor).st_mode
             if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
                 raise MeasurementsError(
-                    f"{source}: a pipe or device, {EXPECTED}: save the table to a file first"
+                    f"a pipe or device, {EXPECTED}: save the table to a file first"
                 )
             data = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
-        raise MeasurementsError(f"{source}: no such file") from None
+        raise MeasurementsError("no such file") from None
     except IsADirectoryError:
-        raise MeasurementsError(f"{source}: a folder, {EXPECTED}") from None
+        raise MeasurementsError(f"a folder, {EXPECTED}") from None
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or str(error)
-        raise MeasurementsError(f"{source}: cannot be read: {reason}") from None
+        raise MeasurementsError(f"cannot be read: {reason}") from None
     if len(data) > MOST_BYTES:
         limit = f"{MOST_BYTES // 2**20} MiB"
-        raise MeasurementsError(f"{source}: more than {limit}, expected at most that: {SMALLER}")
+        raise MeasurementsError(f"more than {limit}, expected at most that: {SMALLER}")
     return data
 
 
-def text_grid(data: bytes, source: str, digest: str) -> Grid:
+def text_grid(data: bytes) -> Grid:
     """Read comma, semicolon, tab or bar separated text in UTF-8, UTF-16 or Windows-1252."""
-    text, said = _decoded(data, source)
+    text, said = _decoded(data)
     start = text[:200].lstrip()[:1]
     if start in ("{", "<") or (start == "[" and "\n" not in text.strip()):
         kind = "JSON" if start in "{[" else "HTML or XML"
-        raise MeasurementsError(f"{source}: looks like {kind}, {EXPECTED}")
-    line = 1
+        raise MeasurementsError(f"looks like {kind}, {EXPECTED}")
+    before = 0  # lines
     if text[:4].lower() == "sep=":  # a line that only Excel knows
-        text, line = text.partition("\n")[2], 2
+        text, before = text.partition("\n")[2], 1
     separator = _separator(text)
     if separator != ",":
         said.append(f"cells are separated by {_SEPARATORS[separator]}")
     # Before any list is made of them. Twice the cells: texts in quotes have separators too.
-    too_many = f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}"
     most = 2 * MOST_CELLS
     if len(text) > most and sum(map(text.count, (separator, "\n", "\r"))) > most:
-        raise MeasurementsError(too_many)
+        raise MeasurementsError(TOO_MANY)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    grid = Grid(source, digest, [], [], "line", comma=separator != ",", said=said)
-    before = line - 1
+    grid = Grid([], [], "line", comma=separator != ",", said=said)
+    line = before + 1
     try:
         for row in reader:  # a text in quotes may have several lines
             grid.rows.append(row)
             grid.numbers.append(line)
             line = before + reader.line_num + 1
     except csv.Error as error:
-        at = before + reader.line_num
-        raise MeasurementsError(f"{source}, line {at}: not CSV: {error}") from None
+        line = before + reader.line_num
+        raise MeasurementsError(f"line {line}: not CSV: {error}") from None
     if sum(map(len, grid.rows)) > MOST_CELLS:
-        raise MeasurementsError(too_many)
+        raise MeasurementsError(TOO_MANY)
     return grid
 
 
-def _decoded(data: bytes, source: str) -> tuple[str, list[str]]:
+def _decoded(data: bytes) -> tuple[str, list[str]]:
     if not data.strip(b" \t\r\n\x00"):
-        raise MeasurementsError(f"{source}: the file is empty, {EXPECTED}")
+        raise MeasurementsError(f"the file is empty, {EXPECTED}")
     for code in (c for mark, c in _MARKS if data.startswith(mark)):
         try:
             return data.decode(code), ["text in UTF-16"] if code == "utf-16" else []
         except UnicodeDecodeError as error:
             raise MeasurementsError(
-                f"{source}: not {code.upper()} text as its first bytes say ({error.reason}): "
+                f"not {code.upper()} text as its first bytes say ({error.reason}): "
                 "save it as CSV UTF-8"
             ) from None
     if b"\x00" in data:
-        return _without_mark(data, source), ["text in UTF-16, without the mark of it"]
+        # UTF-16 of Latin letters has zeros in every second byte; any other zeros are no text.
+        for code, zeros in (("utf-16-le", data[1:2000:2]), ("utf-16-be", data[0:2000:2])):
+            with suppress(UnicodeDecodeError):
+                if zeros.count(0) > 0.9 * len(zeros):
+                    return data.decode(code), ["text in UTF-16, without the mark of it"]
+        raise MeasurementsError(f"a binary file, {EXPECTED}")
     try:
         return data.decode("utf-8"), []
     except UnicodeDecodeError as error:
         bad = error.start
-    try:
+    with suppress(UnicodeDecodeError):
         return data.decode("cp1252"), ["text in Windows-1252, as it is not UTF-8"]
-    except UnicodeDecodeError:
-        line = data.count(b"\n", 0, bad) + 1
-        raise MeasurementsError(
-            f"{source}, line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
-            f"{EXPECTED} (save it as CSV UTF-8)"
-        ) from None
-
-
-def _without_mark(data: bytes, source: str) -> str:
-    """UTF-16 of Latin letters has zeros in every second byte; any other zeros are no text."""
-    for code, zeros in (("utf-16-le", data[1:2000:2]), ("utf-16-be", data[0:2000:2])):
-        if zeros.count(0) > 0.9 * len(zeros):
-            try:
-                return data.decode(code)
-            except UnicodeDecodeError:
-                break
-    raise MeasurementsError(f"{source}: a binary file, {EXPECTED}")
+    line = data.count(b"\n", 0, bad) + 1
+    raise MeasurementsError(
+        f"line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
+        f"{EXPECTED} (save it as CSV UTF-8)"
+    )
 
 
 def _separator(text: str) -> str:
@@ -189,29 +188,28 @@ def _separator(text: str) -> str:
     return best
 
 
-def parquet_grid(data: bytes, source: str, digest: str) -> Grid:
+def parquet_grid(data: bytes) -> Grid:
     """Read a Parquet file; MeasurementsError where it is damaged, too large or no table."""
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         raise MeasurementsError(
-            f"{source}: reading Parquet needs pyarrow: pip install 'smallwheel_ros[parquet]'"
+            "reading Parquet needs pyarrow: pip install 'smallwheel_ros[parquet]'"
         ) from None
     try:
-        names, columns = _parquet_columns(pyarrow, data, source)
+        names, columns = _parquet_columns(pyarrow, data)
     except MeasurementsError:
         raise
     except Exception as error:  # pyarrow raises many kinds for a damaged file
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        raise MeasurementsError(f"{source}: a damaged Parquet file: {reason}") from None
-    return _grid(source, digest, names, columns)
+        raise MeasurementsError(f"a damaged Parquet file: {reason}") from None
+    return _grid(names, columns)
 
 
 def frame_grid(frame: Any) -> Grid:
     """Take a pandas data frame. NaN, None and NaT are blank, as pandas means them."""
-    source = "data frame"
-    refuse_many_cells(source, *frame.shape)
+    refuse_many_cells(*frame.shape)
     columns: list[list[Cell]] = []
     for position in range(frame.shape[1]):
         column = frame.iloc[:, position]
@@ -223,7 +221,7 @@ def frame_grid(frame: Any) -> Grid:
         for row in np.flatnonzero(blank).tolist():
             cells[row] = ""
         columns.append(cells)
-    return _grid(source, "", [str(name) for name in frame.columns], columns)
+    return _grid([str(name) for name in frame.columns], columns)
 
 
 def _is_number(value: Any) -> bool:
@@ -231,29 +229,28 @@ def _is_number(value: Any) -> bool:
     return number and not isinstance(value, (bool, np.bool_))
 
 
-def _grid(source: str, digest: str, names: list[str], columns: list[list[Cell]]) -> Grid:
+def _grid(names: list[str], columns: list[list[Cell]]) -> Grid:
     rows = len(columns[0]) if columns else 0
     if not rows:
-        raise MeasurementsError(f"{source}: no rows")
+        raise MeasurementsError("no rows")
     lines = list(range(1, rows + 1))
-    return Grid(source, digest, list(zip(*columns, strict=True)), lines, "row", names)
+    return Grid(list(zip(*columns, strict=True)), lines, "row", names)
 
 
-def _parquet_columns(pyarrow: Any, data: bytes, source: str) -> tuple[list[str], list[list[Cell]]]:
+def _parquet_columns(pyarrow: Any, data: bytes) -> tuple[list[str], list[list[Cell]]]:
     """Columns of the file, judged by what its footer states before anything is unpacked."""
     buffer = pyarrow.BufferReader(data)
     footer = pyarrow.parquet.read_metadata(buffer)
     schema = footer.schema.to_arrow_schema()
     groups = [footer.row_group(i) for i in range(footer.num_row_groups)]
     rows = max(footer.num_rows, sum(group.num_rows for group in groups))
-    refuse_many_cells(source, rows, footer.num_columns)
+    refuse_many_cells(rows, footer.num_columns)
     for field in schema:
-        _refuse_kind(pyarrow, field, source)
+        _refuse_kind(pyarrow, field)
     unpacked = sum(group.total_byte_size for group in groups)
     if unpacked > _MOST_UNPACKED:
         raise MeasurementsError(
-            f"{source}: {unpacked} bytes once unpacked, expected at most {_MOST_UNPACKED}: "
-            f"{SMALLER}"
+            f"{unpacked} bytes once unpacked, expected at most {_MOST_UNPACKED}: {SMALLER}"
         )
     # Texts stay indices into their different values: a value may stand in each of many rows.
     texts = [field.name for field in schema if str(field.type) in _TEXTS]
@@ -279,12 +276,12 @@ def _parquet_cells(pyarrow: Any, column: Any) -> list[Cell]:
     return cells
 
 
-def _refuse_kind(pyarrow: Any, field: Any, source: str) -> None:
+def _refuse_kind(pyarrow: Any, field: Any) -> None:
     """Refuse a column of anything but numbers, texts and times: one cell may be of any size."""
     kind, types = field.type, pyarrow.types
     known = (types.is_primitive, types.is_decimal, types.is_dictionary, types.is_null)
     if str(kind) not in _TEXTS and not any(is_one(kind) for is_one in known):
         raise MeasurementsError(
-            f"{source}, column '{clipped(field.name)}': its cells are of the kind "
+            f"column '{clipped(field.name)}': its cells are of the kind "
             f"{clipped(str(kind))}, expected numbers or texts"
         )

@@ -6,8 +6,10 @@ One row is one steady measurement of one wheel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.columns import CHANNELS, is_response, unit_of
+from smallwheel_ros.measurements.columns import CHANNELS, Mask, Texts, is_response, unit_of
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
 
 if TYPE_CHECKING:
@@ -42,7 +44,6 @@ class Measurements(Result):
     line: each row's line in the file (row in a Parquet file), for messages.
     labels: text columns that are neither soil, run, wheel nor contact.
     units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
-    headers: by our name, the column's header as it stands in the file.
     written_units: of the columns whose header has one, as `units.to_base` takes it.
     warnings: what is suspicious; notes: what was assumed; understood: what was made of headers and
     cells that are not written our way.
@@ -50,17 +51,16 @@ class Measurements(Result):
 
     conditions: Conditions
     channels: Mapping[str, Array]
-    run: NDArray[np.str_]
-    wheel: NDArray[np.str_]
+    run: Texts
+    wheel: Texts
     line: NDArray[np.intp]
     declared_std: Mapping[str, Array] = field(default_factory=dict)
-    labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    labels: Mapping[str, Texts] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     runs_given: bool = True
     wheels_given: bool = False
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    headers: Mapping[str, str] = field(default_factory=dict)
     understood: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
@@ -120,12 +120,12 @@ class Measurements(Result):
         return self._drawn(ax, channel, over)
 
     @property
-    def runs(self) -> NDArray[np.str_]:
+    def runs(self) -> Texts:
         """Names of the runs in the order in which they first appear."""
         return np.array(codes_of(self.run)[0], dtype=np.str_)
 
     @property
-    def soil(self) -> NDArray[np.str_]:
+    def soil(self) -> Texts:
         """The soil's name per row, "" where the table names none."""
         named = self.conditions.soil
         return np.full(len(self), "") if named is None else named
@@ -140,7 +140,7 @@ class Measurements(Result):
         return tuple(name for name in names if is_response(name, self.units.get(name, "")))
 
     @property
-    def sunk_to_axle(self) -> NDArray[np.bool_]:
+    def sunk_to_axle(self) -> Mask:
         """Rows in which a wheel was measured deeper than its axle: no model holds there."""
         if "sinkage" not in self.channels:
             return np.zeros(len(self), dtype=bool)
@@ -181,6 +181,68 @@ def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
     return names, codes[np.cumsum(begins) - 1]
 
 
-def over_half(sinkage: Array, diameter: Array) -> NDArray[np.bool_]:
+def over_half(sinkage: Array, diameter: Array) -> Mask:
     """Whether a wheel is deeper than its axle."""
     return np.asarray(sinkage > 0.5 * diameter * (1.0 + 1e-9))
+
+
+def joined(tables: Sequence[Measurements]) -> Measurements:
+    """The rows of several tables of one lab (a file for each plate, one for the wheel), in order.
+
+    A covariate that a table lacks is left out where that table has rolling wheels, and unknown in its
+    other rows. Runs of one name in two files are different runs.
+    """
+    if len(tables) == 1:
+        return tables[0]
+
+    def all_columns(of: Callable[[Measurements], Mapping[str, Array]]) -> dict[str, Array]:
+        names = dict.fromkeys(name for table in tables for name in of(table))
+        parts = [(of(table), np.full(len(table), np.nan)) for table in tables]
+        return {name: np.concatenate([c.get(name, blank) for c, blank in parts]) for name in names}
+
+    sizes = all_columns(lambda t: {n: t.conditions[n] for n in ("load", "diameter", "width")})
+    covariates = all_columns(lambda t: t.conditions.covariates)
+    notes = [note for table in tables for note in table.notes]
+    for name in list(covariates):
+        lacking = [t for t in tables if name not in t.conditions.covariates]
+        if any(t.conditions.rolling.any() for t in lacking):
+            notes.append(f"column '{name}' is left out: {lacking[0].source} does not have it")
+            del covariates[name]
+    # The soil of a table that names none has the name that a fit gives it.
+    named = any(t.conditions.soil is not None for t in tables)
+    soils = [np.full(len(t), "soil") if t.conditions.soil is None else t.soil for t in tables]
+    return replace(
+        tables[0],
+        **joined_rows(tables),
+        conditions=Conditions(
+            **sizes,
+            contact=np.concatenate([t.conditions.contact for t in tables]),
+            soil=np.concatenate(soils) if named else None,
+            covariates=covariates,
+        ),
+        channels=all_columns(lambda t: t.channels),
+        wheel=np.concatenate([t.wheel for t in tables]),
+        declared_std=all_columns(lambda t: t.declared_std),
+        labels={},
+        units={name: unit for table in tables for name, unit in table.units.items()},
+        runs_given=all(t.runs_given for t in tables),
+        wheels_given=all(t.wheels_given for t in tables),
+        warnings=tuple(w for t in tables for w in t.warnings),
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
+    """Which rows they are: run, line, source; runs of one name in several tables told apart."""
+    names = [name for table in tables for name in set(table.run.tolist())]
+    run = [table.run for table in tables]
+    if len(set(names)) < len(names):
+        stems = [Path(table.source).stem for table in tables]
+        stems = stems if len(set(stems)) == len(stems) else [str(i + 1) for i in range(len(stems))]
+        run = [np.char.add(f"{stem} ", part) for stem, part in zip(stems, run, strict=True)]
+    return {
+        "run": np.concatenate(run),
+        "line": np.concatenate([table.line for table in tables]),
+        "source": ", ".join(table.source for table in tables),
+        "sha256": hashlib.sha256(" ".join(t.sha256 for t in tables).encode()).hexdigest(),
+    }

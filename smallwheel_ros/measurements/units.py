@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from contextlib import suppress
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -46,8 +47,8 @@ _POWER = re.compile(r"(?<![A-Za-z])([kcdmµμ]?m|in|ft|s)([23])(?![0-9])")  # kg
 _EXAMPLES = "expected one like mm, N or m/s"
 _NAMED = ("N", "Pa", "J", "W", "Hz")  # SI units with a name: shown by it
 _HINTS = {
-    "kilogram": "a mass is no force: use kgf, or multiply by 9.81 and write N",
-    "kilogram / meter / second ** 2": "a pressure: multiply by the area",
+    "kilogram": "; a mass is no force: use kgf, or multiply by 9.81 and write N",
+    "kilogram / meter / second ** 2": "; a pressure: multiply by the area",
 }
 
 
@@ -67,36 +68,31 @@ def _as_pint_reads(text: str) -> str:
 
 
 def _unit(text: str) -> pint.Unit:
-    registry = _registry()
     if text == DIMENSIONLESS:
-        return registry.Unit("")
+        return _registry().Unit("")
     plain = _as_pint_reads(text) if len(text) <= _LONGEST else ""
     if not _UNIT.fullmatch(plain):
         shown = text if len(text) <= _LONGEST else text[:_LONGEST] + "..."
         raise UnitsError(f"unknown unit '{shown}', {_EXAMPLES}")
     if text == "grad":
         raise UnitsError(_GRAD)
+    try:
+        return _registry().parse_units(plain)
+    except Exception as error:  # pint's parser raises whatever its tokenizer meets
+        raise UnitsError(f"unknown unit '{text}'{_near(text, error)}, {_EXAMPLES}") from None
+
+
+def _near(text: str, error: Exception) -> str:
+    """The unit that would be one in another case: of a compound the part that pint does not know."""
     import pint
 
-    try:
-        return registry.parse_units(plain)
-    except pint.UndefinedUnitError as error:
-        # pint names only the part of a compound that it does not know
-        part = str(error).split("'")[1] if "'" in str(error) else text
-        raise UnitsError(f"unknown unit '{text}'{_near(registry, part)}, {_EXAMPLES}") from None
-    except Exception:  # pint's parser raises whatever its tokenizer meets
-        raise UnitsError(f"unknown unit '{text}', {_EXAMPLES}") from None
-
-
-def _near(registry: pint.UnitRegistry, text: str) -> str:
-    for other in (text.lower(), text.capitalize(), text.upper()):
-        if other == text:
-            continue
-        try:
-            registry.parse_units(other)
-        except Exception:  # as above: whatever the parser meets
-            continue
-        return f" (case matters: '{other}' exists)"
+    if not isinstance(error, pint.UndefinedUnitError):
+        return ""
+    part = str(error).split("'")[1] if "'" in str(error) else text
+    for other in (part.lower(), part.capitalize(), part.upper()):
+        with suppress(Exception):  # as above: whatever the parser meets
+            if other != part and _registry().parse_units(other):
+                return f" (case matters: '{other}' exists)"
     return ""
 
 
@@ -118,17 +114,17 @@ _WRITTEN = (
 _COMMON = {unit.lower(): unit for unit in _WRITTEN.split()}
 
 
+def _plain(text: str) -> str:
+    letters = unicodedata.normalize("NFKD", text.strip().lower())
+    return "".join(c for c in letters if not unicodedata.combining(c))
+
+
 def is_common(text: str) -> bool:
     """Whether a text can hardly be anything but a unit, wherever it stands."""
     text = text.strip()
     if len(text) == 1:
         return text in _COMMON.values()
     return text.lower() in _COMMON or _plain(text) in _SPELLINGS
-
-
-def _plain(text: str) -> str:
-    letters = unicodedata.normalize("NFKD", text.strip().lower())
-    return "".join(c for c in letters if not unicodedata.combining(c))
 
 
 @lru_cache(maxsize=1000)
@@ -145,18 +141,19 @@ def spelled(text: str, expected: str | None) -> str | None:
         if unit is None or (plain == "grad" and unit != "deg"):
             continue
         try:
-            parsed = _unit(unit)
+            _unit(unit)
         except UnitsError:
             continue
-        if expected in ("N", "Pa") and not fits(unit, expected):
-            weight = f"{unit}*g_0"
-            return weight if fits(weight, expected) else unit
-        if expected is not None and _base(parsed) != _base(_unit(expected)) and unit == text:
-            better = _COMMON.get(text.lower())
-            if better is not None and better != text and fits(better, expected):
-                return better
-        return unit
+        if expected is None or fits(unit, expected):
+            return unit
+        other = f"{unit}*g_0" if expected in ("N", "Pa") else _COMMON.get(text.lower(), unit)
+        return other if fits(other, expected) else unit
     return None
+
+
+def shown_unit(unit: str | None) -> str:
+    """The unit as people read it, "" for a pure number or none; a mass that is a weight as the mass."""
+    return "" if unit in (None, DIMENSIONLESS) else str(unit).replace("*g_0", "")
 
 
 def fits(unit: str, expected: str) -> bool:
@@ -170,16 +167,12 @@ def base_unit(unit: str) -> str:
     A force times a length is a torque, "N m", although its dimension is that of an energy, "J".
     Raises UnitsError where the unit does not exist.
     """
-    parsed = _unit(unit)
+    parsed, registry = _unit(unit), _registry()
     base = _base(parsed)
-    return TORQUE if base == "J" and _has_a_force(parsed) else base
-
-
-def _has_a_force(unit: pint.Unit) -> bool:
-    registry = _registry()
     force = registry.Unit("N").dimensionality
-    parts = registry.Quantity(1, unit).unit_items()
-    return any(registry.Unit(name).dimensionality == force for name, _ in parts)
+    parts = [registry.Unit(name) for name, _ in registry.Quantity(1, parsed).unit_items()]
+    of_a_force = any(part.dimensionality == force for part in parts)
+    return TORQUE if base == "J" and of_a_force else base
 
 
 def _base(unit: pint.Unit) -> str:
@@ -200,30 +193,21 @@ def to_base(values: Array, unit: str, expected: str | None = None) -> Array:
     Raises UnitsError where the unit does not exist or its dimension is not that of `expected`.
     """
     parsed = _unit(unit)
-    if expected is not None:
-        _check_dimension(unit, parsed, expected)
+    if expected is not None and not fits(unit, expected):
+        found, wanted = _describe(parsed), _describe(_unit(expected))
+        hint = _HINTS.get(str(_registry().get_base_units(parsed)[1]), "")
+        if expected == RADIAN and found == "a pure number":
+            hint = "; a ratio is no angle: take its arc tangent, or write rad or deg"
+        if expected == TORQUE:
+            wanted = "a torque"
+            hint = "; if the column is no torque on the wheel's axle, give it another name"
+        raise UnitsError(f"unit '{unit}' is {found}, expected {wanted} ({expected}){hint}")
     try:
         with np.errstate(over="ignore"):  # an infinity is the caller's to report
             converted = _registry().Quantity(values, parsed).to_base_units().magnitude
     except Exception:  # logarithmic units, and whatever else has no plain factor
         raise UnitsError(f"unit '{unit}' cannot be converted to SI") from None
     return np.asarray(converted, dtype=float)
-
-
-def _check_dimension(text: str, parsed: pint.Unit, expected: str) -> None:
-    if _base(parsed) == _base(_unit(expected)):
-        return
-    found, wanted = _describe(parsed), _describe(_unit(expected))
-    root = str(_registry().get_base_units(parsed)[1])
-    hint = _HINTS.get(root, "")
-    if expected == RADIAN and found == "a pure number":
-        hint = "a ratio is no angle: take its arc tangent, or write rad or deg"
-    if expected == TORQUE:
-        wanted = "a torque"
-        hint = "if the column is no torque on the wheel's axle, give it another name"
-    raise UnitsError(
-        f"unit '{text}' is {found}, expected {wanted} ({expected}){'; ' + hint if hint else ''}"
-    )
 
 
 _NAMES = {

@@ -3,21 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import clipped
-from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask
-from smallwheel_ros.measurements.headers import UNKNOWN, meant
+from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
 from smallwheel_ros.measurements.plates import (
-    contact_of_rows,
+    keep_rows_on_soil,
     name_curves,
-    rows_on_soil,
+    take_contact,
     take_plates,
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
@@ -31,6 +30,7 @@ from smallwheel_ros.measurements.settings import (
 from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
 from smallwheel_ros.measurements.sheets import read_grid
 from smallwheel_ros.measurements.table import Measurements, codes_of, over_half
+from smallwheel_ros.measurements.words import UNKNOWN, meant
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 from smallwheel_ros.physics.stresses import mean_place
 
@@ -56,34 +56,18 @@ _STRONGEST = np.radians(45.0)  # friction angle: no sand under wheels is stronge
 _STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
 _OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _BLANK = "the cell is blank, expected a value"
+_BLANK_ROLLING = (
+    "the cell is blank in a rolling row, expected a value (a whole column may be left out, and a "
+    "pressed or plate row may leave it blank)"
+)
 _ANSWERS = "taken as what the wheel answers, not as settings: {}"
 
 
-def read_measurements(
-    source: str | Path | pd.DataFrame,
-    *,
-    diameter: float | None = None,
-    width: float | None = None,
-    contact: str | None = None,
-    compliance: float | None = None,
-    map: Mapping[str, str] | None = None,
-    sheet: str | int | None = None,
-) -> Measurements:
-    """Read a table of measurements; everything in SI units afterwards.
-
-    source: a CSV, xlsx, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
-    may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
-    there is no such column. compliance: m/N by which the machine gives way; it is taken off the
-    sinkage. map: our name -> their header, for headers that are not understood: {"load": "F3"}. sheet:
-    of a workbook, by name or number.
-    Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
-    what was expected, what to do.
-    """
-    columns = read_columns(read_grid(source, sheet), map or {})
-    if is_shear(columns):
-        columns.problems.add(_SHEAR)
-        columns.problems.raise_any()
-    return measurements_of(columns, diameter, width, contact, compliance)
+def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
+    """Read a table of wheels and plates as `read_tests` does; one of shear tests is refused."""
+    found = read_tests(source, shear=False, **how)
+    assert isinstance(found, Measurements)
+    return found
 
 
 def read_tests(
@@ -95,69 +79,67 @@ def read_tests(
     compliance: float | None = None,
     map: Mapping[str, str] | None = None,
     sheet: str | int | None = None,
+    shear: bool = True,
 ) -> Measurements | ShearTests:
-    """Read a table of wheels and plates, as `read_measurements`, or one of shear tests."""
+    """Read a table of measurements; everything in SI units afterwards.
+
+    source: a CSV, xlsx, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
+    may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
+    there is no such column. compliance: m/N by which the machine gives way; it is taken off the
+    sinkage. map: our name -> their header, for headers that are not understood: {"load": "F3"}. sheet:
+    of a workbook, by name or number. shear: whether a table of shear tests is one to read.
+    Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
+    what was expected, what to do.
+    """
     columns = read_columns(read_grid(source, sheet), map or {})
     if is_shear(columns):
-        return shear_tests(columns)
-    return measurements_of(columns, diameter, width, contact, compliance)
-
-
-def measurements_of(
-    columns: Columns,
-    diameter: float | None = None,
-    width: float | None = None,
-    given: str | None = None,
-    compliance: float | None = None,
-) -> Measurements:
-    """The measurements in the columns of a table. Raises MeasurementsError, as `read_measurements`."""
+        if shear:
+            return shear_tests(columns)
+        columns.add(_SHEAR)
+        columns.raise_any()
     take_size(columns, "diameter", diameter)
     take_size(columns, "width", width)
-    contact = contact_of_rows(columns, given)
-    take_plates(columns, contact, compliance)
-    _check_there(columns, contact)
-    _check_blanks(columns, contact)
-    _check_heights(columns, contact)
-    columns.problems.raise_any()
-    name_curves(columns, contact)
-    if (contact != ROLLING).any():
-        keep = rows_on_soil(columns, contact, _runs(columns))
-        if not keep.any():
-            columns.problems.add("no row of load and sinkage over 0 is left")
-            columns.problems.raise_any()
-        columns.keep(keep)
-        contact = contact[keep]
-    return _measurements(columns, contact)
+    take_contact(columns, contact)
+    take_plates(columns, compliance)
+    _check_there(columns)
+    _check_blanks(columns)
+    _check_heights(columns)
+    columns.raise_any()
+    name_curves(columns)
+    if (columns.contact != ROLLING).any():
+        keep_rows_on_soil(columns, _runs(columns))
+    return _measurements(columns)
 
 
-def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
+def _measurements(columns: Columns) -> Measurements:
     """The table of columns in which nothing is wrong."""
-    numbers, rows, notes = dict(columns.numbers), columns.lines.size, columns.notes
-    channels = {name: numbers.pop(name) for name in CHANNELS if name in numbers}
-    declared: dict[str, Array] = {}
-    for name in CHANNELS:
-        values = numbers.pop(f"{name}_std", None)
-        if values is not None and name in channels:
-            declared[name] = values
-        elif values is not None:
-            notes.append(f"column '{name}_std' is left out: there is no '{name}'")
-    load, d, b = (numbers.pop(n, np.full(rows, np.nan)) for n in ("load", "diameter", "width"))
+    numbers, notes = columns.numbers, columns.notes
+    sizes = {n: columns.values(n) for n in ("load", "diameter", "width")}
+    channels = {name: numbers[name] for name in CHANNELS if name in numbers}
+    declared = {n: numbers[f"{n}_std"] for n in CHANNELS if f"{n}_std" in numbers}
+    for name in [name for name in declared if name not in channels]:
+        notes.append(f"column '{name}_std' is left out: there is no '{name}'")
+        del declared[name]
     covariates: dict[str, Array] = {}
     for name, values in numbers.items():
-        gaps = np.isnan(values)
-        holes = gaps & (contact == ROLLING)
+        if name in sizes or name.removesuffix("_std") in CHANNELS:
+            continue
+        holes = np.isnan(values) & (columns.contact == ROLLING)
         if holes.any():
             blank = columns.count(holes, "rolling rows")
             notes.append(f"column '{name}' is blank in {blank}: not used as a covariate")
-            continue
-        covariates[name] = np.where(gaps, _AT_REST.get(name, np.nan), values)
+        else:
+            at_rest = _AT_REST.get(name, np.nan)
+            covariates[name] = np.where(np.isnan(values), at_rest, values)
     texts, headings = columns.texts, columns.headings
-    conditions = Conditions(load, d, b, contact, texts.get("soil"), covariates)
+    conditions = Conditions(
+        **sizes, contact=columns.contact, soil=texts.get("soil"), covariates=covariates
+    )
     runs_given = bool((texts.get("run", np.array([""])) != "").any())
     data = Measurements(
         conditions,
         channels,
-        _runs(columns) if runs_given else np.full(rows, ""),
+        _runs(columns) if runs_given else np.full(columns.lines.size, ""),
         texts["wheel"] if "wheel" in texts else _wheels(conditions),
         columns.lines,
         declared,
@@ -165,7 +147,6 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         columns.units,
         runs_given,
         "wheel" in texts,
-        headers={name: heading.text for name, heading in headings.items()},
         source=columns.source,
         sha256=columns.sha256,
         written_units={n: h.unit for n, h in headings.items() if h.unit is not None},
@@ -182,8 +163,8 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
         ("columns of your own, used as covariates", set_columns(data)),
         ("order of the runs, for drifts", order_columns(data)),
     ):
-        listed = ", ".join([clipped(name) for name in own if name in names][:30])
-        columns.understood += [f"{use}: {listed}"] if listed else []
+        if listed := ", ".join([clipped(name) for name in own if name in names][:30]):
+            columns.understood.append(f"{use}: {listed}")
     return replace(
         data,
         notes=tuple(notes),
@@ -192,9 +173,9 @@ def _measurements(columns: Columns, contact: NDArray[np.str_]) -> Measurements:
     )
 
 
-def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:
+def _check_there(columns: Columns) -> None:
     """Add a problem for each column that there must be; a table of plates needs no width."""
-    needed = ["load", "diameter", *(["width"] if np.any(contact != PLATE) else [])]
+    needed = ["load", "diameter", *(["width"] if np.any(columns.contact != PLATE) else [])]
     nearly = {meant(heading) for heading in columns.headings.values() if heading.rank == UNKNOWN}
     lacking = [
         f"no column '{name}' ({COLUMNS[name].description})"
@@ -207,36 +188,31 @@ def _check_there(columns: Columns, contact: NDArray[np.str_]) -> None:
         wanted = ", ".join(CHANNELS)
         lacking.append(f"nothing was measured: expected at least one column of {wanted}")
     columns.lacking(lacking)
-    if not columns.problems.found and not any(name in columns.numbers for name in CHANNELS):
-        columns.problems.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
+    if not columns.found and not any(name in columns.numbers for name in CHANNELS):
+        columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
 
-def _check_blanks(columns: Columns, contact: NDArray[np.str_]) -> None:
+def _check_blanks(columns: Columns) -> None:
     """Add a problem for cells that are blank where a value is needed."""
-    faulty = {name for name, values in columns.numbers.items() if np.isnan(values).all()}
-    for name in ("load", "diameter", "width"):
-        if name in columns.numbers and name not in faulty:
-            blank = np.isnan(columns.numbers[name])
-            blank &= (contact != PLATE) if name == "width" else True
-            columns.problem(_BLANK, name, blank)
+
+    def check(names: Sequence[str], needed: Mask, words: str) -> None:
+        for name in names:
+            blank = np.isnan(columns.values(name))
+            if not blank.all():  # what is not there or wrong throughout is said elsewhere
+                columns.problem(words, name, blank & needed)
+
+    check(("load", "diameter"), np.ones(columns.lines.size, dtype=bool), _BLANK)
+    check(("width",), columns.contact != PLATE, _BLANK)
     for name in ("soil", "wheel"):
         texts = columns.texts.get(name)
         if texts is not None and (texts == "").all():
             del columns.texts[name]
         elif texts is not None:
             columns.problem(f"{_BLANK}; merged cells have to be filled", name, texts == "")
-    for name in SETTINGS:
-        if name in columns.numbers and name not in faulty:
-            holes = np.isnan(columns.numbers[name]) & (contact == ROLLING)
-            columns.problem(
-                "the cell is blank in a rolling row, expected a value (a whole column may be "
-                "left out, and a pressed or plate row may leave it blank)",
-                name,
-                holes,
-            )
+    check(SETTINGS, columns.contact == ROLLING, _BLANK_ROLLING)
 
 
-def _runs(columns: Columns) -> NDArray[np.str_]:
+def _runs(columns: Columns) -> Texts:
     """Each row's run; a row that names none is a run of its own, named by its line."""
     run = columns.texts.get("run", np.full(columns.lines.size, ""))
     if (run != "").all():
@@ -248,7 +224,7 @@ def _runs(columns: Columns) -> NDArray[np.str_]:
     return np.where(run == "", _line_names(columns.place, columns.lines), run)
 
 
-def _line_names(place: str, lines: NDArray[np.intp]) -> NDArray[np.str_]:
+def _line_names(place: str, lines: NDArray[np.intp]) -> Texts:
     return np.char.add(f"{place} ", lines.astype(np.str_))
 
 
@@ -267,7 +243,7 @@ def _with_repeats(data: Measurements, place: str) -> tuple[Measurements, str]:
     )
 
 
-def _wheels(conditions: Conditions) -> NDArray[np.str_]:
+def _wheels(conditions: Conditions) -> Texts:
     """A name for each size of wheel."""
     # a pair of numbers as a complex one
     sizes, index = codes_of(conditions.diameter + 1j * np.nan_to_num(conditions.width))
@@ -277,7 +253,7 @@ def _wheels(conditions: Conditions) -> NDArray[np.str_]:
     return np.array(names, dtype=np.str_)[index]
 
 
-def _check_heights(columns: Columns, contact: NDArray[np.str_]) -> None:
+def _check_heights(columns: Columns) -> None:
     """Add a problem for a wheel that is deeper than its axle, and for lugs higher than its radius.
 
     It carries by its lower half, so that is a mistake. A wheel dragged across its plane is ploughed
@@ -287,54 +263,51 @@ def _check_heights(columns: Columns, contact: NDArray[np.str_]) -> None:
     d = columns.numbers.get("diameter")
     if d is None:
         return
-    angle = columns.numbers.get("slip_angle", np.zeros(d.size))
-    rolled = (contact != PLATE) & (np.abs(angle) <= _PLOUGHED)
-    unit = "; without a unit it is metres: for mm the header is 'sinkage [mm]'"
+    angle = columns.values("slip_angle", 0.0)
+    rolled = (columns.contact != PLATE) & (np.abs(angle) <= _PLOUGHED)
+    metres = columns.there("sinkage") and columns.headings["sinkage"].unit is None
+    hint = "; without a unit it is metres: for mm the header is 'sinkage [mm]'" if metres else ""
     for name, where, words in (
-        ("sinkage", rolled, "half the diameter"),
-        ("grouser_height", np.ones(d.size, dtype=bool), "the wheel's radius: is the unit right?"),
+        ("sinkage", rolled, f"half the diameter{hint}"),
+        ("grouser_height", np.ones_like(rolled), "the wheel's radius: is the unit right?"),
     ):
-        if name not in columns.numbers:
-            continue
-        values = columns.numbers[name]
-        over = over_half(values, d) & where
-        hint = unit if name == "sinkage" and columns.headings[name].unit is None else ""
-        half = 0.5 * d[int(np.argmax(over))]
-        columns.outside(name, values, over, f"at most {half:.6g} m, {words}{hint}")
+        values = columns.values(name, 0.0)
+        over = over_half(values, d) & where & columns.read(name)
+        columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
+
+
+# Rows, what to say of them ({0}: where they are, {1}: the first of the values there), and the values.
+Suspicion = tuple[Mask, str, Array]
 
 
 def suspicions(data: Measurements, place: str) -> Iterator[str]:
     """Yield one sentence for each thing that deserves a second look."""
-    yield from _sizes(data, place)
-    yield from _odd_rows(data, place)
-    yield from _pulls(data, place)
+    for rows, words, values in (*_sizes(data), *_odd_rows(data), *_pulls(data)):
+        if rows.any():
+            count, first = int(rows.sum()), int(np.argmax(rows))
+            where = f"{place} {data.line[first]}"
+            where = where if count == 1 else f"{count} rows (first in {where})"
+            yield words.format(f"in {where}", values[first])
     if data.runs_given:
         yield from _odd_runs(data)
 
 
-def _where(data: Measurements, rows: Mask, place: str) -> str:
-    count = int(rows.sum())
-    first = f"{place} {data.line[np.flatnonzero(rows)[0]]}"
-    return f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
-
-
-def _sizes(data: Measurements, place: str) -> Iterator[str]:
+def _sizes(data: Measurements) -> Iterator[Suspicion]:
     """Values that no small wheel has: most likely in another unit."""
     for name, spec in COLUMNS.items():
         if name not in data.conditions:
             continue
         values = data.conditions[name]
         for odd, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
-            if odd.any():
-                value = values[np.flatnonzero(odd)[0]]
-                yield (
-                    f"{name} is {value:.4g} {spec.unit} {_where(data, odd, place)}, {word} than "
-                    f"expected of a small wheel: is the unit right? A header names it, like "
-                    f"'{name} [{_OTHER_UNIT[spec.unit]}]'"
-                )
+            unit = _OTHER_UNIT.get(spec.unit)
+            words = (
+                f"{name} is {{1:.4g}} {spec.unit} {{0}}, {word} than expected of a small wheel: is the "
+                f"unit right? A header names it, like '{name} [{unit}]'"
+            )
+            yield odd, words, values
 
 
-def _odd_rows(data: Measurements, place: str) -> Iterator[str]:
+def _odd_rows(data: Measurements) -> list[Suspicion]:
     """Rows outside of what the models are of, each kind with what is to say of it."""
     c, nothing = data.conditions, np.zeros(len(data), dtype=bool)
     z = data.channels.get("sinkage", np.full(len(data), np.nan))
@@ -359,10 +332,10 @@ def _odd_rows(data: Measurements, place: str) -> Iterator[str]:
         (data.channels.get("resistance", nothing) < 0,
          "resistance is negative {}: it is positive against the direction of travel"),
     ]  # fmt: skip
-    return (text.format(_where(data, rows, place)) for rows, text in found if rows.any())
+    return [(rows, words, slip) for rows, words in found]
 
 
-def _pulls(data: Measurements, place: str) -> Iterator[str]:
+def _pulls(data: Measurements) -> Iterator[Suspicion]:
     """Pulls of driven wheels that no sand gives, by the balance of stresses in its closed form.
 
     DP = W tan(delta - kappa t1) with cos t1 = 1 - 2 z/D (`physics.stresses.closed_form_forces`), kappa for
@@ -376,13 +349,12 @@ def _pulls(data: Measurements, place: str) -> Iterator[str]:
     limit = c.load * np.tan(_STRONGEST - mean_place(1.0).mean * entry)
     driven = c["slip"] >= 0.0 if "slip" in c else np.ones(len(data), dtype=bool)
     over = (pull > limit) & driven & (c.contact == ROLLING) & ~data.sunk_to_axle
-    if over.any():
-        row = int(np.flatnonzero(over)[0])
-        yield (
-            f"drawbar_pull is {pull[row]:.4g} N {_where(data, over, place)}, more than the "
-            f"{limit[row]:.4g} N that a wheel of this load and sinkage can pull on the strongest sand "
-            "(friction angle 45 deg): check load, pull and the zero of the sinkage"
-        )
+    words = (
+        f"drawbar_pull is {{1:.4g}} N {{0}}, more than the {limit[np.argmax(over)]:.4g} N that a wheel of "
+        "this load and sinkage can pull on the strongest sand (friction angle 45 deg): check load, "
+        "pull and the zero of the sinkage"
+    )
+    yield over, words, pull
 
 
 def _odd_runs(data: Measurements) -> Iterator[str]:
@@ -393,7 +365,7 @@ def _odd_runs(data: Measurements) -> Iterator[str]:
             continue
         low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
         if (low < high).any():
-            run = names[np.flatnonzero(low < high)[0]]
+            run = names[int(np.argmax(low < high))]
             yield (
                 f"run '{run}' has rows of several {what}: rows of one run are repeats of one "
                 "setting. If runs are numbered anew for each, give each a name of its own"
@@ -404,7 +376,7 @@ def _odd_runs(data: Measurements) -> Iterator[str]:
     rolling = np.bincount(index, data.conditions.rolling) > 0  # what is pressed in is a curve
     wide = rolling & (high > _STEADY_LOAD * low)
     if wide.any():
-        first = int(np.flatnonzero(wide)[0])
+        first = int(np.argmax(wide))
         yield (
             f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[first]}': "
             f"{low[first]:.4g} to {high[first]:.4g} N): a curve, not repeats. Its rows stay "

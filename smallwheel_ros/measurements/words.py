@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The words that people write above their columns, and what this package calls the quantity.
+"""What a column is, from what stands above it: `sinkage [mm]`, `Einsinkung (mm)`, `z_mm`, `Fz, N`.
 
-This is the one place for them: English, German, French, and the symbols of the field. A line more
+This is the one place for words: English, German, French, and the symbols of the field. A line more
 in `WORDS` makes a word known; a quantity of its own also needs its line in `columns.COLUMNS` (unit
 and range) if it has to be checked. Case, accents, hyphens, underscores and blanks do not matter in
 words; in symbols (after the bar) case does.
@@ -12,10 +12,11 @@ from __future__ import annotations
 import difflib
 import re
 import unicodedata
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from smallwheel_ros.measurements.columns import CHANNELS
+from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, LAB_COLUMNS, TEXTS
+from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, is_common, spelled
 
 WORDS: dict[str, str] = {
     "load": "normal load, vertical load, axle load per wheel, normal force, vertical force, weight, "
@@ -71,6 +72,20 @@ CONTACT_WORDS = {
 # A cell that says that nothing was measured.
 _MISSING = "na n/a n.a. k.a. n.d. nd none null missing fehlt - -- – — ? . #n/a #nv"
 MISSING = frozenset(_MISSING.split())
+
+
+_ROUND_BRACKETS = re.compile(r"(.*\S)\s*\(([^()]*)\)")
+_PURE_NUMBERS = ("", "1", "-", "–", "—", "/")
+_AT_THE_END = (
+    r"\s*[,;:]\s*",  # load, N
+    r"\s+(?:in|en|/)\s+",  # load in N
+    r"\s*/\s*",  # load/N
+    r"\s*(?=[%°]$)",  # slip%
+    r"[\s_]+(?=[^\s_]+$)",  # load_N
+    r"[\s_]+(?=[^\s_]+_[^\s_]+$)",  # speed_m_s
+)
+MAPPED = -1  # rank of a column that the user named, before all that was understood
+UNKNOWN = 3  # rank of a column that no word is known for
 
 
 class Match(NamedTuple):
@@ -144,8 +159,11 @@ def find(text: str) -> Match | None:
                 return Match(match.name, 1)
     spread = next((w for w in _DEVIATIONS if whole.startswith(w) or whole.endswith(w)), None)
     if spread is not None:
-        return _deviation(whole.removeprefix(spread) if whole.startswith(spread)
-                          else whole.removesuffix(spread), text)  # fmt: skip
+        of = whole.removeprefix(spread) if whole.startswith(spread) else whole.removesuffix(spread)
+        channel = _BY_WORD.get(of, SYMBOLS.get(tokens[0], ""))
+        # only of what a wheel's measurement is weighed by
+        rank = 0 if whole == plain(f"{channel}_std") else 1
+        return Match(f"{channel}_std", rank) if channel in CHANNELS else None
     rest = [token for token in tokens if plain(token) not in _QUALIFIERS]
     if rest and len(rest) < len(tokens):
         match = find(" ".join(rest))
@@ -156,12 +174,125 @@ def find(text: str) -> Match | None:
     return None
 
 
-def _deviation(of: str, text: str) -> Match | None:
-    """`sinkage_std` and the like; only of what a wheel's measurement is weighed by."""
-    name = f"{_BY_WORD.get(of, SYMBOLS.get(_tokens(text)[0], ''))}_std"
-    if name not in {f"{channel}_std" for channel in CHANNELS}:
-        return None
-    return Match(name, 0 if plain(text) == plain(name) else 1)
+class Heading(NamedTuple):
+    """A column's header, understood.
+
+    text: as it stands in the file. name: our word for the quantity, or theirs where none is known.
+    unit: as `units.to_base` takes it, None where the header has none. rank: of `Match`, `MAPPED` or
+    `UNKNOWN`. factor: of the values, 2 for a radius.
+    """
+
+    text: str
+    name: str
+    unit: str | None
+    rank: int
+    factor: float = 1.0
+
+
+def expected_unit(name: str) -> str | None:
+    """SI unit that the quantity must have; None where any will do."""
+    if name == "radius":
+        return "m"
+    spec = COLUMNS.get(name) or LAB_COLUMNS.get(name)
+    return None if spec is None else spec.unit
+
+
+def read_heading(text: str, known: Match | None = None) -> Heading:
+    """Understand a header; `known` where the user has said which quantity it is.
+
+    Raises UnitsError where a bracket is not closed or text follows it.
+    """
+    text = " ".join(text.split())
+    rest, unit = _in_square_brackets(text)
+    if unit is not None:
+        return _heading(text, rest, known or find(rest), unit)
+    whole = None if known else find(text)
+    if whole is not None and not text.endswith(")"):
+        return _heading(text, text, whole, None)
+    for rest, tail in _splits(text):
+        match = known or find(rest)
+        if match is None or match.name in TEXTS:
+            continue
+        if SYMBOLS.get(tail) == match.name or find(tail) == (match.name, 1):
+            return _heading(text, rest, match, None)
+        if _fits(tail, expected_unit(match.name)):
+            return _heading(text, rest, match, tail)
+    if brackets := _ROUND_BRACKETS.fullmatch(text):
+        rest, tail = brackets.groups()
+        match = known or find(rest)
+        if spelled(tail, None) is not None and (match is not None or is_common(tail)):
+            return _heading(text, rest, match, tail)
+    return _heading(text, text, known or whole, None)
+
+
+def _in_square_brackets(text: str) -> tuple[str, str | None]:
+    if "[" not in text and "]" not in text:
+        return text, None
+    found = re.fullmatch(r"([^\[\]]*)\[([^\[\]]*)\]", text)
+    if found is None:
+        raise UnitsError("expected a name and one unit in brackets at its end, like 'sinkage [mm]'")
+    return found[1].strip(), found[2].strip()
+
+
+def _splits(text: str) -> Iterator[tuple[str, str]]:
+    """Name and what may be its unit or symbol, the surest way of writing first."""
+    if brackets := _ROUND_BRACKETS.fullmatch(text):
+        yield brackets[1], brackets[2].strip()
+    for separator in _AT_THE_END:
+        parts = re.split(separator, text)
+        if len(parts) > 1 and all(parts):
+            where = [m.span() for m in re.finditer(separator, text)]
+            for start, end in (where[0], where[-1]):
+                yield text[:start], text[end:]
+
+
+def _fits(tail: str, expected: str | None) -> bool:
+    unit = _unit(tail, expected)
+    return unit is not None and (is_common(tail) if expected is None else fits(unit, expected))
+
+
+def _unit(text: str, expected: str | None) -> str | None:
+    """The unit that stands behind a name, as `units.to_base` takes it; None where none is known."""
+    if text in _PURE_NUMBERS:
+        return DIMENSIONLESS
+    return spelled(text, expected) or spelled(text.replace("_", "/"), expected)
+
+
+def _heading(text: str, name: str, match: Match | None, unit: str | None) -> Heading:
+    expected = None if match is None else expected_unit(match.name)
+    if unit is not None:
+        ours = _unit(unit, expected)
+        unit = ours or unit  # one that nobody knows is said with its values
+        by_symbol = match is not None and match.rank == 1 and name in SYMBOLS
+        if by_symbol and ours and expected and not fits(ours, expected):
+            match = None  # `s [mm]` is no slip, `i [A]` neither
+    if match is None:
+        return Heading(text, name, unit, UNKNOWN)
+    if match.name == "radius":
+        return Heading(text, "diameter", unit, max(match.rank, 1), 2.0)
+    return Heading(text, match.name, unit, match.rank)
+
+
+def mapped_heading(text: str, ours: str) -> Heading:
+    """The heading of a column that the user named, `--map "load [kN]=F"`.
+
+    Raises UnitsError where a bracket of either is not closed.
+    """
+    wanted = read_heading(ours)
+    known = Match(wanted.name, MAPPED) if wanted.factor == 1.0 else Match("radius", MAPPED)
+    heading = read_heading(text, known)
+    unit = heading.unit if wanted.unit is None else wanted.unit
+    return Heading(text, wanted.name, unit, MAPPED, wanted.factor)
+
+
+def meant(heading: Heading) -> str | None:
+    """The quantity that a header of none nearly names: `sinkge_mm` or `sinkage (foo)`."""
+    brackets = _ROUND_BRACKETS.fullmatch(heading.name)
+    match = find(brackets[1]) if brackets else None
+    if match is not None:
+        return match.name
+    names = [heading.name, *(rest for rest, tail in _splits(heading.text) if is_common(tail))]
+    return next((near for name in names if (near := near_miss(name)) is not None), None)
 
 
 def near_miss(text: str) -> str | None:
@@ -169,10 +300,8 @@ def near_miss(text: str) -> str | None:
     whole = plain(text)
     if whole in _BY_WORD or len(whole) < 3:
         return None
-    for word in difflib.get_close_matches(whole, _BY_WORD, n=3, cutoff=0.7):
-        if _one_slip(whole, word):
-            return _BY_WORD[word]
-    return None
+    close = difflib.get_close_matches(whole, _BY_WORD, n=3, cutoff=0.7)
+    return next((_BY_WORD[word] for word in close if _one_slip(whole, word)), None)
 
 
 def _one_slip(a: str, b: str) -> bool:
@@ -181,17 +310,13 @@ def _one_slip(a: str, b: str) -> bool:
     In words of four letters and fewer another letter makes another word (load, road), and a letter
     more or less does so in three (run, rung).
     """
-    short = min(len(a), len(b))
+    shorter, longer = sorted((a, b), key=len)
+    i = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(shorter))
     if len(a) == len(b):
-        wrong = [i for i, (x, y) in enumerate(zip(a, b, strict=True)) if x != y]
-        if len(wrong) == 2 and wrong[1] == wrong[0] + 1:
-            i, j = wrong
-            return short >= 4 and a[i] == b[j] and a[j] == b[i]
-        return len(wrong) == 1 and short >= 5
-    if abs(len(a) - len(b)) != 1 or short < (3 if len(a) < len(b) else 4):
-        return False
-    longer, shorter = (a, b) if len(a) > len(b) else (b, a)
-    return any(longer[:i] + longer[i + 1 :] == shorter for i in range(len(longer)))
+        another = len(a) >= 5 and a[i + 1 :] == b[i + 1 :]
+        return another or (len(a) >= 4 and a[i:] == b[i + 1 : i + 2] + b[i : i + 1] + b[i + 2 :])
+    enough = len(shorter) >= (3 if shorter == a else 4)
+    return enough and longer[:i] + longer[i + 1 :] == shorter
 
 
 def contact_of(text: str) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 from smallwheel_ros.measurements.cells import (
     MOST_CELLS,
     SMALLER,
+    TOO_MANY,
     Cell,
     Grid,
     MeasurementsError,
@@ -34,44 +35,51 @@ _NO_VALUE = re.compile(rb"</f>\s*(?:<v\s*/>|<v>\s*</v>|</c>)|<f[^>]*/>\s*(?:<v\s
 Row = Sequence[Cell]
 
 
-def workbook_grid(data: bytes, source: str, digest: str, sheet: str | None) -> Grid:
+def workbook_grid(data: bytes, sheet: str | None) -> Grid:
     """Read one sheet. Raises MeasurementsError; where several have tables, it lists them."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
         names = archive.namelist()
-        _refuse_bombs(archive, source)
+        _refuse_bombs(archive)
         if "content.xml" in names:
-            sheets = _ods_sheets(archive, source)
+            sheets = _ods_sheets(archive)
         elif any(name.endswith("workbook.xml") for name in names):
-            sheets = _xlsx_sheets(data, source)
+            sheets = _xlsx_sheets(data)
         else:
             raise MeasurementsError(
-                f"{source}: this is a ZIP archive and no xlsx or ods workbook: unpack it first, or "
+                "this is a ZIP archive and no xlsx or ods workbook: unpack it first, or "
                 "save the table as xlsx"
             )
-        name, rows, numbers = _chosen(sheets, source, sheet)
+        name = _chosen(sheets, sheet)
+        grid, cells = Grid([], [], "row"), 0
+        for number, row in sheets.rows(name):
+            cells += len(row)
+            if cells > MOST_CELLS:
+                raise MeasurementsError(TOO_MANY)
+            grid.rows.append(row)
+            grid.numbers.append(number)
     except MeasurementsError:
         raise
     except Exception as error:  # the libraries raise many kinds for a damaged file
         reason = clipped(str(error)) or type(error).__name__
         raise MeasurementsError(
-            f"{source}: a damaged xlsx or ods workbook or ZIP archive: {reason}"
+            f"a damaged xlsx or ods workbook or ZIP archive: {reason}"
         ) from None
-    if not rows:
-        raise MeasurementsError(f"{source}: sheet '{clipped(name)}' is empty")
-    said = [f"sheet '{clipped(name)}'"] if len(sheets.names) > 1 else []
+    if not grid.rows:
+        raise MeasurementsError(f"sheet '{clipped(name)}' is empty")
+    grid.said += [f"sheet '{clipped(name)}'"] if len(sheets.names) > 1 else []
     if sheets.hidden and sheet is None:
         hidden = ", ".join(f"'{clipped(name)}'" for name in sheets.hidden[:5])
-        said.append(f"hidden sheets are left out: {hidden}")
-    return Grid(source, digest, list(rows), numbers, "row", said=said)
+        grid.said.append(f"hidden sheets are left out: {hidden}")
+    return grid
 
 
-def _refuse_bombs(archive: zipfile.ZipFile, source: str) -> None:
+def _refuse_bombs(archive: zipfile.ZipFile) -> None:
     """Refuse what unpacks to more than a table needs; a member longer than it says is damaged."""
     sizes = sum(member.file_size for member in archive.infolist())
     if sizes > _MOST_UNPACKED or len(archive.infolist()) > 10_000:
         raise MeasurementsError(
-            f"{source}: {sizes} bytes once unpacked, expected at most {_MOST_UNPACKED}: {SMALLER}"
+            f"{sizes} bytes once unpacked, expected at most {_MOST_UNPACKED}: {SMALLER}"
         )
     tags = 0
     for member in archive.infolist():
@@ -79,20 +87,18 @@ def _refuse_bombs(archive: zipfile.ZipFile, source: str) -> None:
             continue
         content = archive.read(member)
         if b"<!DOCTYPE" in content[:10_000] or b"<!ENTITY" in content:
-            raise MeasurementsError(f"{source}: {member.filename} declares entities: save it anew")
+            raise MeasurementsError(f"{member.filename} declares entities: save it anew")
         tags += content.count(b"<")
         closed = 2 * content.count(b"</") + content.count(b"/>")
         if closed < content.count(b"<") - 1000:  # but for comments and the like
-            raise MeasurementsError(
-                f"{source}: a damaged workbook: {member.filename} is not closed"
-            )
+            raise MeasurementsError(f"a damaged workbook: {member.filename} is not closed")
         if "/worksheets/" in member.filename and _NO_VALUE.search(content):
             raise MeasurementsError(
-                f"{source}: {clipped(member.filename)} has formulas without a computed value: open "
+                f"{clipped(member.filename)} has formulas without a computed value: open "
                 "the workbook in Excel or LibreOffice, save it, and read it again"
             )
     if tags > _MOST_TAGS:
-        raise MeasurementsError(f"{source}: expected at most {_MOST_TAGS // 4} cells: {SMALLER}")
+        raise MeasurementsError(f"expected at most {_MOST_TAGS // 4} cells: {SMALLER}")
 
 
 class _Sheets(NamedTuple):
@@ -103,50 +109,38 @@ class _Sheets(NamedTuple):
     hidden: Sequence[str] = ()
 
 
-def _chosen(sheets: _Sheets, source: str, wanted: str | None) -> tuple[str, list[Row], list[int]]:
+def _chosen(sheets: _Sheets, wanted: str | None) -> str:
+    """The name of the sheet that was asked for, else of the one that has a table."""
     listed = ", ".join(f"'{clipped(name)}'" for name in sheets.names[:30])
     if not sheets.names:
-        raise MeasurementsError(f"{source}: no sheet with cells in it")
+        raise MeasurementsError("no sheet with cells in it")
     if wanted is not None:
         called = {str(i): name for i, name in enumerate(sheets.names, start=1)}
         called |= {name.casefold(): name for name in reversed(sheets.names)}
         if wanted.strip().casefold() not in called:
-            raise MeasurementsError(f"{source}: no sheet '{clipped(wanted)}', there is: {listed}")
-        name = called[wanted.strip().casefold()]
-    elif len(sheets.names) == 1:
-        name = sheets.names[0]
-    else:
-        tables = [
-            name
-            for name in sheets.names
-            if name not in sheets.hidden
-            and any(known_cells(row) > 1 for _, row in islice(sheets.rows(name), SEARCHED))
-        ]
-        if len(tables) != 1:
-            what = "several sheets have tables" if tables else "no sheet has a header that is known"
-            raise MeasurementsError(
-                f"{source}: {what}: name one with --sheet, there is: "
-                f"{', '.join(repr(clipped(name)) for name in tables) or listed}"
-            )
-        name = tables[0]
-    rows: list[Row] = []
-    numbers: list[int] = []
-    cells = 0
-    for number, row in sheets.rows(name):
-        cells += len(row)
-        if cells > MOST_CELLS:
-            raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
-        rows.append(row)
-        numbers.append(number)
-    return name, rows, numbers
+            raise MeasurementsError(f"no sheet '{clipped(wanted)}', there is: {listed}")
+        return called[wanted.strip().casefold()]
+    if len(sheets.names) == 1:
+        return sheets.names[0]
+    tables = [
+        name
+        for name in sheets.names
+        if name not in sheets.hidden
+        and any(known_cells(row) > 1 for _, row in islice(sheets.rows(name), SEARCHED))
+    ]
+    if len(tables) != 1:
+        what = "several sheets have tables" if tables else "no sheet has a header that is known"
+        listed = ", ".join(repr(clipped(name)) for name in tables) or listed
+        raise MeasurementsError(f"{what}: name one with --sheet, there is: {listed}")
+    return tables[0]
 
 
-def _xlsx_sheets(data: bytes, source: str) -> _Sheets:
+def _xlsx_sheets(data: bytes) -> _Sheets:
     try:
         import openpyxl
     except ImportError:
         raise MeasurementsError(
-            f"{source}: reading xlsx needs openpyxl: pip install openpyxl, or save it as CSV UTF-8"
+            "reading xlsx needs openpyxl: pip install openpyxl, or save it as CSV UTF-8"
         ) from None
     book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
     sheets = {sheet.title: sheet for sheet in book.worksheets}
@@ -181,14 +175,14 @@ _TABLE = "{urn:oasis:names:tc:opendocument:xmlns:table:1.0}"
 _TEXT = "{urn:oasis:names:tc:opendocument:xmlns:text:1.0}"
 
 
-def _ods_sheets(archive: zipfile.ZipFile, source: str) -> _Sheets:
+def _ods_sheets(archive: zipfile.ZipFile) -> _Sheets:
     content = archive.read("content.xml")
     names = [
         str(element.get(f"{_TABLE}name"))
         for event, element in _elements(content)
         if event == "start" and element.tag == f"{_TABLE}table"
     ]
-    return _Sheets(names, lambda name: _ods_rows(content, name, source))
+    return _Sheets(names, lambda name: _ods_rows(content, name))
 
 
 def _elements(content: bytes) -> Iterator[tuple[str, ElementTree.Element]]:
@@ -200,7 +194,7 @@ def _elements(content: bytes) -> Iterator[tuple[str, ElementTree.Element]]:
             element.clear()
 
 
-def _ods_rows(content: bytes, name: str, source: str) -> Iterator[tuple[int, Row]]:
+def _ods_rows(content: bytes, name: str) -> Iterator[tuple[int, Row]]:
     inside = False
     number = 1
     for event, element in _elements(content):
@@ -212,7 +206,7 @@ def _ods_rows(content: bytes, name: str, source: str) -> Iterator[tuple[int, Row
             repeated = int(element.get(f"{_TABLE}number-rows-repeated", "1"))
             row = _ods_row(element) if inside else []
             if row and repeated * len(row) > MOST_CELLS:
-                raise MeasurementsError(f"{source}: expected at most {MOST_CELLS} cells: {SMALLER}")
+                raise MeasurementsError(TOO_MANY)
             if row:
                 yield from ((number + i, row) for i in range(repeated))
             number += repeated
@@ -241,14 +235,6 @@ def _ods_cell(cell: ElementTree.Element) -> Cell:
     if kind in ("float", "percentage", "currency"):
         value = float(cell.get(f"{_OFFICE}value", "nan"))
         return Percent(value) if kind == "percentage" else value
-    return "\n".join(_ods_text(p) for p in cell.findall(f"{_TEXT}p")).strip()
-
-
-def _ods_text(paragraph: ElementTree.Element) -> str:
-    """The text of a paragraph, runs of blanks (text:s) included."""
-    parts: Iterable[str] = (
-        (" " if e.tag == f"{_TEXT}s" else e.text or "")
-        + (e.tail or "" if e is not paragraph else "")
-        for e in paragraph.iter()
-    )
-    return "".join(parts)
+    for blank in cell.iter(f"{_TEXT}s"):  # a run of blanks
+        blank.text = " "
+    return "\n".join("".join(p.itertext()) for p in cell.findall(f"{_TEXT}p")).strip()

@@ -8,7 +8,7 @@ prediction = predict(model, Conditions.of(load=60, diameter=0.2, width=0.1, slip
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -21,7 +21,7 @@ from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.views import READ_MODEL, function
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
-from smallwheel_ros.model.stages import Stages, guarded
+from smallwheel_ros.model.stages import Loaded, Stages, guarded
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import (
@@ -99,8 +99,7 @@ class Model(Result):
 
     def __add__(self, effect: Effect | type[Effect] | str) -> Model:
         """The model with one more effect, given as such, as its class or by its id."""
-        effects = (*self.effects, as_effect(effect))
-        return Model(self.soils, self.geometry, effects, self.thrust_form)
+        return replace(self, effects=(*self.effects, as_effect(effect)))
 
     @classmethod
     def load(cls, path: str | PathLike[str], effects: Registry | None = None) -> CalibratedModel:
@@ -120,11 +119,6 @@ class Model(Result):
         rule = self.geometry.replace("_", " ")
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
 
-    @property
-    def contact_rule(self) -> str:
-        """The geometry rule after the effects had their say."""
-        return self.geometry
-
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
         """Effects that act on these rows: the model's, after known physics that has its columns."""
         present = {effect.id for effect in self.effects}
@@ -139,14 +133,6 @@ class Model(Result):
         """What effects say of rows beyond what they are known for."""
         found = [guarded(e, "caution", e.caution, conditions) for e in self.effects]
         return tuple(said for said in found if said)
-
-    def missing_covariates(self, conditions: Conditions) -> dict[str, list[str]]:
-        """By effect, the covariates that it needs and that the conditions do not have."""
-        lacks = {
-            effect.id: [name for name in effect.needs if name not in conditions]
-            for effect in self.effects
-        }
-        return {effect: names for effect, names in lacks.items() if names}
 
 
 class CalibratedModel(Model):
@@ -214,13 +200,13 @@ class Prediction:
     sinkage: Array
     compaction_resistance: Array
     resistance: Array
-    thrust: Array | None
-    rolling_resistance: Array | None
-    drawbar_pull: Array | None
-    torque: Array | None
     immobilised: NDArray[np.bool_]
     true_sinkage: Array
     true_resistance: Array
+    thrust: Array | None = None
+    rolling_resistance: Array | None = None
+    drawbar_pull: Array | None = None
+    torque: Array | None = None
 
 
 def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
@@ -242,17 +228,15 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
     return {name: np.array([getattr(s, name) for s in model.soils])[rows] for name in SOIL_NUMBERS}
 
 
-def _static_sinkage(
-    model: Model, stages: Stages, load: Array, diameter: Array, modulus: Array, n: Array
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Sinkage that carries the load, by each row's contact, before any digging."""
-    conditions = stages.conditions
-    plate, some_plate = conditions.plate, bool(conditions.plate.any())
+def _static_sinkage(model: Model, stages: Stages, wheel: Loaded) -> tuple[Array, NDArray[np.bool_]]:
+    """Sinkage that carries the load, by each row's contact, before any digging; where it is to the axle."""
+    conditions, plate = stages.conditions, stages.conditions.plate
+    load, diameter, modulus, n = wheel
     # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
     carried = np.where(conditions.pressed, 0.5 * load, load)
     width = np.where(plate, diameter, conditions.width)
     if stages.layered:
-        z, sunk = _layered_sinkage(stages, carried, diameter, width, modulus, n)
+        z, sunk = _layered_sinkage(stages, wheel._replace(load=carried), width)
     elif model.geometry == "closed_form":
         bad = np.flatnonzero(~(n < 3.0))
         if bad.size:
@@ -265,16 +249,17 @@ def _static_sinkage(
     else:
         solved = contact_sinkage(carried, diameter, width, modulus, n)
         z, sunk = solved.sinkage, solved.sunk_to_axle
-    if some_plate and not stages.layered:
+    if plate.any() and not stages.layered:
         z = np.where(plate, plate_sinkage(load, diameter, modulus, n), z)
     return z, sunk & ~plate
 
 
 def _layered_sinkage(
-    stages: Stages, load: Array, diameter: Array, width: Array, modulus: Array, n: Array
+    stages: Stages, wheel: Loaded, width: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    factor = stages.pressure_factor
-    plate = stages.conditions.plate
+    """The same where pressure is no power of depth."""
+    load, diameter, modulus, n = wheel
+    factor, plate = stages.pressure_factor, stages.conditions.plate
 
     def load_at(z: Array) -> Array:
         on_plate = np.pi / 4.0 * diameter**2 * modulus * z**n * factor(z) if plate.any() else load
@@ -288,11 +273,10 @@ def _layered_sinkage(
 
 def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Conditions) -> None:
     """Refuse rows that an effect cannot be worked out for."""
-    lacking = model.missing_covariates(conditions)
-    if lacking:
-        name, columns = next(iter(lacking.items()))
+    lacking = [(e.id, name) for e in model.effects for name in e.needs if name not in conditions]
+    for id, name in lacking:
         there = ", ".join(("load", "diameter", "width", *conditions.covariates))
-        raise ModelError(f"effect '{name}' needs the column '{columns[0]}'. There is: {there}")
+        raise ModelError(f"effect '{id}' needs the column '{name}'. There is: {there}")
     for effect in effects:
         for name in effect.needs:
             blank = np.flatnonzero(np.isnan(conditions[name]) & conditions.rolling)
@@ -306,10 +290,11 @@ def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Condi
             raise ModelError(f"effect '{effect.id}': {objection}")
 
 
-def predict(model: Model, conditions: Conditions) -> Prediction:
+def predict(model: Model, conditions: Conditions, *, with_forces: bool = True) -> Prediction:
     """Predict sinkage, resistance and drawbar pull of each row.
 
-    The load of `conditions` is what the load cell shows. Raises ModelError where an effect's
+    The load of `conditions` is what the load cell shows. with_forces: whether thrust, pull and torque
+    are wanted, which take a third of the time. Raises ModelError where an effect's
     covariate is missing or a row's soil is not the model's.
     """
     effects = model.acting(conditions)
@@ -318,10 +303,12 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
     conditions = stages.conditions  # with the load itself
     soil = _soil_columns(model, conditions)
     rolling = stages.rolling
-    load, diameter, modulus, n = stages.loaded(soil["k"], soil["n"], soil["m"])
-    static, sunk = _static_sinkage(model, stages, load, diameter, modulus, n)
+    wheel = stages.loaded(soil["k"], soil["n"], soil["m"])
+    load, diameter, modulus, n = wheel
+    static, sunk = _static_sinkage(model, stages, wheel)
     if model.thrust_form == "wong_reece" and "slip" in conditions:
-        static, sunk = _with_shear(stages, soil, static, sunk, load, diameter, modulus, n)
+        deeper, sunk_deeper = _with_shear(stages, soil, wheel)
+        static, sunk = np.where(rolling, deeper, static), np.where(rolling, sunk_deeper, sunk)
     z = stages.change_rolling("sinkage", static)
     compacted = z
     if stages.acting_at("compaction_sinkage"):
@@ -337,27 +324,29 @@ def predict(model: Model, conditions: Conditions) -> Prediction:
         compaction = compaction_resistance(compacted, conditions.width, modulus, n)
     strength = (soil["cohesion"], soil["friction_angle"])
     state = WheelState(load, diameter, conditions.width, z, modulus, n, *strength)
-    added: Array = np.zeros(len(conditions))
-    for effect in stages.acting_at("added_resistance"):
-        added = added + stages.call(effect, "added_resistance", 0.0, state)
+    added = np.zeros(len(conditions)) + stages.total("added_resistance", state)
     if not stages.all_rolling:
         compaction, added = (np.where(rolling, a, 0.0) for a in (compaction, added))
     resistance = compaction + added
     forces = None
-    if "slip" in conditions:
+    if with_forces and "slip" in conditions:
         forces = _forces(model, stages, soil, state, compaction)
-    immobilised = sunk | (sunk_to_axle(z, diameter) & ~conditions.plate)
-    return Prediction(
-        stages.change("measured_sinkage", z),
-        compaction,
-        stages.change_rolling("measured_resistance", resistance),
-        None if forces is None else forces.thrust,
-        None if forces is None else forces.resistance + added,
-        None if forces is None else forces.thrust - forces.resistance - added,
-        None if forces is None else forces.torque,
-        immobilised,
-        z,
-        resistance,
+    prediction = Prediction(
+        sinkage=stages.change("measured_sinkage", z),
+        compaction_resistance=compaction,
+        resistance=stages.change_rolling("measured_resistance", resistance),
+        immobilised=sunk | (sunk_to_axle(z, diameter) & ~conditions.plate),
+        true_sinkage=z,
+        true_resistance=resistance,
+    )
+    if forces is None:
+        return prediction
+    return replace(
+        prediction,
+        thrust=forces.thrust,
+        rolling_resistance=forces.resistance + added,
+        drawbar_pull=forces.thrust - forces.resistance - added,
+        torque=forces.torque,
     )
 
 
@@ -377,26 +366,22 @@ def _optional(conditions: Conditions, name: str) -> Array:
 def _wong_reece(soil: dict[str, Array], slip: Array, pressure: Array) -> dict[str, Any]:
     """What `wheel_forces` needs of shear and pressure in the law of Wong and Reece (1967)."""
     shear = ShearLaw(soil["cohesion"], soil["friction_angle"], soil["shear_displacement"])
-    return {
-        "shear": shear,
-        "peak": _PEAK + _PEAK_BY_SLIP * np.maximum(slip, 0.0),
-        "pressure": pressure,
-    }
+    peak = _PEAK + _PEAK_BY_SLIP * np.maximum(slip, 0.0)
+    return {"shear": shear, "peak": peak, "pressure": pressure}
 
 
 def _with_shear(
-    stages: Stages, soil: dict[str, Array], static: Array, sunk: NDArray[np.bool_],
-    load: Array, diameter: Array, modulus: Array, n: Array,
-) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    stages: Stages, soil: dict[str, Array], wheel: Loaded
+) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage of rolling wheels that pressure and shear carry together (Wong and Reece 1967)."""
+    load, diameter, modulus, n = wheel
     slip, width = _slip(stages), np.nan_to_num(stages.conditions.width, nan=1.0)
 
     def load_at(z: Array) -> Array:
         law = _wong_reece(soil, slip, modulus * z**n)
         return np.maximum(wheel_forces(load, z, diameter, width, slip, n, **law).load, 1e-9)
 
-    z, deep = solve_layered(load, 0.5 * diameter, load_at)
-    return np.where(stages.rolling, z, static), np.where(stages.rolling, deep, sunk)
+    return solve_layered(load, 0.5 * diameter, load_at)
 
 
 def _forces(
@@ -428,11 +413,8 @@ def _forces(
         # The lever where shear stress is the same along the arc: r theta / sin theta.
         entry = 2.0 * contact_length(sinkage, diameter) / diameter
         found = WheelForces(push, compaction, push * 0.5 * diameter / np.sinc(entry / np.pi), load)
-    push, torque = found.thrust, found.torque
-    for effect in stages.acting_at("thrust_factor"):
-        share = stages.call(effect, "thrust_factor", 1.0, state)
-        push, torque = push * share, torque * share
-    found = found._replace(thrust=push, torque=torque)
+    share = stages.product("thrust_factor", state)
+    found = found._replace(thrust=found.thrust * share, torque=found.torque * share)
     if stages.all_rolling:
         return found
     return WheelForces(*(np.where(stages.rolling, values, 0.0) for values in found))

@@ -8,7 +8,7 @@ one never runs code, so an effect that is not installed must be given beforehand
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -29,26 +29,13 @@ Array = NDArray[np.float64]
 
 VERSION = 1
 _TOP = (
-    "smallwheel_model",
-    "geometry",
-    "thrust_form",
-    "soils",
-    "effects",
-    "covariance",
-    "provenance",
-)
-# What a covariance names of a soil; see `uncertainty` for what each means.
+    "smallwheel_model", "geometry", "thrust_form", "soils", "effects", "covariance", "provenance",
+)  # fmt: skip
+# What a covariance names of a soil: the numbers of `fitting.parameters.soil_numbers`.
 SOIL_PARAMETERS = (
-    "log_reference_pressure",
-    "n",
-    "m",
-    "cohesion",
-    "friction_angle",
-    "log_shear_displacement",
-    "rolling_share",
-    "rim_friction",
-    "pressure_peak",
-)
+    "log_reference_pressure", "n", "m", "cohesion", "friction_angle", "log_shear_displacement",
+    "rolling_share", "rim_friction", "pressure_peak",
+)  # fmt: skip
 _SOIL_UNITS = ("Pa/m^(n+m)", "1", "1", "Pa", "rad", "m", "1", "1", "1")
 _HEAD = """\
 # A model of wheel and soil for smallwheel. Units are SI; angles in rad.
@@ -146,116 +133,132 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
     return (*of_soils, *of_effects)
 
 
-class _Reader:
-    """Takes a parsed document apart; every complaint names file and key."""
+class _Entry:
+    """A piece of a parsed document, and its key; every complaint names file and key."""
 
-    def __init__(self, path: Path, effects: Registry) -> None:
-        self.path = path
-        self.effects = effects
+    def __init__(self, file: Path, key: str, value: Any) -> None:
+        self.file = file
+        self.key = key
+        self.value = value
 
-    def fail(self, key: str, found: object, expected: str) -> ModelFileError:
-        shown = "nothing" if found is None else repr(found)
-        return ModelFileError(f"{self.path}: {key}: found {shown[:80]}, expected {expected}")
+    def get(self, name: str, default: Any = None) -> _Entry:
+        """What a mapping has under a name, the default where it does not have the name."""
+        key = f"{self.key}.{name}" if self.key else name
+        return _Entry(self.file, key, self.value.get(name, default))
 
-    def mapping(self, key: str, value: object) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            raise self.fail(key, value, "a mapping of keys and values")
-        return value
+    def wrong(self, why: object) -> ModelFileError:
+        """The error that says what is wrong here."""
+        where = f"{self.key}: " if self.key else ""
+        return ModelFileError(f"{self.file}: {where}{why}")
 
-    def listing(self, key: str, value: object) -> list[Any]:
-        if not isinstance(value, list):
-            raise self.fail(key, value, "a list")
-        return value
+    def unlike(self, expected: str, found: object = None) -> ModelFileError:
+        """The error where something else was expected. found: words; if not given, the value itself."""
+        shown = "nothing" if self.value is None else repr(self.value if found is None else found)
+        return self.wrong(f"found {shown[:80]}, expected {expected}")
 
-    def number(self, key: str, value: object) -> float:
+    def mapping(self, *known: str) -> dict[str, Any]:
+        """A mapping with no key but these."""
+        if not isinstance(self.value, dict):
+            raise self.unlike("a mapping of keys and values")
+        for name in self.value:
+            if name not in known:
+                raise self.get(str(name)).wrong(f"unknown key; {nearest(str(name), list(known))}")
+        return self.value
+
+    def listing(self) -> list[_Entry]:
+        if not isinstance(self.value, list):
+            raise self.unlike("a list")
+        return [_Entry(self.file, f"{self.key}[{i}]", v) for i, v in enumerate(self.value)]
+
+    def number(self) -> float:
+        value = self.value
         if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value):
             return float(value)
-        raise self.fail(key, value, "a finite number")
+        raise self.unlike("a finite number")
 
-    def choice(self, key: str, value: object, choices: tuple[str, ...]) -> str:
-        if value not in choices:
-            raise self.fail(key, value, "one of " + ", ".join(choices))
-        return str(value)
+    def choice(self, choices: Sequence[str]) -> Any:
+        if self.value not in choices:
+            raise self.unlike("one of " + ", ".join(choices))
+        return self.value
 
-    def only(self, key: str, entry: Mapping[str, Any], known: tuple[str, ...]) -> None:
-        for name in entry:
-            if name not in known:
-                where = f"{key}.{name}" if key else str(name)
-                listing = nearest(str(name), list(known))
-                raise ModelFileError(f"{self.path}: {where}: unknown key; {listing}")
 
-    def soil(self, key: str, value: object) -> Soil:
-        entry = self.mapping(key, value)
-        self.only(key, entry, ("name", "source", *SOIL_NUMBERS))
-        for name in ("name", "k", "n"):
-            if name not in entry:
-                raise self.fail(f"{key}.{name}", None, "a name" if name == "name" else "a number")
-        numbers = {n: self.number(f"{key}.{n}", entry[n]) for n in SOIL_NUMBERS if n in entry}
-        try:
-            return Soil(str(entry["name"]), source=str(entry.get("source", "")), **numbers)
-        except SoilError as error:
-            raise ModelFileError(f"{self.path}: {key}: {error}") from error
+def _check_once(entries: Sequence[_Entry], what: str, names: Sequence[str]) -> None:
+    """Refuse a name that is there twice."""
+    for at, name in enumerate(names):
+        if name in names[:at]:
+            raise entries[at].wrong(f"{what} '{name}' is there twice")
 
-    def effect(self, key: str, value: object) -> Effect:
-        entry = self.mapping(key, value)
-        self.only(key, entry, ("id", "form", "parameters", "constants"))
-        if not isinstance(entry.get("id"), str):
-            raise self.fail(f"{key}.id", entry.get("id"), "the id of an effect")
-        try:
-            kind = self.effects.form(entry["id"], entry.get("form"))
-        except EffectError as error:
-            raise ModelFileError(
-                f"{self.path}: {key}: {error}. An effect of your own is given with --effects FILE"
-            ) from error
-        values: dict[str, float] = {}
-        parameters = self.mapping(f"{key}.parameters", entry.get("parameters") or {})
-        known = {p.name: p for p in kind.parameters()}
-        self.only(f"{key}.parameters", parameters, tuple(known))
-        for name in known:
-            if name not in parameters:
-                raise self.fail(f"{key}.parameters.{name}", None, "its value")
-        for name, stored in parameters.items():
-            where = f"{key}.parameters.{name}"
-            if not isinstance(stored, dict):
-                values[name] = self.number(where, stored)
-                continue
-            self.only(where, stored, ("value", "standard_deviation", "unit"))
-            if stored.get("unit", known[name].unit) != known[name].unit:
-                raise self.fail(f"{where}.unit", stored["unit"], f"'{known[name].unit}'")
-            values[name] = self.number(f"{where}.value", stored.get("value"))
-        constants = self.mapping(f"{key}.constants", entry.get("constants") or {})
-        self.only(f"{key}.constants", constants, _constants(kind))
-        for name, stored in constants.items():
-            values[name] = self.number(f"{key}.constants.{name}", stored)
-        try:
-            return kind(**values)
-        except EffectError as error:
-            raise ModelFileError(f"{self.path}: {key}: {error}") from error
 
-    def covariance(self, value: object, known: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
-        entry = self.mapping("covariance", value)
-        self.only("covariance", entry, ("names", "matrix"))
-        names = tuple(str(n) for n in self.listing("covariance.names", entry.get("names")))
-        for name in names:
-            self.choice("covariance.names", name, known)
-            if names.count(name) > 1:
-                raise ModelFileError(
-                    f"{self.path}: covariance.names: found '{name}' twice, expected it once"
-                )
-        rows = self.listing("covariance.matrix", entry.get("matrix"))
-        shape = f"{len(names)} rows of {len(names)} numbers"
-        if len(rows) != len(names):
-            raise self.fail("covariance.matrix", f"{len(rows)} rows", shape)
-        matrix = np.empty((len(names), len(names)))
-        for i, row in enumerate(rows):
-            key = f"covariance.matrix[{i}]"
-            if len(self.listing(key, row)) != len(names):
-                raise self.fail(key, f"{len(row)} numbers", shape)
-            matrix[i] = [self.number(key, v) for v in row]
-        if not _is_covariance(matrix):
-            expected = "symmetric, variances and eigenvalues at least 0"
-            raise self.fail("covariance.matrix", "no covariance", expected)
-        return names, matrix
+def _soil(entry: _Entry) -> Soil:
+    found = entry.mapping("name", "source", *SOIL_NUMBERS)
+    for name, expected in (("name", "a name"), ("k", "a number"), ("n", "a number")):
+        if name not in found:
+            raise entry.get(name).unlike(expected)
+    numbers = {name: entry.get(name).number() for name in SOIL_NUMBERS if name in found}
+    try:
+        return Soil(str(found["name"]), source=str(found.get("source", "")), **numbers)
+    except SoilError as error:
+        raise entry.wrong(error) from error
+
+
+def _effect(entry: _Entry, known: Registry) -> Effect:
+    found = entry.mapping("id", "form", "parameters", "constants")
+    if not isinstance(found.get("id"), str):
+        raise entry.get("id").unlike("the id of an effect")
+    try:
+        kind = known.form(found["id"], found.get("form"))
+    except EffectError as error:
+        words = f"{error}. An effect of your own is given with --effects FILE"
+        raise entry.wrong(words) from error
+    units = {p.name: p.unit for p in kind.parameters()}
+    parameters, constants = (
+        _Entry(entry.file, f"{entry.key}.{name}", found.get(name) or {})
+        for name in ("parameters", "constants")
+    )
+    stored = parameters.mapping(*units)
+    values: dict[str, float] = {}
+    for name, unit in units.items():
+        one = parameters.get(name)
+        if name not in stored:
+            raise one.unlike("its value")
+        if isinstance(one.value, dict):
+            one.mapping("value", "standard_deviation", "unit")
+            if one.value.get("unit", unit) != unit:
+                raise one.get("unit").unlike(f"'{unit}'")
+            one = one.get("value")
+        values[name] = one.number()
+    for name in constants.mapping(*_constants(kind)):
+        values[name] = constants.get(name).number()
+    try:
+        return kind(**values)
+    except EffectError as error:
+        raise entry.wrong(error) from error
+
+
+def _covariance(entry: _Entry, known: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+    """Names of parameters, and their covariance, shape (names, names); both empty where there is none."""
+    if entry.value is None:
+        return (), np.zeros((0, 0))
+    entry.mapping("names", "matrix")
+    of_names, of_matrix = entry.get("names"), entry.get("matrix")
+    names = tuple(str(one.value) for one in of_names.listing())
+    for name in names:
+        _Entry(entry.file, of_names.key, name).choice(known)
+        if names.count(name) > 1:
+            raise of_names.wrong(f"found '{name}' twice, expected it once")
+    rows = of_matrix.listing()
+    shape = f"{len(names)} rows of {len(names)} numbers"
+    if len(rows) != len(names):
+        raise of_matrix.unlike(shape, f"{len(rows)} rows")
+    matrix = np.empty((len(names), len(names)))
+    for i, row in enumerate(rows):
+        if len(row.listing()) != len(names):
+            raise row.unlike(shape, f"{len(row.value)} numbers")
+        matrix[i] = [_Entry(entry.file, row.key, value).number() for value in row.value]
+    if not _is_covariance(matrix):
+        expected = "symmetric, variances and eigenvalues at least 0"
+        raise of_matrix.unlike(expected, "no covariance")
+    return names, matrix
 
 
 def _is_covariance(matrix: Array) -> bool:
@@ -281,45 +284,30 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     effects: all that it may name; those of the package and of installed ones if not given.
     Raises ModelFileError naming file, key, what was found and what was expected.
     """
-    file = Path(path)
-    reader = _Reader(file, effects or default_registry())
+    file, registry = Path(path), effects or default_registry()
     try:
         document = read_yaml(file)
     except PlainYamlError as error:
         raise ModelFileError(f"{file}: {error}") from error
+    top = _Entry(file, "", document)
     if not isinstance(document, dict) or "smallwheel_model" not in document:
-        raise ModelFileError(f"{file}: not a model file: it has no key smallwheel_model")
+        raise top.wrong("not a model file: it has no key smallwheel_model")
     if document["smallwheel_model"] != VERSION:
-        raise reader.fail("smallwheel_model", document["smallwheel_model"], f"version {VERSION}")
-    reader.only("", document, _TOP)
-    soils = [
-        reader.soil(f"soils[{i}]", entry)
-        for i, entry in enumerate(reader.listing("soils", document.get("soils")))
-    ]
-    if not soils:
-        raise reader.fail("soils", [], "at least one soil")
-    for at, kind in enumerate(soils):
-        if any(other.name == kind.name for other in soils[:at]):
-            raise ModelFileError(f"{file}: soils[{at}]: soil '{kind.name}' is there twice")
-    acting = [
-        reader.effect(f"effects[{i}]", entry)
-        for i, entry in enumerate(reader.listing("effects", document.get("effects") or []))
-    ]
-    for at, one in enumerate(acting):
-        if any(other.id == one.id for other in acting[:at]):
-            raise ModelFileError(f"{file}: effects[{at}]: effect '{one.id}' is there twice")
-    geometry: Geometry = reader.choice(  # type: ignore[assignment]  # checked against its values
-        "geometry", document.get("geometry", "contact_integral"), get_args(Geometry)
-    )
-    thrust_form: ThrustForm = reader.choice(  # type: ignore[assignment]
-        "thrust_form", document.get("thrust_form", "stress_integral"), get_args(ThrustForm)
-    )
-    names: tuple[str, ...] = ()
-    covariance: Array = np.zeros((0, 0))
-    if document.get("covariance") is not None:
-        names, covariance = reader.covariance(
-            document["covariance"], parameter_names(soils, acting)
-        )
-    provenance = reader.mapping("provenance", document.get("provenance") or {})
+        raise top.get("smallwheel_model").unlike(f"version {VERSION}")
+    top.mapping(*_TOP)
+    entries = top.get("soils").listing()
+    if not entries:
+        raise top.get("soils").unlike("at least one soil")
+    soils = [_soil(entry) for entry in entries]
+    _check_once(entries, "soil", [one.name for one in soils])
+    entries = _Entry(file, "effects", document.get("effects") or []).listing()
+    acting = [_effect(entry, registry) for entry in entries]
+    _check_once(entries, "effect", [one.id for one in acting])
+    geometry = top.get("geometry", "contact_integral").choice(get_args(Geometry))
+    thrust_form = top.get("thrust_form", "stress_integral").choice(get_args(ThrustForm))
+    names, covariance = _covariance(top.get("covariance"), parameter_names(soils, acting))
+    provenance = document.get("provenance") or {}
+    if not isinstance(provenance, dict):
+        raise top.get("provenance").unlike("a mapping of keys and values")
     model = Model(soils, geometry, acting, thrust_form)
     return CalibratedModel(model, names, covariance, provenance)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
@@ -86,11 +87,7 @@ class Stages:
         return _positive("load", self.change("normal_load", load))
 
     def _soil(self, modulus: Array, exponent: Array) -> tuple[Array, Array]:
-        for effect in self.acting_at("modulus_factor"):
-            modulus = modulus * self.call(effect, "modulus_factor", 1.0)
-        for effect in self.acting_at("exponent_shift"):
-            exponent = exponent + self.call(effect, "exponent_shift", 0.0)
-        return modulus, exponent
+        return modulus * self.product("modulus_factor"), exponent + self.total("exponent_shift")
 
     @property
     def layered(self) -> bool:
@@ -99,10 +96,16 @@ class Stages:
 
     def pressure_factor(self, depth: Array) -> Array:
         """Product of the effects' factors at depths of shape (nodes,) + rows, or rows."""
-        product = np.ones_like(depth)
-        for effect in self.acting_at("pressure_factor"):
-            product = product * self.call(effect, "pressure_factor", 1.0, depth)
-        return product
+        return np.asarray(np.ones_like(depth) * self.product("pressure_factor", depth))
+
+    def product(self, stage: str, *arguments: Any) -> Any:
+        """Product of what the effects give at a stage, 1 where none acts."""
+        calls = (self.call(e, stage, 1.0, *arguments) for e in self.acting_at(stage))
+        return math.prod(calls, start=1.0)
+
+    def total(self, stage: str, *arguments: Any) -> Any:
+        """Sum of what the effects give at a stage, 0 where none acts."""
+        return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
     def change(self, stage: str, value: Array) -> Array:
         """Let each effect change a value in turn, on every row."""

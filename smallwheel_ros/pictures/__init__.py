@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures; each function returns a matplotlib figure or writes one file."""
+"""Plots as plain data (layers.py), and pictures of results by matplotlib."""

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.files import OutputError, check_target
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.paper import (
@@ -28,7 +27,7 @@ from smallwheel_ros.physics.sinkage import closed_form_sinkage
 from smallwheel_ros.physics.soil import SOILS, effective_modulus
 from smallwheel_ros.physics.traction import compaction_resistance
 from smallwheel_ros.pictures.effect_curves import CHANNELS, effect_curves
-from smallwheel_ros.pictures.house import COLOURS, new_figure, style
+from smallwheel_ros.pictures.house import COLOURS, new_figure, save, style, write_figures
 from smallwheel_ros.prediction.prediction import SHOWN, UNITS, PredictionError, PredictionTable
 
 Array = NDArray[np.float64]
@@ -41,15 +40,6 @@ _PANELS = (
 _MOST_CURVES = 8
 _LEGEND: dict[str, Any] = {"fontsize": 7, "frameon": False}
 _STYLES = ("-", "--", "-.", ":")
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure; the suffix picks the format. Raises OutputError."""
-    check_target(path)
-    try:
-        figure.savefig(path, dpi=130)
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: cannot be drawn: {error}") from error
 
 
 def plot_prediction(table: PredictionTable, path: Path) -> None:
@@ -136,19 +126,12 @@ def plot_effect(family: tuple[type[Effect], ...], path: Path) -> None:
 
 def plot_paper(folder: Path) -> list[Path]:
     """Three figures from the paper's constants; gives the files. Its own data is not printed."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made: {error.strerror or error}") from error
-    drawn = []
-    for name, figure in (
-        ("figure_9_pressure_sinkage.png", _pressure_sinkage()),
-        ("figure_13_sinkage.png", _over_load("sinkage")),
-        ("figure_14_resistance.png", _over_load("resistance")),
-    ):
-        save(figure, folder / name)
-        drawn.append(folder / name)
-    return drawn
+    figures = {
+        "figure_9_pressure_sinkage": _pressure_sinkage(),
+        "figure_13_sinkage": _over_load("sinkage"),
+        "figure_14_resistance": _over_load("resistance"),
+    }
+    return write_figures(figures, folder)
 
 
 def _pressure_sinkage() -> Figure:

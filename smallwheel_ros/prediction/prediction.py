@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One wheel, or a grid of settings, on one soil: the function behind `smallwheel predict`."""
+"""One wheel, or a grid of settings, on one soil, with deviations: behind `smallwheel predict`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,21 +15,17 @@ from scipy.linalg import block_diag
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.tables import text_table
+from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.fitting.constants import FORCE_LAW
-from smallwheel_ros.fitting.forces import of_load, wheel_discrepancy
-from smallwheel_ros.fitting.prior import WHEEL_PARAMETERS
+from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
+from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS, soil_from, soil_numbers
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.measurements.display import listed, words
-from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil
-from smallwheel_ros.prediction.uncertainty import (
-    QUANTITIES,
-    UncertainPrediction,
-    predict_with_uncertainty,
-)
+from smallwheel_ros.physics.soil import Soil, SoilError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +35,7 @@ Array = NDArray[np.float64]
 # SI units of the settings; any other column is in SI whatever its unit.
 UNITS = {name: unit_of(name) for name in ("load", "diameter", "width", *SETTINGS)}
 _MOST = 200_000
+_STEP = 1e-4  # of a standard deviation: far from rounding, close enough to be a slope
 SUNK = "immobilised: sunk to the axle"
 
 
@@ -46,6 +43,7 @@ class PredictionError(SmallwheelError):
     """Settings that cannot be predicted."""
 
 
+# What a prediction gives, in the order in which it is shown: title, factor on SI units.
 SHOWN = {
     "sinkage": ("sinkage [mm]", 1e3),
     "compaction_resistance": ("compaction resistance [N]", 1.0),
@@ -55,6 +53,20 @@ SHOWN = {
     "drawbar_pull": ("drawbar pull [N]", 1.0),
     "torque": ("torque [N m]", 1.0),
 }
+QUANTITIES = tuple(SHOWN)
+
+
+@dataclass(frozen=True)
+class UncertainPrediction:
+    """A prediction and, by quantity, its standard deviation; arrays of shape (rows,), SI units.
+
+    standard_deviation is empty where the model file has no covariance. It holds what follows
+    from the parameters: not the scatter of a single measurement, nor what the model lacks; of pull and torque
+    `prediction` adds what their law is off by.
+    """
+
+    prediction: Prediction
+    standard_deviation: Mapping[str, Array]
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,65 +167,47 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
     others = tuple(f"{other}." for other in names if other != kept.name)
     rows = [i for i, known in enumerate(calibrated.names) if not known.startswith(others)]
     return CalibratedModel(
-        Model(kept, model.geometry, model.effects, model.thrust_form),
+        replace(model, soils=(kept,)),
         tuple(calibrated.names[i] for i in rows),
         calibrated.covariance[np.ix_(rows, rows)],
         calibrated.provenance,
     )
 
 
-class _Assumed(NamedTuple):
-    """A parameter of the strength that nobody measured; name, deviation: as in a covariance.
+# Of the parameters of a wheel on a soil, in words.
+_WHEEL_WORDS = {
+    "rolling_share": "share of rolling in the shear",
+    "rim_friction": "bare rim's friction over the soil's",
+    "pressure_peak": "peak of the pressure at slip 1, of the arc",
+}
 
-    shown, spread: value and deviation for people, in `unit`.
+
+def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[float, str]]:
+    """What pull and torque rest on that the model's covariance does not have.
+
+    By parameter, named as in a covariance: its deviation there, and words with value and deviation.
     """
-
-    name: str
-    deviation: float
-    words: str
-    shown: float
-    spread: float
-    unit: str
-
-    def text(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.words} ({self.shown:.4g} +- {float(f'{self.spread:.2g}'):g}{unit})"
-
-
-def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> list[_Assumed]:
-    """What pull and torque rest on that the model's covariance does not have."""
     usual = usual_strength(soil)
     c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
-    eta, mu, peak = (prior.deviation for _, prior in WHEEL_PARAMETERS.values())
-    degree, relative = 180.0 / math.pi, kappa.standard_deviation / kappa.value
-    known = [
-        ("cohesion", c.standard_deviation, "cohesion", c.value, 1.0, "Pa"),
-        ("friction_angle", phi.standard_deviation, "friction angle", phi.value, degree, "deg"),
-        (
-            "log_shear_displacement",
-            relative,
-            "shear displacement",
-            kappa.value,
-            1e3 * kappa.value,
-            "mm",
+    relative = kappa.standard_deviation / kappa.value
+    # Deviation in a covariance; words, value in SI, factor on both and unit for people.
+    known = {
+        "cohesion": (c.standard_deviation, "cohesion", c.value, 1.0, " Pa"),
+        "friction_angle": (
+            phi.standard_deviation, "friction angle", phi.value, 180.0 / math.pi, " deg",
         ),
-        ("rolling_share", eta, "share of rolling in the shear", soil.rolling_share, 1.0, "1"),
-        ("rim_friction", mu, "bare rim's friction over the soil's", soil.rim_friction, 1.0, "1"),
-        (
-            "pressure_peak",
-            peak,
-            "peak of the pressure at slip 1, of the arc",
-            soil.pressure_peak,
-            1.0,
-            "1",
-        ),
-    ]
-    found = []
-    for name, deviation, called, value, factor, unit in known:
-        if f"{soil.name}.{name}" not in names:
-            shown = 1e3 * value if unit == "mm" else factor * value
-            found.append(_Assumed(name, deviation, called, shown, factor * deviation, unit))
-    return found
+        "log_shear_displacement": (relative, "shear displacement", 1.0, 1e3 * kappa.value, " mm"),
+    }  # fmt: skip
+    for name, (_, prior) in WHEEL_PARAMETERS.items():
+        known[name] = (prior.deviation, _WHEEL_WORDS[name], getattr(soil, name), 1.0, "")
+    return {
+        name: (
+            deviation,
+            f"{words} ({factor * value:.4g} +- {float(f'{factor * deviation:.2g}'):g}{unit})",
+        )
+        for name, (deviation, words, value, factor, unit) in known.items()
+        if f"{soil.name}.{name}" not in names
+    }
 
 
 def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
@@ -228,13 +222,71 @@ def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, t
         assumed = _assumed_strength(soil, calibrated.names)
         if not assumed:
             continue
+        unmeasured = listed([text for _, text in assumed.values()])
         notes.append(
-            f"no measurement determines {listed([one.text() for one in assumed])}: thrust, pull and torque "
+            f"no measurement determines {unmeasured}: thrust, pull and torque "
             "rest on these, with the deviations among soils of one kind and among rigs"
         )
-        names += tuple(f"{soil.name}.{one.name}" for one in assumed)
-        covariance = block_diag(covariance, np.diag([one.deviation**2 for one in assumed]))
+        names += tuple(f"{soil.name}.{name}" for name in assumed)
+        covariance = block_diag(covariance, np.diag([d**2 for d, _ in assumed.values()]))
     return CalibratedModel(calibrated.model, names, covariance, calibrated.provenance), tuple(notes)
+
+
+def with_parameter(model: Model, name: str, change: float) -> Model:
+    """The model with one parameter, named as in a model file, changed by an amount.
+
+    Raises ModelError where the model has no such parameter.
+    """
+    owner, _, parameter = name.rpartition(".")
+    for i, soil in enumerate(model.soils):
+        if soil.name == owner:
+            numbers = soil_numbers(soil)
+            if parameter not in numbers:
+                raise ModelError(f"the covariance names '{name}': no parameter of a soil")
+            changed = soil_from(soil, {parameter: numbers[parameter] + change})
+            return replace(model, soils=(*model.soils[:i], changed, *model.soils[i + 1 :]))
+    for i, effect in enumerate(model.effects):
+        values = dict(effect.values())
+        if effect.id == owner and parameter in values:
+            other = replace(effect, **{parameter: values[parameter] + change})
+            return replace(model, effects=(*model.effects[:i], other, *model.effects[i + 1 :]))
+    raise ModelError(f"the covariance names '{name}', which is no parameter of the model")
+
+
+def predict_with_uncertainty(
+    calibrated: CalibratedModel, conditions: Conditions
+) -> UncertainPrediction:
+    """Predict, with standard deviations to first order: J C J', J by differences.
+
+    Where a parameter stands at the edge of its domain the difference is one-sided.
+    """
+    prediction = predict(calibrated.model, conditions)
+    if not calibrated.names:
+        return UncertainPrediction(prediction, {})
+    wanted = [q for q in QUANTITIES if getattr(prediction, q) is not None]
+    # The square root of the covariance turns the propagation into a sum of squares over directions.
+    values, vectors = np.linalg.eigh(calibrated.covariance)
+    spread = np.sqrt(np.maximum(np.diag(calibrated.covariance), 0.0))
+    slopes = {q: np.zeros((len(calibrated.names), len(conditions))) for q in wanted}
+    for i, name in enumerate(calibrated.names):
+        step = _STEP * spread[i]
+        if step == 0.0:
+            continue
+        ends: list[Prediction] = []
+        width = 0.0
+        for sign in (1.0, -1.0):
+            try:
+                changed = with_parameter(calibrated.model, name, sign * step)
+            except (SoilError, EffectError):
+                ends.append(prediction)
+                continue
+            ends.append(predict(changed, conditions))
+            width += step
+        for q in wanted if width else ():
+            slopes[q][i] = (getattr(ends[0], q) - getattr(ends[1], q)) / width
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    deviations = {q: np.sqrt(np.sum((root.T @ slopes[q]) ** 2, axis=0)) for q in wanted}
+    return UncertainPrediction(prediction, deviations)
 
 
 def _with_law_error(
@@ -275,8 +327,7 @@ def _refuse_no_number(
     first = conditions.take(bad[:1])
     culprit = "the model"
     for i, effect in enumerate(model.effects, 1):
-        upto = Model(model.soils, model.geometry, model.effects[:i], model.thrust_form)
-        if _without_number(predict(upto, first)).any():
+        if _without_number(predict(replace(model, effects=model.effects[:i]), first)).any():
             culprit = f"effect '{effect.id}'"
             break
     setting = ", ".join(f"{name} {values[bad[0]]:g}" for name, values in columns.items())

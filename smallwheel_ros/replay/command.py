@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +27,12 @@ from smallwheel_ros.replay.many import (
     many_text,
     merge,
     merge_maps,
-    replay_on_cluster,
-    replay_on_processors,
-    replay_one_by_one,
+    replay_all,
     specs_of,
 )
 from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.result import Replayed, summary_text
+from smallwheel_ros.replay.replay_report import summary_text
+from smallwheel_ros.replay.result import Replayed
 from smallwheel_ros.replay.settings import check_parameters, read_settings, with_assumed_config
 from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
 
@@ -115,9 +114,9 @@ def replay(
 
 def _write_report(result: Replayed, path: Path) -> None:
     """Write the page; what it needs is loaded when it comes to that."""
-    from smallwheel_ros.replay.replay_report import write_replay_report
+    from smallwheel_ros.replay.replay_report import replay_page
 
-    write_replay_report(result, path)
+    replay_page(result).save(path)
 
 
 def _one(spec: ReplaySpec, json_file: str | None) -> None:
@@ -153,12 +152,12 @@ def _many(
 ) -> None:
     if scheduler is not None:
         # Workers may stand elsewhere in the tree of folders than this process does.
-        specs = [_absolute(spec) for spec in specs]
-        source = replay_on_cluster(specs, scheduler, _write_report)
-    elif jobs > 1:
-        source = replay_on_processors(specs, jobs, _write_report)
-    else:
-        source = replay_one_by_one(specs, _write_report)
+        paths = ("bag", "config", "folder")
+        specs = [
+            replace(spec, **{name: getattr(spec, name).absolute() for name in paths})
+            for spec in specs
+        ]
+    source = replay_all(specs, _write_report, jobs=jobs, scheduler=scheduler)
     found: dict[str, Outcome] = {}
     stopped = False
     bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
@@ -202,12 +201,6 @@ def _say_how_it_ended(outcomes: list[Outcome], stopped: bool) -> None:
     if any(o.state != "complete" for o in outcomes):
         click.echo(f"{done} of {len(outcomes)} bags are done, see above for the others", err=True)
         raise SystemExit(1)
-
-
-def _absolute(spec: ReplaySpec) -> ReplaySpec:
-    return dataclasses.replace(
-        spec, bag=spec.bag.absolute(), config=spec.config.absolute(), folder=spec.folder.absolute()
-    )
 
 
 @contextmanager

@@ -3,24 +3,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.measurements.display import number
-from smallwheel_ros.replay.drive_data import drive_data, read_courses, stride
 from smallwheel_ros.replay.folder import FILES
-from smallwheel_ros.replay.result import Replayed, match_rates, place_text, share
-from smallwheel_ros.report.page import (
-    Block,
-    Callout,
-    Details,
-    Drawing,
-    Section,
-    Table,
-    Text,
-    page,
-    write_page,
-)
+from smallwheel_ros.replay.result import Replayed
+from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
+from smallwheel_ros.report.page import Page
 
 _REASONS = {
     "gate": "does not fit the soil (outlier gate)",
@@ -57,18 +46,28 @@ _CAPTION = (
 )
 
 
-def write_replay_report(result: Replayed, path: Path) -> None:
-    """Write the page of a replay, when its table of estimates is there.
-
-    Raises OutputError where it cannot be written.
-    """
+def replay_page(result: Replayed) -> Page:
+    """All of a replay, when its table of estimates is there."""
     summary = result.document({})
-    every = stride({name: counts["estimates"] for name, counts in summary["wheels"].items()})
-    html = page(
+    return _page(summary, _drive(result, summary))
+
+
+def replay_text(result: Replayed) -> str:
+    """A replay as `smallwheel replay` prints it."""
+    return summary_text(result.to_dict())
+
+
+def summary_text(summary: dict[str, Any]) -> str:
+    """What a replay found, from its replay.json."""
+    return _page(summary, []).text()
+
+
+def _page(summary: dict[str, Any], drive: list[Block]) -> Page:
+    return Page(
         "Replay of a drive",
         [
             Section("In short", _in_short(summary)),
-            Section("The drive", _drive(result, every)),
+            Section("The drive", drive),
             Section("The wheels", [_match_rates(summary)]),
             Section("The soil", _soil(summary)),
             Section("What happened", _events(summary)),
@@ -79,7 +78,11 @@ def write_replay_report(result: Replayed, path: Path) -> None:
         summary["bag"],
         f"Parameters: {summary['config']}.",
     )
-    write_page(path, html)
+
+
+def _share(part: int, whole: int) -> str:
+    """A part of a count, in per cent."""
+    return f"{100.0 * part / whole:.3g} %" if whole else "-"
 
 
 def _quantity(found: dict[str, Any], scale: float = 1.0, unit: str | None = None) -> str:
@@ -96,14 +99,17 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
             "interrupted": "The replay was interrupted: this is not the whole drive.",
         }[summary["state"]]
         blocks.append(Callout(headline, [summary["ended"]], "warning"))
+    extent = (
+        f"{summary['duration']:.1f} s, {summary['travel']:.1f} m, {summary['messages']['read']} messages,"
+        f" {summary['estimates']} estimates of {len(summary['wheels'])} wheels."
+    )
     if summary["estimates"] == 0:
         text = "Nothing could be estimated: see what was not used, and what is missing."
-        blocks.append(Callout(text, summary["missing"], "warning"))
+        blocks.append(Callout(text, [extent, *summary["missing"]], "warning"))
         return blocks
     soil = summary["soil"]
     lines = [
-        f"{summary['duration']:.0f} s, {summary['travel']:.1f} m, {summary['estimates']} estimates"
-        f" of {len(summary['wheels'])} wheels.",
+        extent,
         "Pressure at "
         f"{1e3 * soil['reference_sinkage']:g} mm sinkage under a wheel of"
         f" {1e3 * soil['reference_diameter']:g} mm, at the end: "
@@ -136,8 +142,11 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _drive(result: Replayed, every: int) -> list[Block]:
+def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
+    from smallwheel_ros.replay.drive_data import drive_data, read_courses, stride
+
+    every = stride({name: counts["estimates"] for name, counts in summary["wheels"].items()})
     courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
     if not courses:
         return []
@@ -159,10 +168,21 @@ def _drive(result: Replayed, every: int) -> list[Block]:
 
 
 def _match_rates(summary: dict[str, Any]) -> Table:
+    rows = [
+        [
+            name,
+            str(wheel["estimates"]),
+            _share(wheel["with_load"], wheel["estimates"]),
+            _share(wheel["with_slip"], wheel["estimates"]) if wheel["rolls"] else "-",
+            _share(wheel["used_for_soil"], wheel["estimates"]),
+            "-" if wheel["sinkage_rms"] is None else number(1e3 * wheel["sinkage_rms"]),
+        ]
+        for name, wheel in summary["wheels"].items()
+    ]
     header = ["wheel", "estimates", "with a load", "with slip", "used for the soil",
               "measured - predicted [mm rms]"]  # fmt: skip
     caption = "How many measurements had what they need at their instant"
-    return Table(header, match_rates(summary), caption, range(1, 6))
+    return Table(header, rows, caption, range(1, 6))
 
 
 def _soil(summary: dict[str, Any]) -> list[Block]:
@@ -178,7 +198,8 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
              found["unit"].replace("1", "-") if found["unit"] == "1" else found["unit"], verdict]
         )  # fmt: skip
     header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
-    blocks: list[Block] = [Table(header, rows, numbers=(1, 2))]
+    caption = "Under the law p = k z^n D^m"
+    blocks: list[Block] = [Table(header, rows, caption, numbers=(1, 2))]
     if soil["status"]:
         blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
     return blocks
@@ -186,7 +207,12 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
 
 def _events(summary: dict[str, Any]) -> list[Block]:
     rows = [
-        [f"{event['time']:.1f}", f"{event['travel']:.1f}", place_text(event), event["text"]]
+        [
+            f"{event['time']:.1f}",
+            f"{event['travel']:.1f}",
+            "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"]),
+            event["text"],
+        ]
         for event in summary["events"]
     ]
     if not rows:
@@ -215,7 +241,7 @@ def _not_used(summary: dict[str, Any]) -> list[Block]:
                 drop["topic"],
                 _REASONS.get(drop["reason"], drop["reason"].replace("_", " ")),
                 str(drop["count"]),
-                share(drop["count"], received.get(drop["stream"], 0)),
+                _share(drop["count"], received.get(drop["stream"], 0)),
                 "-" if first is None else f"{first:.1f}",
                 drop["example"],
             ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came of a replay: as values, as replay.json and what `--json` prints, and in words."""
+"""What came of a replay: as values, as replay.json and what `--json` prints."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.common.results import Result, pandas
-from smallwheel_ros.common.tables import plain, text_table
-from smallwheel_ros.measurements.display import number
+from smallwheel_ros.common.tables import plain
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
@@ -71,10 +70,6 @@ class Replayed(Result):
         state = "" if self.state == "complete" else f", {self.state.replace('_', ' ')}"
         count = self.summary.statuses.total()
         return f"{self.spec.bag.name}: {seconds:.1f} s, {metres:.1f} m, {count} estimates{state}"
-
-    def text(self) -> str:
-        """As `smallwheel replay` prints it."""
-        return summary_text(self.to_dict())
 
     def to_dict(self) -> dict[str, Any]:
         """As replay.json and `smallwheel replay --json` have it."""
@@ -192,91 +187,3 @@ class Replayed(Result):
             "first_time": time,
             "example": text,
         }
-
-
-_MOST_LINES = 12
-_MOST_ALARMS = 2
-
-
-def share(part: int, whole: int) -> str:
-    """A part of a count, in per cent."""
-    return f"{100.0 * part / whole:.3g} %" if whole else "-"
-
-
-def summary_text(summary: dict[str, Any]) -> str:
-    """Say what a replay found, from its replay.json."""
-    lines = [
-        f"{summary['bag']}: {summary['duration']:.1f} s, {summary['travel']:.1f} m,"
-        f" {summary['messages']['read']} messages, {summary['estimates']} estimates"
-    ]
-    lines += [f"missing: {text}" for text in summary["missing"]]
-    lines += [f"note: {text}" for text in summary["notes"]]
-    alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
-    lines += [f"after {event['travel']:.0f} m: {event['text']}" for event in alarms[:_MOST_ALARMS]]
-    lines += ["", wheels_text(summary), "", *soil_lines(summary)]
-    if summary["sensors"]:
-        lines += ["", "Sensors", *(f"  {text}" for text in summary["sensors"])]
-    if summary["filter"]:
-        lines += ["", "Filter", f"  {summary['filter']}"]
-    events = summary["events"]
-    if events:
-        lines += ["", "What happened"]
-        lines += [
-            f"  {e['time']:8.1f} s {e['travel']:7.1f} m {place_text(e):>16}  {e['text']}"
-            for e in events
-        ]
-        if summary["unlisted_events"]:
-            lines.append(f"  and {summary['unlisted_events']} more")
-    drops = summary["not_used"]
-    if drops:
-        lines += ["", "Not used"]
-        for drop in drops[:_MOST_LINES]:
-            first = f"; first: {drop['example']}" if drop["example"] else ""
-            lines.append(f"  {drop['count']:6d} {drop['topic']} {drop['reason']}{first}")
-        if len(drops) > _MOST_LINES:
-            lines.append(f"  and {len(drops) - _MOST_LINES} more, see the report")
-    if summary["measurements"]["rows"]:
-        lines += ["", f"{summary['measurements']['rows']} steady stretches as measurements"]
-    if summary["not_copied"]:
-        lines.append(f"not in the new bag, of unknown type: {', '.join(summary['not_copied'])}")
-    return "\n".join(lines)
-
-
-def place_text(event: dict[str, Any]) -> str:
-    """Where the vehicle was, in the frame of the odometry (m); empty where that is not known."""
-    return "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
-
-
-def wheels_text(summary: dict[str, Any]) -> str:
-    """The match rates of each wheel."""
-    header = ["wheel", "estimates", "with load", "with slip", "used", "sinkage error [mm rms]"]
-    return text_table(header, match_rates(summary))
-
-
-def match_rates(summary: dict[str, Any]) -> list[list[str]]:
-    """For each wheel: estimates, how many had load and slip and were used, rms error (mm)."""
-    return [
-        [
-            name,
-            str(wheel["estimates"]),
-            share(wheel["with_load"], wheel["estimates"]),
-            share(wheel["with_slip"], wheel["estimates"]) if wheel["rolls"] else "-",
-            share(wheel["used_for_soil"], wheel["estimates"]),
-            "-" if wheel["sinkage_rms"] is None else number(1e3 * wheel["sinkage_rms"]),
-        ]
-        for name, wheel in summary["wheels"].items()
-    ]
-
-
-def soil_lines(summary: dict[str, Any]) -> list[str]:
-    """The soil at the end, and what is not determined."""
-    soil = summary["soil"]
-    lines = ["Soil at the end, under the law p = k z^n D^m"]
-    for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
-        found = soil[name]
-        unit = "" if found["unit"] == "1" else f" {found['unit']}"
-        doubt = "" if found["determined"] else "   not determined by this drive"
-        words = name.replace("_", " ")
-        lines.append(f"  {words:<19}{found['value']:<12.5g} +- {found['std']:.2g}{unit}{doubt}")
-    lines += [f"  {text}" for text in soil["status"]]
-    return lines

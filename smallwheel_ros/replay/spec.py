@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from smallwheel_ros import __version__
 from smallwheel_ros.bags.files import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.version import __version__
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")

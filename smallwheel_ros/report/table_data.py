@@ -14,10 +14,9 @@ from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import Display, column_display, display, words
 from smallwheel_ros.measurements.settings import levels
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.pictures.layers import thinned
 
 Index = NDArray[np.intp]
-
-_MOST_POINTS = 1000  # of a channel: beyond, the eye sees no more and the page grows
 
 
 class TableData:
@@ -28,7 +27,11 @@ class TableData:
     ) -> None:
         self.measurements, self.settings = measurements, list(settings)
         self.rows = {
-            name: rows_of(errors, name)
+            name: thinned(
+                np.flatnonzero(
+                    np.any([np.isfinite(e.error[name]) for e in errors if name in e.error], axis=0)
+                )
+            )
             for name in measurements.channels
             if any(name in e.error for e in errors)
         }
@@ -97,12 +100,3 @@ class TableData:
 def channel_display(name: str) -> Display:
     """How values of a channel are shown."""
     return display(name, CHANNEL_UNITS[name])
-
-
-def rows_of(errors: Sequence[CvErrors], channel: str) -> Index:
-    """The rows of which some model has an error, or as many of them as a page can show."""
-    known = [np.isfinite(e.error[channel]) for e in errors if channel in e.error]
-    rows = np.flatnonzero(np.any(known, axis=0))
-    if rows.size <= _MOST_POINTS:
-        return rows
-    return np.sort(np.random.default_rng(0).choice(rows, _MOST_POINTS, replace=False))

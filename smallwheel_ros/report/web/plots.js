@@ -7,8 +7,8 @@ const plots = new Set();
 /**
  * A plot in `box`. spec: title, label (for those who cannot see it), height; x, y: {label, range, log,
  * down}; equal: one scale for both; layers, drawn in their order:
- *   {kind: 'points', x, y, colour, mark, faded(i), lines(i), click(i)}
- *   {kind: 'line', x, y, low, high, colour, dash, dots}   null is a gap
+ *   {kind: 'points', x, y, low, high, colour, mark, faded(i), lines(i), click(i)}   low, high: whiskers
+ *   {kind: 'line', x, y, low, high, colour, dash, dots, width}   null is a gap
  *   {kind: 'band', low, high, slope}   around 0, or around the diagonal
  *   {kind: 'way', x, y, value, ramp}   a line coloured piece by piece
  *   {kind: 'events', at, colour}   vertical lines
@@ -135,9 +135,18 @@ class Plot {
           ctx.arc(x, y, r, 0, 2 * Math.PI);
           ctx.fill();
         }
+        if (layer.low) this.whisker(ctx, x, py(layer.low[i]), py(layer.high[i]), scale);
       }
     }
     ctx.globalAlpha = 1;
+  }
+
+  whisker(ctx, x, low, high, scale) {
+    ctx.lineWidth = scale;
+    ctx.beginPath();
+    ctx.moveTo(x, low);
+    ctx.lineTo(x, high);
+    ctx.stroke();
   }
 
   draw_line(ctx, layer, px, py, scale) {
@@ -153,7 +162,7 @@ class Plot {
       });
       ctx.globalAlpha = 1;
     }
-    ctx.lineWidth = 1.7 * scale;
+    ctx.lineWidth = (layer.width ?? 1.7) * scale;
     ctx.setLineDash((layer.dash || []).map(part => part * scale));
     ctx.beginPath();
     pieces(x, y, y).forEach(([from, to]) => {
@@ -169,11 +178,7 @@ class Plot {
       ctx.beginPath();
       ctx.arc(px(x[i]), py(y[i]), 3.5 * scale, 0, 2 * Math.PI);
       ctx.fill();
-      if (!low || !known(low[i])) continue;
-      ctx.beginPath();
-      ctx.moveTo(px(x[i]), py(low[i]));
-      ctx.lineTo(px(x[i]), py(high[i]));
-      ctx.stroke();
+      if (low && known(low[i])) this.whisker(ctx, px(x[i]), py(low[i]), py(high[i]), scale);
     }
   }
 

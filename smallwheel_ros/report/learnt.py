@@ -1,68 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A learnt law as one page."""
+"""A learnt law."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
-from smallwheel_ros.learn.document import grows, trust
+from smallwheel_ros.learn.document import headline, trust
 from smallwheel_ros.learn.learning import Learnt
 from smallwheel_ros.measurements.display import listed, number, sentence, shown_value, words
-from smallwheel_ros.pictures.learnt import learnt_figure
-from smallwheel_ros.report.page import (
-    Block,
-    Callout,
-    Details,
-    Picture,
-    Section,
-    Table,
-    Text,
-    page,
-    write_page,
-)
+from smallwheel_ros.pictures.layers import learnt_plot
+from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
+from smallwheel_ros.report.page import Page
 
-_HEADLINES = {
-    "law": "A law was learnt",
-    "unstable": "Something is missing, and what it follows is not settled",
-    "weak": "Perhaps something is missing: too weak for a law",
-    "nothing": "Nothing could be learnt",
-    "refused": "This data is too little for a law",
+_DOUBTS = {
+    "unstable": "Something is missing, and what it follows is not settled.",
+    "weak": "Perhaps something is missing: too weak for a law.",
 }
+_LISTED = 8  # formulas before the rest is folded away
 _CAPTION = (
     "What each setting asks for, from sinkage and from resistance, with their standard deviations; the "
-    "law black with its band, formulas that fit as well grey (moved onto the law at the middle of the "
-    "range, since k is fitted anew for each), a smooth without any formula dashed. The measured range "
-    "is shaded."
+    "law dark with its band, over the measured range, formulas that fit as well grey (moved onto the law "
+    "at the middle of the range, since k is fitted anew for each), a smooth without any formula dashed."
 )
 
 
-def learn_figures(result: Learnt) -> dict[str, Figure]:
-    """The picture by name; none where there is no law of one setting."""
-    curves = result.tied_curves
-    return {} if curves is None else {"learnt": learnt_figure(result.document, curves)}
-
-
-def write_learnt(result: Learnt, path: Path) -> None:
-    """Write the page. Raises OutputError where it cannot be written."""
-    write_page(path, learn_page(result))
-
-
-def learn_page(result: Learnt) -> str:
-    """The whole answer as one self-contained HTML page."""
+def learnt_page(result: Learnt) -> Page:
+    """The whole answer."""
     document = result.document
-    law = document["law"]
+    law, verdict = document["law"], document["verdict"]
     said = [sentence(reason) for reason in document["reasons"]]
-    headline = _HEADLINES[document["verdict"]]
     if law is not None:
-        headline = grows(document)
         said = [law["formula"], *said, trust(document)]
-    kind = "result" if document["verdict"] in ("law", "nothing") else "warning"
-    first: list[Block] = [Callout(headline, said, "result" if kind == "result" else "warning")]
-    for figure in learn_figures(result).values():
-        first.append(Picture(figure, _CAPTION, headline))
+    elif verdict in _DOUBTS:
+        said = [_DOUBTS[verdict], *said]
+    answer = headline(document).removesuffix(".")
+    kind = "result" if verdict in ("law", "nothing") else "warning"
+    first: list[Block] = [Callout(answer, said, "result" if kind == "result" else "warning")]
+    if document["shape"] is not None:
+        plot = learnt_plot(document, result.tied_curves or ())
+        first.append(Drawing("xy", plot, _CAPTION))
     sections = [Section("What was learnt", first)]
     if document["tied"]:
         sections += [
@@ -71,13 +47,14 @@ def learn_page(result: Learnt) -> str:
         ]
     if document["measure_next"]:
         sections.append(Section("What to measure next", [Text(document["measure_next"]["text"])]))
-    sections.append(Section("How it was found", _search(document)))
+    sections.append(Section("How it was found", [Text(items=_search(document))]))
     if result.source is not None:
         lines = result.source.splitlines()
-        sections.append(Section("The effect file", [Details("Show it", [Text(items=lines)])]))
+        shown = Details(f"{len(lines)} lines of Python", [Text(items=lines)])
+        sections.append(Section("The effect file", [shown]))
     data = document["data"]
     about = f"{data['file']}: {data['rows']} rows, {data['runs']} runs, {data['settings']} settings"
-    return page("A law learnt from data", sections, about, f"Data: SHA-256 {data['sha256']}.")
+    return Page("A law learnt from data", sections, about, f"Data: SHA-256 {data['sha256']}.")
 
 
 def _held_out(document: dict[str, Any]) -> list[Block]:
@@ -85,7 +62,7 @@ def _held_out(document: dict[str, Any]) -> list[Block]:
         [words(name), *(shown_value(name, error[k]) for k in ("before", "after", "floor"))]
         for name, error in document["held_out"].items()
     ]
-    header = ["channel", "without the law", "with it", "what noise leaves"]
+    header = ["channel", "without the law", "with it", "expected of a true model"]
     share = document["search"]["folds_agreeing"]
     text = (
         f"Settings were left out in {document['search']['folds']} folds, with the whole search made anew "
@@ -99,17 +76,31 @@ def _tied(document: dict[str, Any]) -> list[Block]:
         [t["formula"], t["stage"], listed(t["drivers"]) or "nothing", f"{t['nats']:.1f}"]
         for t in document["tied"]
     ]
+    header = ["formula", "stage", "follows", "nats behind"]
     blocks: list[Block] = [
         Text(
             "Formulas within 3 nats of the shortest description; the data cannot tell them apart."
+            if rows[1:]
+            else "No other formula comes within 3 nats of the shortest description."
         ),
-        Table(["formula", "stage", "follows", "nats behind"], rows, numbers=(3,)),
+        Table(header, rows[:_LISTED], numbers=(3,)),
     ]
+    if rows[_LISTED:]:
+        more = Table(header, rows[_LISTED:], numbers=(3,))
+        blocks.append(Details(f"and {len(rows) - _LISTED} more", [more]))
+    stages = {k: v for k, v in document["stage_disagreement"].items() if v is not None}
+    if stages:
+        ordered = sorted(stages.items(), key=lambda stage: stage[1])
+        apart = ", ".join(f"{stage} {number(value, 2)}" for stage, value in ordered)
+        blocks.append(
+            Text(f"What sinkage and resistance ask of each stage differs by: {apart} (1: noise).")
+        )
     law = document["law"]
     if law is not None:
         numbers = [
-            [c["name"], number(c["value"]), number(c["std"]), f"{number(c['low'])} to "
-             f"{number(c['high'])}", c["unit"]] for c in law["constants"]
+            [c["name"], number(c["value"]), number(c["std"]),
+             f"{number(c['low'])} to {number(c['high'])}", "" if c["unit"] == "1" else c["unit"]]
+            for c in law["constants"]
         ]  # fmt: skip
         blocks.append(
             Table(["constant", "value", "std", "over the tied formulas", "unit"], numbers,
@@ -118,7 +109,7 @@ def _tied(document: dict[str, Any]) -> list[Block]:
     return blocks
 
 
-def _search(document: dict[str, Any]) -> list[Block]:
+def _search(document: dict[str, Any]) -> list[str]:
     search = document["search"]
     items = [
         f"{search['formulas']} formulas at the stages {', '.join(search['stages'])}",
@@ -129,4 +120,4 @@ def _search(document: dict[str, Any]) -> list[Block]:
                      "errors, the whole search in each")  # fmt: skip
     if search["vault_settings"]:
         items.append(f"{search['vault_settings']} settings were kept apart from search and folds")
-    return [Text(items=[*items, *document["notes"], *document["warnings"]])]
+    return [*items, *document["warnings"], *document["notes"]]

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a comparison: the data, the models, where they fail, what to keep in mind."""
+"""A comparison: the data, the models, where they fail, what to keep in mind."""
 
 from __future__ import annotations
 
 from html import escape
-from pathlib import Path
 
 import numpy as np
 
-from smallwheel_ros.compare.comparison import Comparison
-from smallwheel_ros.compare.results import ModelResult
-from smallwheel_ros.compare.shown import against_best
+from smallwheel_ros.compare.comparison import Comparison, ModelResult
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import (
@@ -18,36 +15,39 @@ from smallwheel_ros.measurements.display import (
     column_display,
     display,
     number,
+    percent,
+    sentence,
     shown_value,
     words,
 )
-from smallwheel_ros.measurements.settings import Part, varied_settings
+from smallwheel_ros.measurements.settings import Part, setting_columns, varied_settings, varies
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.report.data_section import data_blocks
-from smallwheel_ros.report.page import (
-    Block,
-    Callout,
-    Details,
-    Drawing,
-    Section,
-    Table,
-    Text,
-    page,
-    write_page,
-)
-from smallwheel_ros.report.resistance_ratio import ratio_blocks
+from smallwheel_ros.pictures.layers import ratio_plot
+from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
+from smallwheel_ros.report.page import Page
 from smallwheel_ros.report.table_data import TableData
 
 _WORST = 8  # parts shown before the rest is folded away
 _SCORE_HEADER = ("model", "rows", "held-out RMSE", "± s.e.", "held-out bias", "in-sample RMSE",
                  "in-sample bias", "against the best")  # fmt: skip
 _CLEAR = 2.0  # times its standard error that a bias must be to be called one
+_BEST, _WITHIN = "best", "within s.e."
+_LEGEND = (
+    "± s.e.: standard error over runs.",
+    f"{_WITHIN[0].upper()}{_WITHIN[1:]}: worse than the best model by no more than the standard error of "
+    "the difference.",
+)
+_RATIO = (
+    "A check free of k and m: compaction alone puts every point on the line of its n. Points above the "
+    "lines are a resistance that compaction does not make, or a wheel that digs itself deeper than its "
+    "load presses it."
+)
 
 
-def compare_report(comparison: Comparison) -> str:
-    """One self-contained HTML page that tells the comparison in order."""
+def comparison_page(comparison: Comparison) -> Page:
+    """The comparison in order."""
     data = comparison.measurements
-    return page(
+    return Page(
         "Models against measurements",
         [
             Section("In short", [_summary(comparison)]),
@@ -57,21 +57,16 @@ def compare_report(comparison: Comparison) -> str:
             Section("Where it fails", failure_blocks(comparison)),
             Section("What to keep in mind", [Text(items=caveats(comparison))]),
         ],
-        data.source,
+        f"{data.source}: {len(data)} rows, {data.runs.size} runs, {comparison.folds} folds",
         f"Data: SHA-256 {data.sha256}." if data.sha256 else "",
     )
-
-
-def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the page. Raises OutputError where it cannot be written."""
-    write_page(path, compare_report(comparison))
 
 
 def _summary(comparison: Comparison) -> Callout:
     sentences = summary(comparison)
     if not sentences:
         return Callout("No model could predict any of the measurements.", kind="warning")
-    return Callout(sentences[0], sentences[1:])
+    return Callout("The smallest error of each channel", sentences)
 
 
 def summary(comparison: Comparison) -> list[str]:
@@ -106,6 +101,63 @@ def summary(comparison: Comparison) -> list[str]:
     return sentences
 
 
+def data_blocks(comparison: Comparison) -> list[Block]:
+    """What was measured, over which ranges, how well it repeats, and what is odd about it."""
+    data = comparison.measurements
+    runs = (
+        f"{data.runs.size} runs" if data.runs_given else f"no runs named, {data.runs.size} settings"
+    )
+    lines = f"{len(data)} rows, {runs}."
+    rows = [
+        [column_display(data, name).label, *_range(comparison, name),
+         "varied" if varies(values) else "one value"]
+        for name, values in setting_columns(data).items()
+    ]  # fmt: skip
+    known = any(floor.value is not None for floor in comparison.noise.values())
+    expected = ["expected of a true model", "known from"] if known else []
+    blocks: list[Block] = [
+        Text(lines),
+        Table(["condition", "from", "to", ""], rows, "Conditions", numbers=(1, 2)),
+        Table(
+            ["channel", "rows", "from", "to", "repeats differ by", *expected],
+            [_channel_row(comparison, name, bool(expected)) for name in comparison.noise],
+            "Measured channels",
+            numbers=range(1, 6),
+        ),
+    ]
+    odd = [f"{lines.size} rows left out: {why} (first in line {lines[0]})."
+           for why, lines in comparison.left_out]  # fmt: skip
+    odd += data.warnings
+    if odd:
+        blocks.append(Callout("Worth a second look", [sentence(o) for o in odd], "warning"))
+    notes = [sentence(note) for note in (*data.notes, *comparison.notes)]
+    if notes:
+        blocks.append(Text("What was assumed:", notes))
+    return blocks
+
+
+def _range(comparison: Comparison, name: str) -> list[str]:
+    data = comparison.measurements
+    scale = column_display(data, name).scale
+    values = data.conditions[name]
+    known = values[np.isfinite(values)]
+    if known.size == 0:
+        return ["-", "-"]
+    return [brief(scale * known.min()), brief(scale * known.max())]
+
+
+def _channel_row(comparison: Comparison, name: str, expected: bool) -> list[str]:
+    shown = display(name, CHANNEL_UNITS[name])
+    values = comparison.measurements.channels[name]
+    known = values[np.isfinite(values)]
+    floor = comparison.noise[name]
+    found = [known.min(), known.max(), floor.repeatability, floor.value]
+    low, high, repeats, value = (number(None if v is None else v * shown.scale) for v in found)
+    source = {"repeats": "repeated rows", "declared": "the table's own figures", None: "unknown"}
+    of_truth = [value, f"{source[floor.source]}: {floor.reason}"] if expected else []
+    return [shown.label, str(known.size), low, high, repeats, *of_truth]
+
+
 def model_blocks(comparison: Comparison) -> list[Block]:
     """What each model is, its errors, and what it could not predict."""
     blocks: list[Block] = [
@@ -115,15 +167,24 @@ def model_blocks(comparison: Comparison) -> list[Block]:
         shown = display(channel, CHANNEL_UNITS[channel])
         rows = [_score_row(comparison, model, channel) for model in comparison.models]
         best = [i for i, m in enumerate(comparison.models) if m is comparison.best(channel)]
-        caption = f"{words(channel).capitalize()} [{shown.unit}]; bias is measured minus predicted"
-        blocks.append(Table(_SCORE_HEADER, rows, caption, range(1, 8), best))
-    reasons = _reasons(comparison)
+        repeats = comparison.noise[channel].repeatability
+        known = "repeatability unknown" if repeats is None else (
+            f"repeats of one run differ by {shown_value(channel, repeats)}"
+        )  # fmt: skip
+        caption = f"{words(channel).capitalize()} [{shown.unit}], {known}; bias is measured minus predicted"
+        blocks.append(Table(_SCORE_HEADER, rows, caption, range(1, 7), best))
+    if comparison.channels:
+        blocks.append(Text(items=_LEGEND))
+    line = comparison.measurements.line
+    reasons = [
+        f"{m.contender.name}, {rows.size} rows not predicted (first in line {line[rows[0]]}): {why}."
+        for m in comparison.models
+        for why, rows in m.not_predicted
+    ]
     if reasons:
         blocks.append(Callout("Not predicted", reasons, "warning"))
     notes = [f"{m.contender.name} {note}." for m in comparison.models for note in m.notes]
-    if notes:
-        blocks.append(Text(items=notes))
-    return blocks
+    return blocks + ([Text(items=notes)] if notes else [])
 
 
 def _score_row(comparison: Comparison, model: ModelResult, channel: str) -> list[str]:
@@ -145,17 +206,19 @@ def _score_row(comparison: Comparison, model: ModelResult, channel: str) -> list
         cell(outside, "bias"),
         cell(inside, "rmse"),
         cell(inside, "bias"),
-        against_best(comparison, channel, model),
+        _against_best(comparison, channel, model),
     ]
 
 
-def _reasons(comparison: Comparison) -> list[str]:
-    line = comparison.measurements.line
-    return [
-        f"{m.contender.name}, {rows.size} rows (first in line {line[rows[0]]}): {why}."
-        for m in comparison.models
-        for why, rows in m.not_predicted
-    ]
+def _against_best(comparison: Comparison, channel: str, model: ModelResult) -> str:
+    """The best model, no clear difference to it, or how much larger the error is; "-" unknown."""
+    change = comparison.differences(channel).get(model.contender.name)
+    if model is comparison.best(channel):
+        return _BEST
+    if change is None:
+        return "-"
+    more = -change.reduction[channel]
+    return percent(more, signed=True) if channel in change.worse else _WITHIN
 
 
 def model_plots(comparison: Comparison) -> list[Block]:
@@ -220,6 +283,12 @@ def failure_blocks(comparison: Comparison) -> list[Block]:
     return blocks
 
 
+def ratio_blocks(measurements: Measurements) -> list[Block]:
+    """Resistance over load against sqrt(sinkage / diameter), where both were measured together."""
+    plot = ratio_plot(measurements)
+    return [] if plot is None else [Drawing("xy", plot, _RATIO)]
+
+
 def _part_rows(comparison: Comparison, model: ModelResult, channel: str) -> list[list[str]]:
     scale = display(channel, CHANNEL_UNITS[channel]).scale
     held_out = model.held_out is not None
@@ -259,12 +328,8 @@ def caveats(comparison: Comparison) -> list[str]:
         lines.insert(
             1, f"Held-out errors come from {comparison.folds} parts that the runs were dealt into."
         )
-    known = [f for f in comparison.noise.values() if f.value is not None]
-    if len(known) < len(comparison.noise):
-        lines.append(
-            "How low an error could get is not known here: `smallwheel diagnose` works it out; repeat "
-            "some runs."
-        )
+    unknown = [f.reason for f in comparison.noise.values() if f.value is None]
+    lines += [sentence(reason) for reason in dict.fromkeys(unknown)]
     if not comparison.measurements.runs_given:
         lines.append(
             "The table names no runs. If rows belong together (one filling of the bin, one drive), "

@@ -14,7 +14,6 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import contact_length
 
 
-@dataclass(frozen=True)
 class _Grouser(Effect):
     id = "grouser"
     summary = "Grousers dig where they slip, reach deeper, and pull more."
@@ -25,7 +24,6 @@ class _Grouser(Effect):
     )
 
 
-@dataclass(frozen=True)
 class _Digging(_Grouser, BySlip):
     needs: ClassVar[tuple[str, ...]] = ("slip", "grouser_height")
     drivers = ("grouser_height", "slip")

@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The blocks of a diagnosis, made from its JSON document alone."""
+"""A diagnosis, made from its JSON document alone; and the whole story of a table, with a comparison."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from smallwheel_ros.diagnosis.text import SAID
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.compare.comparison import Comparison, Floor
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.diagnosis.text import SAID, verdict_sentences
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import (
+    LAW,
+    brief,
     display,
     effect_words,
     listed,
@@ -21,8 +28,12 @@ from smallwheel_ros.measurements.display import (
     shown_value,
     words,
 )
-from smallwheel_ros.report.page import Block, Callout, Details, Drawing, ReportError, Table, Text
-from smallwheel_ros.report.verdict_section import parameter_cells
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.pictures.layers import curve_plots
+from smallwheel_ros.report import comparison as compared
+from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
+from smallwheel_ros.report.effects_section import EffectsPage
+from smallwheel_ros.report.page import Page
 
 _STATUS = {
     "significant": "significant",
@@ -31,16 +42,106 @@ _STATUS = {
     "confounded": "cannot be told apart",
 }
 _SHOWN = 0.01  # probability under which an effect is counted, not shown
+_SURE = 0.05  # p up to which a region is sure
 _TOLD = 3.0  # standard errors by which a part's residual must differ to be stressed
+_OF_LAW = re.compile(r"\.(k|n|m|log_reference_pressure)\b")
+_FLOOR = "with the scatter of the soil from run to run"
+_NO_FLOOR = "the diagnosis could not tell noise from misfit: repeat runs"
+_TWICE = (
+    "Comparison and diagnosis hold out the same runs. The comparison fits each model with noise of "
+    "the size that its own predictions have, the diagnosis all models with one size, so that they can "
+    "be ranked: their held-out errors of the same base model differ a little."
+)
+_HOW = (
+    "Tick an effect: error, residuals and parameters follow. Each point is predicted by a fit without "
+    "its run. Point at one to see what it is; click on it to put its run aside."
+)
 
 
-def check_diagnosis(document: Mapping[str, Any]) -> None:
-    """Raise ReportError where the document is not one of a diagnosis."""
-    verdict = document.get("verdict")
-    if verdict not in SAID:
+class ReportError(SmallwheelError):
+    """A report that cannot be made."""
+
+
+def diagnosis_text(diagnosis: Diagnosis) -> str:
+    """As `smallwheel diagnose` prints it."""
+    return diagnosis_page(diagnosis.document).text()
+
+
+def diagnosis_page(
+    document: Mapping[str, Any],
+    *,
+    effects: EffectsPage | None = None,
+    comparison: Comparison | None = None,
+    measurements: Measurements | None = None,
+    served: bool = False,
+) -> Page:
+    """A diagnosis, and a comparison of the same measurements.
+
+    document: what `smallwheel diagnose --json` writes. effects: those to set and unset; None where
+    nothing could be held out. served: by `explore`, which fits what the page lacks.
+    Raises ReportError where the document is not one of a diagnosis.
+    """
+    if document.get("verdict") not in SAID:
         raise ReportError(
-            f"not a diagnosis: verdict is {verdict!r}, expected one of {', '.join(SAID)}"
+            f"not a diagnosis: verdict is {document.get('verdict')!r}, expected one of {', '.join(SAID)}"
         )
+    table = measurements if comparison is None else comparison.measurements
+    short: list[Block] = [verdict_block(document)]
+    data, models, failures = channel_blocks(document), [], []
+    said = caveats(document)
+    if comparison is not None:
+        comparison = replace(comparison, noise=_floors(comparison, document))
+        short.append(Text(items=compared.summary(comparison)))
+        data = compared.data_blocks(comparison)
+        models = [*compared.model_blocks(comparison), *compared.model_plots(comparison)]
+        failures = compared.failure_blocks(comparison)
+        said = [*compared.caveats(comparison), *said, _TWICE]
+    elif table is not None:
+        failures = compared.ratio_blocks(table)
+    play: list[Block] = [] if effects is None else [Text(_HOW), effects.block()]
+    title = "Which effect is missing?" if comparison is None else (
+        "Models, measurements, and what is missing"
+    )  # fmt: skip
+    return Page(
+        title,
+        [
+            Section("In short", short),
+            Section("Set and unset effects", play),
+            Section("The data", data),
+            Section("Models side by side", models),
+            Section("Where the model fails", [*region_blocks(document), *failures]),
+            Section("Which effect is missing", ranking_blocks(document)),
+            Section("Held-out error, step by step", step_blocks(document)),
+            Section("What this data cannot tell", unknowable_blocks(document)),
+            Section("What to measure next", next_blocks(document)),
+            Section("What to keep in mind", [Text(items=[*dict.fromkeys(said)])]),
+        ],
+        "" if table is None else table.source,
+        f"Data: SHA-256 {table.sha256}." if table is not None and table.sha256 else "",
+        served=served,
+    )
+
+
+def _floors(comparison: Comparison, document: Mapping[str, Any]) -> dict[str, Floor]:
+    """What the diagnosis expects of a true model, in the comparison's pictures too."""
+    known = document.get("channels") or {}
+    floors = {}
+    for name, floor in comparison.noise.items():
+        channel = known.get(name, {})
+        value, repeats = channel.get("noise_floor"), channel.get("repeatability")
+        repeats = floor.repeatability if repeats is None else repeats
+        if value is None:
+            floors[name] = Floor(None, None, _NO_FLOOR, repeats)
+        else:
+            floors[name] = Floor(float(value), channel.get("noise_floor_source"), _FLOOR, repeats)
+    return floors
+
+
+def verdict_block(document: Mapping[str, Any]) -> Callout:
+    """Say the verdict of a diagnosis document."""
+    first, *lines = verdict_sentences(document)
+    clear = document["verdict"] in ("missing_effect", "adequate")
+    return Callout(first.removesuffix("."), lines, "result" if clear else "warning")
 
 
 def channel_blocks(document: Mapping[str, Any]) -> list[Block]:
@@ -74,10 +175,11 @@ def region_blocks(document: Mapping[str, Any]) -> list[Block]:
     rows = [
         [region_words(str(r["region"])), words(str(r["channel"])), str(r["rows"]),
          shown_value(r["channel"], r["bias"]), shown_value(r["channel"], r["rmse"]),
-         shown_value(r["channel"], r.get("rmse_elsewhere")), p_text(r.get("p_value"))]
+         shown_value(r["channel"], r.get("rmse_elsewhere")), p_text(r.get("p_value")),
+         "too few runs to be sure" if (r.get("p_value") or 0.0) > _SURE else ""]
         for r in regions
     ]  # fmt: skip
-    header = ["where", "channel", "rows", "bias", "RMSE", "RMSE elsewhere", "p"]
+    header = ["where", "channel", "rows", "bias", "RMSE", "RMSE elsewhere", "p", ""]
     caption = "Held-out errors of the base model; columns of one's own in SI units"
     return [Table(header, rows, caption, numbers=range(2, 7))]
 
@@ -92,49 +194,41 @@ def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
     named = set(document.get("missing_effects") or [])
     blocks: list[Block] = []
     if document["verdict"] == "unknown_effect":
-        blocks += _curves(document)
-    header = ["effect", "parameter", "value", "std", "unit", "published", "plausible"]
+        caption = "The factor over the setting that it follows, with its 95 % band."
+        blocks += [Drawing("xy", plot, caption) for plot in curve_plots(document)]
+    header = ["effect", "form", "parameter", "value", "std", "unit", "published", "plausible"]
     if len(others) < len(tested):
         blocks.append(_ranking([r for r in tested if r not in others], named))
     if shown := _parameters(likely):
-        blocks.append(Table(header, shown, "Fitted parameters", numbers=(2, 3)))
+        blocks.append(Table(header, shown, "Fitted parameters", numbers=(3, 4)))
     if others:
         title = f"{len(others)} others, each with a probability under {_SHOWN:g}"
-        fitted = Table(header, _parameters(others), "Fitted parameters", numbers=(2, 3))
+        fitted = Table(header, _parameters(others), "Fitted parameters", numbers=(3, 4))
         blocks.append(Details(title, [_ranking(others, named), fitted]))
     return blocks
-
-
-def _curves(document: Mapping[str, Any]) -> list[Block]:
-    """The smooth of each setting that something without a name follows."""
-    found: list[Block] = []
-    for curve in document.get("curves") or []:
-        across = display(curve["setting"], unit_of(curve["setting"]))
-        x = [across.scale * value for value in curve["x"]]
-        line = {"kind": "line", "x": x, "y": curve["factor"], "low": curve["low"],
-                "high": curve["high"]}  # fmt: skip
-        none = {"kind": "line", "x": x[:: len(x) - 1], "y": [1.0, 1.0], "colour": "--base"}
-        factor = f"factor on {curve['stage']}"
-        data = {"x": across.label, "y": factor, "label": f"{factor} over {across.label}",
-                "layers": [none, line]}  # fmt: skip
-        caption = "The factor over the setting that it follows, with its 95 % band."
-        found.append(Drawing("xy", data, caption))
-    return found
 
 
 def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table:
     cells = [
         [effect_words(r["effect"]), str(r.get("kind") or "-"), _STATUS.get(r["status"], r["status"]),
          "-" if r.get("probability") is None else f"{r['probability']:.2f}",
-         p_text(r.get("p_value")), percent(r.get("reduction")),
-         "; ".join(part for part in str(r.get("reason") or "").split("; ")
-                   if not part.startswith(("probability", "this data cannot tell")))]
+         p_text(r.get("p_value")), percent(r.get("reduction")), _doubts(str(r.get("reason") or ""))]
         for r in rows
     ]  # fmt: skip
     strong = [i for i, r in enumerate(rows) if r["effect"] in named]
     header = ["effect", "kind", "verdict", "probability", "p", "error removed", ""]
     caption = "p and error removed: of the effect alone, added to the base model"
     return Table(header, cells, caption, numbers=(3, 4, 5), strong=strong, bars=3)
+
+
+def _doubts(reason: str) -> str:
+    """What a reason says beside the probability and the verdict, which have columns."""
+    parts = [
+        part.partition(": ")[2] if part.startswith("probability") else part
+        for part in reason.split("; ")
+        if not part.startswith("this data cannot tell")
+    ]
+    return "; ".join(part for part in parts if part)
 
 
 def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
@@ -144,8 +238,26 @@ def _parameters(ranking: Sequence[Mapping[str, Any]]) -> list[list[str]]:
             plausible = {True: "yes", False: "no", None: "-"}[p.get("plausible")]
             cells = parameter_cells(str(p.get("unit") or ""), p.get("value"), p.get("std"),
                                     p.get("published_range"))  # fmt: skip
-            rows.append([effect_words(row["effect"]), str(name), *cells, plausible])
+            rows.append(
+                [
+                    effect_words(row["effect"]),
+                    str(row.get("form") or ""),
+                    str(name),
+                    *cells,
+                    plausible,
+                ]
+            )
     return rows
+
+
+def parameter_cells(
+    unit: str, value: float | None, std: float | None, published: Sequence[float] | None
+) -> list[str]:
+    """Value, deviation, unit and published range of a fitted number, in degrees and millimetres."""
+    how = display("", unit)
+    shown = [number(None if v is None else v * how.scale, d) for v, d in ((value, 4), (std, 3))]
+    known = "-" if not published else " to ".join(brief(v * how.scale) for v in published)
+    return [*shown, how.unit.replace(" ", "\u00a0"), known]
 
 
 def step_blocks(document: Mapping[str, Any]) -> list[Block]:
@@ -245,12 +357,12 @@ def next_blocks(document: Mapping[str, Any]) -> list[Block]:
     rows = [
         [_settings(p.get("settings") or {}), listed(p["separates"], "from")
          if p.get("separates") else "", str(p.get("runs", "-")),
-         percent(p.get("expected_power"))]
+         percent(p.get("expected_power")), str(p.get("text") or "").partition("; ")[2]]
         for p in proposals
     ]  # fmt: skip
     blocks: list[Block] = []
     if rows:
-        header = ["settings", "tells apart", "runs", "chance to decide"]
+        header = ["settings", "tells apart", "runs", "chance to decide", ""]
         blocks.append(Table(header, rows, numbers=(2, 3)))
     steps = [
         f"{effect_words(r['effect'])}: {r['next_step']}"
@@ -268,10 +380,12 @@ def _settings(settings: Mapping[str, Any]) -> str:
 
 def caveats(document: Mapping[str, Any]) -> list[str]:
     """What to keep in mind of a diagnosis."""
+    notes = document.get("notes") or []
     held_out = "Errors of the diagnosis are held out: each run was predicted by a fit without it."
     return [
         "A named effect is the best explanation among those in the library, not a proof: another "
         "cause that follows the same condition would look the same.",
         *([] if document["verdict"] == "insufficient_data" else [held_out]),
-        *[sentence(str(note)) for note in document.get("notes") or []],
+        *[sentence(str(note)) for note in notes],
+        *([LAW] if any(_OF_LAW.search(str(note)) for note in notes) else []),
     ]
