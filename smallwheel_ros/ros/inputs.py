@@ -30,8 +30,6 @@ try:
 except ImportError:  # no package of PyPI; ROS installations have it
     TFMessage = None
 
-# A turn ends after so many messages of each topic: timers and services must have theirs too.
-_MOST_OF_A_TOPIC = 4
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
 _SILENT_AFTER = 2.0  # s without a message of a topic that had some
 
@@ -51,10 +49,6 @@ class _Stream:
 class Inputs:
     """The subscriptions of a node, and what is known of them.
 
-    The executor waits for a message and hands it over; what other topics have by then is taken in
-    the same turn. The executor's own way, a wait and a task for each message, costs more processor
-    time than the message: vehicles send a dozen of them at one instant.
-
     take, take_classes, take_transforms: called with a topic, its message and what the clock says
     (ns), with a grid of terrain classes, and with what comes by /tf and tf where tf2_msgs is installed.
     on: whether it listens.
@@ -64,15 +58,22 @@ class Inputs:
         self,
         node: Node,
         onboard: Onboard,
+        topics: Sequence[Topic],
         take: Callable[[Topic, Any, int], None],
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
     ) -> None:
         self._node, self._onboard = node, onboard
         self._take, self._take_classes, self._take_transforms = take, take_classes, take_transforms
-        self._topics: tuple[Topic, ...] = ()
-        self._streams: dict[str, _Stream] = {}
-        self._subscribed: list[tuple[str, str]] = []  # name and type of each topic
+        self._topics = topics
+        now, received = time.monotonic(), onboard.received
+        self._streams = {
+            stream: _Stream(
+                node.resolve_topic_name(topic.name), topic.type, detail, received[stream], now
+            )
+            for topic in topics
+            for stream, detail in topic.streams.items()
+        }
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
         self._measured_at = time.monotonic()
@@ -84,28 +85,12 @@ class Inputs:
         """Whether there is any subscription."""
         return bool(self._subscriptions)
 
-    def use(self, topics: Sequence[Topic]) -> None:
-        """Hand messages to these topics from now on."""
-        self._topics = tuple(topics)
-        now, received = time.monotonic(), self._onboard.received
-        self._streams = {
-            stream: _Stream(
-                self._node.resolve_topic_name(topic.name), topic.type, detail, received[stream], now
-            )
-            for topic in topics
-            for stream, detail in topic.streams.items()
-        }
-
-    def listen(self, topics: Sequence[Topic]) -> None:
-        """Subscribe to these topics in place of others. Where that fails, there is none."""
-        wanted = [(topic.name, topic.type) for topic in topics]
-        if self.on and wanted == self._subscribed:
-            return
-        self.stop()
+    def listen(self) -> None:
+        """Subscribe to the topics. Where that fails, to none."""
         try:
-            for i, (name, kind) in enumerate(wanted):
-                take_all = partial(self._take_all, i)
-                self._subscribe(message_class(kind), name, take_all, qos.INPUT)
+            for topic in self._topics:
+                take = partial(self._take_one, topic)
+                self._subscribe(message_class(topic.type), topic.name, take, qos.INPUT)
             # A classifier's grids come as they are made, a map server's was there before us.
             classes = self._take_classes
             self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
@@ -117,7 +102,6 @@ class Inputs:
         except Exception:
             self.stop()
             raise
-        self._subscribed = wanted
 
     def stop(self) -> None:
         """Listen no more."""
@@ -146,25 +130,8 @@ class Inputs:
             )
         )
 
-    def _take_all(self, first: int, message: Any) -> None:
-        """Handle a message of one topic, then what has come by any topic until then."""
-        clock = self._node.get_clock()
-        self._take(self._topics[first], message, clock.now().nanoseconds)
-        if clock.ros_time_is_active:
-            # /clock comes by the executor as well: what is taken before it looks like the future.
-            return
-        for _ in range(_MOST_OF_A_TOPIC):
-            more, now = False, clock.now().nanoseconds
-            for topic, subscription in zip(self._topics, self._subscriptions, strict=False):
-                with subscription.handle:
-                    taken = subscription.handle.take_message(
-                        subscription.msg_type, subscription.raw
-                    )
-                if taken is not None:
-                    self._take(topic, taken[0], now)
-                    more = True
-            if not more:
-                return
+    def _take_one(self, topic: Topic, message: Any) -> None:
+        self._take(topic, message, self._node.get_clock().now().nanoseconds)
 
     # --- What to say of them
 
