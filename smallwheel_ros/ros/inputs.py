@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
@@ -24,6 +24,7 @@ from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
+from smallwheel_ros.ros.first_lines import estimates, input_lines
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -44,6 +45,15 @@ class _Stream:
     count: int
     last: float  # time.monotonic()
     rate: float = 0.0  # Hz
+
+
+class _Missing(NamedTuple):
+    """A topic that has not given what is needed of it yet; details: which parts of its messages."""
+
+    topic: str
+    type: str
+    details: str
+    why: str
 
 
 class Inputs:
@@ -76,6 +86,8 @@ class Inputs:
         }
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
+        self._said_missing: set[_Missing] = set()
+        self._all_here = False  # and said
         self._measured_at = time.monotonic()
 
     # --- Subscriptions
@@ -136,7 +148,8 @@ class Inputs:
     # --- What to say of them
 
     def log(self, problems: Iterable[Problem]) -> None:
-        """Log problems by topic, each kind once in 10 s."""
+        """Log problems by topic, each kind once in 10 s; what two streams of a topic share, once."""
+        shared = set()
         for problem in problems:
             key, now = (problem.stream, problem.reason), time.monotonic()
             said, held = self._said.get(key, (-_REPEAT_AFTER, 0))
@@ -145,24 +158,61 @@ class Inputs:
                 continue
             self._said[key] = (now, 0)
             more = f" ({held} more like this since)" if held else ""
-            topic = self._topic_of(problem.stream)
-            self._node.get_logger().warning(f"{topic}: {problem.text}{more}")
+            line = f"{self._topic_of(problem.stream)}: {problem.text}{more}"
+            if line not in shared:
+                self._node.get_logger().warning(line)
+            shared.add(line)
 
     def _topic_of(self, stream: str) -> str:
         found = self._streams.get(stream)
         return stream if found is None else found.topic
 
+    def say_what_is_expected(self) -> None:
+        """Log what is waited for, unless everything has come before."""
+        if not self._all_here:
+            for line in input_lines(self._topics, self._node.resolve_topic_name):
+                self._node.get_logger().info(line)
+
+    def say_when_all_are_here(self) -> None:
+        """Log, once, that each input has given something usable, and what is estimated now."""
+        if self._all_here or any(self._onboard.newest(name) is None for name in self._streams):
+            return
+        self._all_here = True
+        words = f"all {len(self._streams)} inputs are here: {estimates(self._onboard)}"
+        self._node.get_logger().info(words)
+
+    def say_what_is_missing(self) -> None:
+        """Log what is still waited for and why, in a line for all of one type and reason.
+
+        What has been said is not said again.
+        """
+        new = [one for one in self._missing() if one not in self._said_missing]
+        self._said_missing.update(new)
+        groups: dict[tuple[str, str, str], list[str]] = {}
+        for topic, kind, details, why in new:
+            groups.setdefault((kind, details, why), []).append(topic)
+        for (kind, details, why), topics in groups.items():
+            self._node.get_logger().warning(
+                f"still waiting for {', '.join(topics)} ({kind}{details}): {why}"
+            )
+
     def waiting(self) -> str:
         """Say of each topic that has not given what is needed of it yet, why that may be."""
+        return "; ".join(
+            f"still waiting for {topic} ({kind}{details}): {why}"
+            for topic, kind, details, why in self._missing()
+        )
+
+    def _missing(self) -> list[_Missing]:
         missing: dict[tuple[str, str], str] = {}
         for name, stream in self._streams.items():
             if self._onboard.received[name] == 0:
                 key = (stream.topic, stream.type)
                 missing[key] = missing.get(key, "") + stream.detail
-        return "; ".join(
-            f"still waiting for {topic} ({kind}{details}): {self._why(topic, kind)}"
+        return [
+            _Missing(topic, kind, details, self._why(topic, kind))
             for (topic, kind), details in missing.items()
-        )
+        ]
 
     def _why(self, topic: str, kind: str) -> str:
         publishers = self._node.get_publishers_info_by_topic(topic)

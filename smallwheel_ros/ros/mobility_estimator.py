@@ -28,6 +28,7 @@ from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.described import RobotDescription, VelocityFrame
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
+from smallwheel_ros.ros.first_lines import parameter_lines
 from smallwheel_ros.ros.parameters import NodeParameters
 from smallwheel_ros.ros.session import Session
 
@@ -126,9 +127,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
         self._session, self.problem = session, ""
-        values = self._table.values()
-        words = ", ".join(f"{k}={v}" for k, v in values.items() if v is not None)
-        self.get_logger().info(f"effective parameters: {words}")
+        for text in parameter_lines(self._table.changed()):
+            self.get_logger().info(text)
         for text in session.warnings:
             self.get_logger().warning(text)
         if session.restored:
@@ -311,6 +311,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         # rcl explains what is wrong with ROS arguments or a parameter file, in several lines.
         reason = " ".join(str(error).split()) or type(error).__name__
+        if type(error).__name__ == "UnknownROSArgsError":  # rclpy makes the type not public
+            reason = f"arguments that ROS does not know: {reason}"
         print(f"{NODE_NAME}: cannot start: {reason}", file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT

@@ -94,6 +94,11 @@ class NodeParameters:
         """Return the value of each known parameter, None where there is none."""
         return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
 
+    def changed(self) -> dict[str, object]:
+        """Return the value of each known parameter that is not at its default."""
+        defaults = {name: parameter.default for name, parameter in self._table.items()}
+        return {name: v for name, v in self.values().items() if v != defaults[name]}
+
     def given(self) -> dict[str, object]:
         """Return the value of each known parameter that is not left to URDF or tf."""
         return {name: v for name, v in self.values().items() if name not in self._silent}

@@ -152,6 +152,7 @@ class Session:
         """Listen, and publish the soil as it is believed before any measurement."""
         self._last_arrival = time.monotonic()
         self._inputs.listen()
+        self._inputs.say_what_is_expected()
         self._start_timers()
         self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
 
@@ -199,7 +200,7 @@ class Session:
             self._node.create_timer(period, partial(self._safely, name, work), clock=self._wall)
             for name, period, work in (
                 ("flush", 0.5, self._flush),
-                ("inputs", _WAITING_EVERY, self._say_what_is_missing),
+                ("inputs", _WAITING_EVERY, self._inputs.say_what_is_missing),
                 ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
                 ("~/markers", _MARKERS_EVERY, self._publish_markers),
             )
@@ -260,11 +261,7 @@ class Session:
             self._keep(self._onboard.flush())
             self._log_problems()
         self._outputs.publish_waiting_soil(self._feed.odometry_frame)
-
-    def _say_what_is_missing(self) -> None:
-        missing = self._inputs.waiting()
-        if missing:
-            self._node.get_logger().warning(missing)
+        self._inputs.say_when_all_are_here()
 
     def _publish_markers(self) -> None:
         self._outputs.publish_markers(self._feed.odometry_frame)
