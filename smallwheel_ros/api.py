@@ -480,6 +480,7 @@ def replay(
     remaps: Mapping[str, str] | None = None,
     clock: bool = True,
     copy: Copy = "all",
+    rate: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Replayed:
     """Give a recorded drive to the estimator that the node runs.
@@ -498,6 +499,9 @@ def replay(
         Judge stamps by the times of recording; otherwise only by each other.
     copy
         Topics that go into the new bag beside the estimates: ``all``, ``used`` or ``none``.
+    rate
+        Estimates a second (Hz) of each wheel at most, in place of the parameter ``mobility.rate``; 0: one for
+        each measured sinkage.
     progress
         Told how many of how many messages are done.
 
@@ -522,6 +526,7 @@ def replay(
         read_remaps(f"{name}:={topic}" for name, topic in (remaps or {}).items()),
         clock,
         copy,
+        rate,
     )
     if config is None:
         spec = with_assumed_config(spec)
