@@ -21,6 +21,8 @@ ONE_WHEEL = """/**:
     timing:
       reorder_time: 0.05
       silent_after: 0.1
+    mobility:
+      rate: 0.0
 """
 NODE = "mobility_estimator"
 SECOND = 10**9

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -150,6 +151,24 @@ def test_parameters_are_those_of_the_configuration(
     text = log.read_text()
     assert text.count("effective parameters") == 5
     assert "Traceback" not in text
+
+
+def test_mobility_is_said_at_its_rate(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    """200 sinkages in 4 s, by stamps: 5 answers a second at the rate 5; the soil goes by all."""
+    from smallwheel_ros.msg import SoilEstimate
+
+    soils = peer.latched(SoilEstimate, "soil")
+    with NodeProcess([one_wheel], tmp_path / "node.log", {"mobility.rate": "5.0"}) as node:
+        peer.wait_for_node()
+        peer.drive(0.0, 4.0)
+        peer.spin_until(lambda: len(peer.mobility) >= 19, "answers")
+        peer.wait_for_turn()
+        assert len(peer.mobility) <= 22
+        assert soils[-1].measurements_accepted > 100
+        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in peer.mobility]
+        apart = [later - earlier for earlier, later in pairwise(stamps)]
+        assert min(apart) > 0.1
+        assert node.death() is None
 
 
 def test_a_publisher_that_is_restarted_is_heard_again(
