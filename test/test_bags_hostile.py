@@ -20,15 +20,15 @@ from rosbags.typesys import Stores, get_typestore
 from smallwheel_ros.bags import (
     BagError,
     BagReader,
+    BagTopic,
     BagWriter,
     definitions,
     message_type,
     typestore,
 )
 from smallwheel_ros.bags.definitions import DefinitionError, Definitions
-from smallwheel_ros.bags.interfaces import message_definitions
-from smallwheel_ros.bags.storage import StoredTopic
-from smallwheel_ros.bags.unpack import LARGEST, zstd
+from smallwheel_ros.bags.storage import LARGEST, zstd
+from smallwheel_ros.bags.types import message_definitions
 from smallwheel_ros.cli import main
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -133,10 +133,10 @@ def test_a_definition_beyond_all_measure_costs_its_topic_alone(tmp_path, name):
 
 
 def test_a_type_that_only_the_bag_knows_is_not_one_of_here() -> None:
-    topic = StoredTopic("ros2msg", "float64 x")
-    assert Definitions(ros2=True).decoder("other/msg/Kind", topic)
+    topic = BagTopic("/x", "other/msg/Kind", encoding="ros2msg", definition="float64 x")
+    assert Definitions(ros2=True).decoder(topic)
     with pytest.raises(DefinitionError, match="only the bag knows the type"):
-        Definitions(ros2=True).decoder("other/msg/Kind", topic, as_here=True)
+        Definitions(ros2=True).decoder(topic, as_here=True)
 
 
 def test_many_large_definitions_have_a_limit_together(tmp_path, monkeypatch):

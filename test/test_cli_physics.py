@@ -211,3 +211,41 @@ def test_paper(tmp_path: Path) -> None:
         "reproduced", "reproduced under an inferred reading", "not reproduced",
     }  # fmt: skip
     assert len(list((tmp_path / "figures").glob("*.png"))) == 3
+
+
+def test_numbers_are_typed_as_cells_of_a_table_are() -> None:
+    """Per cent, a decimal comma, a mass: the same rows as in SI, and what was read is said."""
+    plain = run("predict", "--load", "49.03325", "--diameter", "0.2", "--width", "0.1", "--slip",
+                "0.3", "--soil", "dry_sand", "--json", "-")  # fmt: skip
+    typed = run("predict", "--load", "5 kg", "--diameter", "0,2", "--width", "10cm", "--slip",
+                "30%", "--soil", "dry_sand", "--json", "-")  # fmt: skip
+    (row,), (other,) = (json.loads(r.stdout)["rows"] for r in (plain, typed))
+    assert {k: v for k, v in other.items() if k != "status"} == pytest.approx(
+        {k: v for k, v in row.items() if k != "status"}
+    )
+    notes = json.loads(typed.stdout)["notes"]
+    assert notes[:2] == ["'5 kg' -> load 49.03 N, the weight of that mass",
+                         "'0,2' -> diameter 0.2 m, a decimal comma"]  # fmt: skip
+    assert notes[2:] == json.loads(plain.stdout)["notes"]
+
+
+def test_a_model_may_be_a_soil_of_the_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked = ("predict", "--load", "60", *WHEEL, "--json", "-")
+    by_soil = run(*asked, "--soil", "dry_sand")
+    by_name = run(*asked, "--model", "dry_sand")
+    assert by_name.stdout == by_soil.stdout
+    assert by_name.stderr == ""
+    Path("dry_sand").mkdir()  # a folder is no model
+    assert run(*asked, "--model", "dry_sand").stdout == by_soil.stdout
+    Path("dry_sand").rmdir()
+    write_model("dry_sand", Model("moist_earth"))
+    by_file = run(*asked, "--model", "dry_sand")
+    assert by_file.stdout == run(*asked, "--soil", "moist_earth").stdout
+    said = "understood: --model dry_sand is the file of that name, not the soil of the library\n"
+    assert by_file.stderr == said
+    wrong = run(*asked, "--model", "dry_snd")
+    assert wrong.exit_code == 2
+    assert "neither a file nor a soil: did you mean 'dry_sand'?" in wrong.output

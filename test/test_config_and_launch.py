@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
-from smallwheel_ros.bags.interfaces import message_definitions
+from smallwheel_ros.bags.types import message_definitions
 
 NODE = "/mobility_estimator"
 OUTPUTS = {

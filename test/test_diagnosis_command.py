@@ -10,8 +10,10 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
+import smallwheel_ros as sw
 from smallwheel_ros.cli import main
-from smallwheel_ros.model.model_file import read_model
+from smallwheel_ros.commands.inputs import levels_of
+from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 OWN = """
@@ -206,6 +208,82 @@ def test_absurd_numbers_are_refused_with_their_place(
 )
 def test_limits_that_are_none_are_refused(digging: Path, given: str, said: str) -> None:
     refused(run("diagnose", digging, "--can", given), "--can", said)
+
+
+@pytest.mark.parametrize(
+    ("given", "levels"),
+    [
+        ("slip=0..60%", [0.0, 0.3, 0.6]),
+        ("slip=0,1..0,5", [0.1, 0.3, 0.5]),
+        ("slip=0:0.6:0.2", [0.0, 0.2, 0.4, 0.6]),
+        ("load=20,40 N", [20.0, 40.0]),
+        ("load=5 kgf", [49.03325]),
+        ("load=5 kg", [49.03325]),
+        ("width=80 mm", [0.08]),
+    ],
+)
+def test_limits_are_read_as_cells_of_a_table_are(
+    digging: Path, given: str, levels: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = levels_of([given], sw.read(digging))
+    assert found == {given.partition("=")[0]: pytest.approx(levels)}
+    said = capsys.readouterr().err
+    assert ("weight of that mass" in said) == given.endswith("kg")
+    assert ("decimal comma" in said) == ("0,1" in given)
+
+
+@pytest.mark.parametrize("command", ["diagnose", "fit"])
+def test_sizes_for_all_rows_are_typed_as_cells_are(
+    digging: Path, tmp_path: Path, command: str
+) -> None:
+    """The table's own diameter and width, typed in other ways, give the same document."""
+    table = pd.read_csv(digging)
+    table = table[table["wheel"] == table["wheel"][0]]
+    sizes = {name: float(table.pop(f"{name} [mm]").iloc[0]) / 1e3 for name in ("diameter", "width")}
+    typed = {"diameter": f"{100 * sizes['diameter']:g} cm",
+             "width": f"{sizes['width']:g}".replace(".", ",")}  # fmt: skip
+    table.to_csv(tmp_path / "bare.csv", index=False)
+    documents = []
+    for written in ({n: f"{v:g}" for n, v in sizes.items()}, typed):
+        options = [word for name, text in written.items() for word in (f"--{name}", text)]
+        done = run(command, tmp_path / "bare.csv", *options, "--json", "-")
+        assert done.exit_code == 0, done.output
+        documents.append(json.loads(done.stdout))
+    assert f"-> width {sizes['width']:g} m, a decimal comma" in done.stderr
+    assert documents[0] == documents[1]
+    refused(run(command, digging, "--width", "5 kg"), "unit 'kg' is a mass, expected a length")
+    refused(run(command, digging, "--width", "0.1,0.2"), "found '0.1,0.2', expected a number")
+    refused(run(command, digging, "--width", "1:3:1"), "found '1:3:1', expected one number")
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose", "compare", "add"])
+def test_a_soil_of_the_library_is_a_model_in_every_command(
+    digging: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """Its name says what a file of it says; a file of the same name goes first."""
+    monkeypatch.chdir(tmp_path)
+    table = ["slip_sinkage", "--data", digging, "-o", "out.yaml"] if command == "add" else [digging]
+    write_model("sand.yaml", sw.Model("moist_earth"))
+
+    def found(model: str) -> tuple[object, str]:
+        done = run(command, *table, "--model", model, "--json", "-")
+        assert done.exit_code == 0, done.output
+        document = json.loads(done.stdout)
+        if command == "compare":
+            standing = document["models"].pop()
+            assert (standing["file"] is None) == (not Path(model).exists())
+            document = (document["models"], standing["channels"])
+        return document, done.stderr
+
+    by_name, said = found("moist_earth")
+    assert "--model" not in said
+    assert found("sand.yaml")[0] == by_name
+    write_model("moist_earth", sw.Model("wong_snow"))
+    by_file, said = found("moist_earth")
+    assert "--model moist_earth is the file of that name" in said
+    write_model("snow.yaml", sw.Model("wong_snow"))
+    assert found("snow.yaml")[0] == by_file
+    refused(run(command, *table, "--model", "moist_earht"), "did you mean 'moist_earth'?")
 
 
 def test_an_unknown_effect_cannot_be_left_out(digging: Path) -> None:

@@ -238,8 +238,10 @@ def lacking() -> Diagnosis:
 
 def test_the_text_has_a_line_for_each_channel_and_the_table_in_its_command() -> None:
     text = lacking().text()
-    assert re.search(r"^Sinkage: [\d.]+ mm -> [\d.]+ mm with what is named\.$", text, re.MULTILINE)
-    assert re.search(r"^Resistance: ", text, re.MULTILINE)
+    assert re.search(
+        r"^  Sinkage: [\d.]+ mm -> [\d.]+ mm with what is named\.$", text, re.MULTILINE
+    )
+    assert re.search(r"^  Resistance: ", text, re.MULTILINE)
     assert "smallwheel diagnose 'made up' --apply" in text
 
 

@@ -10,10 +10,9 @@ import pytest
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
-from smallwheel_ros.estimator.point_sinkage import Law
+from smallwheel_ros.estimator.missing_effect import NearbySinkage
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
-from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
+from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, wheel_sinkage
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions

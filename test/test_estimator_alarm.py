@@ -14,9 +14,7 @@ from test_segment import segments
 from benchmarks._drives import measurements
 from benchmarks.missing_effect import both
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.missing_effect import MissingEffectWatch
-from smallwheel_ros.estimator.robust_regression import robust_fit
-from smallwheel_ros.estimator.segment_changes import SegmentChanges
+from smallwheel_ros.estimator.missing_effect import MissingEffectWatch, SegmentChanges, robust_fit
 from smallwheel_ros.estimator.soil_estimator import MissingEffect, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.replay.innovations_picture import innovations_picture

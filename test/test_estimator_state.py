@@ -12,13 +12,13 @@ import pytest
 from wheel_drives import READING, N, follow, rolled, varied
 
 from smallwheel_ros.estimator.identifiability import before_driving
-from smallwheel_ros.estimator.point_sinkage import point_pressure, point_sinkage
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorSettings,
     Outcome,
     SoilEstimator,
     SoilPrior,
 )
+from smallwheel_ros.estimator.wheel_sinkage import point_pressure, point_sinkage
 from smallwheel_ros.physics.soil import soil
 
 GOOD = READING

@@ -27,6 +27,7 @@ ONE_WHEEL = {
     "front.width": 0.1,
     "timing.reorder_time": 0.05,
     "timing.silent_after": 0.1,
+    "mobility.rate": 0.0,
 }
 QUARTER = math.sqrt(0.5)
 

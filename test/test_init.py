@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.init.names import usual_names, wheels_named_by
 from smallwheel_ros.init.rover import FILL_IN
 from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.parameters import ParametersError, settings_from
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -46,15 +48,31 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def standing() -> object:
+    """A message of a radar on a vehicle that stands."""
+    stamp = message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=0)
+    header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="radar")
+    still = message_type("geometry_msgs/msg/Vector3")(x=0.0, y=0.0, z=0.0)
+    twist = message_type("geometry_msgs/msg/Twist")(linear=still, angular=still)
+    return message_type("geometry_msgs/msg/TwistStamped")(header=header, twist=twist)
+
+
 def rewritten(
-    bag: Path, target: Path, names: Mapping[str, str | None], urdf: str | None = None
+    bag: Path,
+    target: Path,
+    names: Mapping[str, str | None],
+    urdf: str | None = None,
+    radar: bool = False,
 ) -> Path:
-    """A copy with topics of other names (None: without them), and a robot description."""
+    """A copy with topics of other names (None: without them), a robot description, a radar."""
     with BagReader(bag) as reader, BagWriter(target) as writer:
         if urdf is not None:
             kind = "std_msgs/msg/String"
             text = message_type(kind)(data=urdf)
             writer.write("/robot_description", kind, reader.start_time or 0, text)
+        if radar:
+            kind = "geometry_msgs/msg/TwistStamped"
+            writer.write("/radar", kind, reader.start_time or 0, standing())
         for name, kind, time, message in reader.messages():
             new = names.get(name, name)
             if new is not None:
@@ -70,6 +88,13 @@ def run(*arguments: object, code: int = 0) -> Result:
 
 def found(path: Path) -> dict[str, object]:
     return dict(read_parameters(path))
+
+
+def found_in(text: str) -> dict[str, object]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rover.yaml"
+        path.write_text(text)
+        return found(path)
 
 
 def test_a_bag_with_a_description_needs_nothing_more(bag: Path, tmp_path: Path) -> None:
@@ -210,3 +235,78 @@ def test_a_bag_without_wheels_says_what_it_looked_for(bag: Path, tmp_path: Path)
     )
     assert "no topic of a wheel's load (geometry_msgs/msg/WrenchStamped)" in refused.stderr
     assert "smallwheel init --wheels N" in refused.stderr
+
+
+# --- What is left out
+
+
+def with_all_that_is_left_out(text: str) -> str:
+    """The file with each such line taken in, and the mass written."""
+    lines = text.replace("# vehicle:", "vehicle:").replace("#   mass: 0.0", "  mass: 24.0")
+    return re.sub(r"^    # (\w+: \S+)$", r"    \1", lines, flags=re.MULTILINE)
+
+
+def left_out(text: str) -> dict[str, tuple[str, str]]:
+    """By parameter that is left out: the words on it, and the line below them."""
+    found = {}
+    for block in re.findall(r"(?:^ +## .*\n)+(?: +# .*\n)+", text, re.MULTILINE):
+        words = " ".join(line.strip(" #") for line in block.splitlines() if "##" in line)
+        name = words.split(" is left out: ")[0]
+        found[name] = (words, block.splitlines()[-1].strip(" #"))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("origin", "names"),
+    [
+        ("bag", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("bag with a description", {"imu_topic", "vehicle.mass"}),
+        ("bag without imu", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("bag with radar", {"velocity_topic", "imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("urdf", {"imu_topic", "vehicle.mass"}),
+        ("wheels", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
+    ],
+)  # fmt: skip
+def test_each_line_that_is_left_out_says_why_and_what_it_brings(
+    origin: str, names: set[str], bag: Path, tmp_path: Path
+) -> None:
+    sources: dict[str, list[object]] = {"wheels": ["--wheels", 3], "urdf": [tmp_path / "r.urdf"]}
+    (tmp_path / "r.urdf").write_text(description())
+    other: dict[str, str | None] = {"/imu": None if "without" in origin else "/imu"}
+    if origin.startswith("bag"):
+        urdf = description() if "description" in origin else None
+        drive = rewritten(bag, tmp_path / "drive", other, urdf, radar="radar" in origin)
+        sources[origin] = [drive]
+    run("init", *sources[origin], "-o", tmp_path / "rover.yaml")
+    text = (tmp_path / "rover.yaml").read_text()
+    found = left_out(text)
+    assert set(found) == names
+    for name, (words, line) in found.items():
+        assert re.fullmatch(rf"{name} is left out: \S.+\. Brings\b.+\.", words)
+        assert line.startswith(f"{name.rpartition('.')[2]}: ")
+    topic = (
+        "imu_topic: /imu"
+        if origin.startswith("bag") and "without" not in origin
+        else "imu_topic: imu"
+    )
+    assert found["imu_topic"][1] == topic
+
+    # Nothing of it counts as it is; taken in, the node and replay understand it.
+    assert not names & set(found_in(text))
+    whole = with_all_that_is_left_out(text).replace(FILL_IN, "0.2")
+    values = found_in(whole)
+    assert names <= set(values)
+    settings = settings_from(values)
+    assert settings.onboard.mass == 24.0
+    assert settings.onboard.with_imu
+    assert (settings.onboard.velocity == "topic") == ("velocity_topic" in names)
+
+
+def test_a_mass_that_nobody_wrote_is_refused(tmp_path: Path) -> None:
+    run("init", "--wheels", 2, "-o", tmp_path / "rover.yaml")
+    text = (tmp_path / "rover.yaml").read_text().replace(FILL_IN, "0.2")
+    taken = text.replace("# vehicle:", "vehicle:").replace("#   mass: 0.0", "  mass: 0.0")
+    with pytest.raises(
+        ParametersError, match=r"vehicle\.mass is 0\.0, expected a double from 0\.01"
+    ):
+        settings_from(found_in(taken))

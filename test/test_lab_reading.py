@@ -171,6 +171,13 @@ def test_a_labs_files_become_a_model_in_one_command(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     for said in ("kphi", "Reece", "phi =", "size left out"):
         assert said in done.output
+    shown = CliRunner().invoke(cli.main, ["fit", str(plates), str(sheared)])
+    assert shown.output == done.output.replace(f"written: {model}\n", "")
+    fitted = api.fit([plates, sheared])
+    for name in ("k", "kc", "kphi", "soil.n", "cohesion", "shear_displacement"):
+        assert fitted[name].std > 0.0  # type: ignore[operator]
+    assert fitted.k.value == fitted.model.soils[0].k
+    assert fitted.shear_displacement.value == fitted.model.soils[0].shear_displacement
     known = read_model(model)
     for name in ("n", "m", "cohesion", "friction_angle", "log_shear_displacement"):
         assert known.standard_deviation(f"soil.{name}") > 0.0
@@ -185,11 +192,24 @@ def test_a_labs_files_become_a_model_in_one_command(tmp_path: Path) -> None:
     assert read_model(tmp_path / "b.yaml").model.soils[0].n == known.model.soils[0].n
 
 
-def test_shear_alone_needs_a_model_and_says_so(tmp_path: Path) -> None:
+def test_shear_alone_is_shown_and_a_file_needs_a_model(tmp_path: Path) -> None:
     _, sheared = lab_files(tmp_path)
+    shown = CliRunner().invoke(cli.main, ["fit", str(sheared)])
+    assert shown.exit_code == 0
+    assert "phi = " in shown.output
+    assert "No model was made: shear tests tell" in shown.output
+    done = CliRunner().invoke(cli.main, ["fit", str(sheared), "--json", "-"])
+    document = json.loads(done.stdout)
+    assert document["schema"] == 1
+    for name in ("cohesion", "friction_angle", "shear_displacement"):
+        assert document["shear"][0]["parameters"][name]["std"] > 0.0
+    named = ["fit", str(sheared), "--model", "dry_sand", "-o", str(tmp_path / "d.yaml")]
+    assert CliRunner().invoke(cli.main, named).exit_code == 0
+    assert read_model(tmp_path / "d.yaml").standard_deviation("dry_sand.cohesion") is not None
     done = CliRunner().invoke(cli.main, ["fit", str(sheared), "-o", str(tmp_path / "m.yaml")])
     assert done.exit_code == 2
     assert "needs k and n too" in done.output
+    assert not (tmp_path / "m.yaml").exists()
     done = CliRunner().invoke(cli.main, ["compare", str(sheared)])
     assert done.exit_code == 2
     assert "shear tests" in done.output

@@ -14,6 +14,7 @@ from lab_truth import shear
 from random_examples import examples
 from scipy.optimize import curve_fit
 
+import smallwheel_ros as sw
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.lab.lab import fit_lab
 from smallwheel_ros.lab.shear import fit_shear
@@ -188,9 +189,46 @@ def test_strength_goes_into_the_model_file_with_its_covariance(tmp_path: Path) -
     assert predict_with_uncertainty(back, wheel).standard_deviation["thrust"] > without
 
 
-def test_shear_alone_is_no_model() -> None:
+@pytest.mark.parametrize("seed", range(3))
+def test_shear_alone_tells_the_strength_and_is_no_model(seed: int, tmp_path: Path) -> None:
+    tests = shear(np.random.default_rng(seed))
+    found, known = fit_lab(None, tests), strength(tests)
+    assert (found.cohesion.value, found.cohesion.std) == (
+        known.parameters[0].value,
+        pytest.approx(deviations(known)[0]),
+    )
+    assert found["friction_angle"].std == pytest.approx(deviations(known)[1])
+    modulus = found["soil.shear_displacement"]
+    assert (modulus.value, modulus.unit) == (known.modulus, "m")
+    drawn = np.random.default_rng(0).multivariate_normal(
+        [known.cohesion, known.friction_angle, np.log(known.modulus)], known.covariance, 20000
+    )
+    assert modulus.std == pytest.approx(np.exp(drawn[:, 2]).std(), rel=0.05)
+    assert found.to_dict()["shear"][0]["parameters"]["shear_displacement"]["std"] == modulus.std
+    assert {row["parameter"]: row["std"] for row in found.rows()}["shear_displacement"] == (
+        modulus.std
+    )
+    assert "No model was made: shear tests" in str(found)
+    for use in (lambda: found.model, lambda: found.save(tmp_path / "m.yaml")):
+        with pytest.raises(StrengthError, match="needs k and n"):
+            use()
     with pytest.raises(StrengthError, match="needs k and n"):
-        fit_lab(None, shear(np.random.default_rng(1)))
+        sw.predict(found, load=60, diameter=0.2, width=0.1)  # type: ignore[arg-type]
+    assert not (tmp_path / "m.yaml").exists()
+    with pytest.raises(KeyError, match=r"no parameter 'k'.*soil\.cohesion, soil\.friction_angle"):
+        found["k"]
+    made = fit_lab(None, tests, known=CalibratedModel(Model(soil("dry_sand"))))
+    assert "No model was made" not in str(made)
+    assert made.model.soils[0].cohesion == known.cohesion
+
+
+def test_the_strength_of_two_soils_is_asked_for_by_their_names() -> None:
+    tests = shear(np.random.default_rng(2))
+    half = np.where(np.isin(tests.run, np.unique(tests.run)[::2]), "clay", "loam")
+    found = fit_lab(None, replace(tests, soil=half))
+    assert found["clay.cohesion"] != found["loam.cohesion"]
+    with pytest.raises(AttributeError, match=r"clay\.cohesion, loam\.cohesion"):
+        _ = found.cohesion
 
 
 def test_a_soil_that_the_model_does_not_have() -> None:

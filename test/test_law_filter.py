@@ -15,8 +15,6 @@ from wheel_drives import rolled, varied
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.law_filter import LawFilter
-from smallwheel_ros.estimator.law_member import Member
 from smallwheel_ros.estimator.law_model import (
     DELAY,
     LAW,
@@ -34,8 +32,9 @@ from smallwheel_ros.estimator.law_model import (
     Shown,
     U,
 )
-from smallwheel_ros.estimator.segment import Position, Segment
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.soil_filter import LawFilter, Member
+from smallwheel_ros.estimator.stretches import Position, Segment
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.simulate.truth import static_sinkage
 

@@ -15,8 +15,8 @@ from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.instruments import LoadGain
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
+from smallwheel_ros.estimator.strength_filter import WheelStep
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_samples import WheelStep
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.onboard.mobility import (
     SCATTER,

@@ -156,11 +156,16 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         assert set_parameter("front.width", 0.12).successful
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
-        # Configured, a change is judged together with all others, and applied.
-        refused = set_parameter("front.sinkage_source", "Range")
-        assert not refused.successful
-        assert "front.range_height is missing" in refused.reason
+        # Inactive, a change counts from the next configuration on, which judges all together.
+        assert set_parameter("front.sinkage_source", "Range").successful
+        assert change(Transition.TRANSITION_CLEANUP)
+        assert not change(Transition.TRANSITION_CONFIGURE)
+        peer.spin_until(
+            lambda: "front.range_height is missing" in peer.diagnostics[name].message, "the reason"
+        )
+        assert set_parameter("front.sinkage_source", "WheelSinkage").successful
         assert set_parameter("front.width", 0.13).successful
+        assert change(Transition.TRANSITION_CONFIGURE)
 
         # The soil is latched: subscribed to before or after, the prior is there when active.
         soils: list[Any] = []
@@ -173,6 +178,9 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         assert soils[0].reference_pressure > 0
         assert not soils[0].k_identifiable
         peer.spin_until(lambda: peer.sinkage.get_subscription_count() > 0, "the node listens")
+        refused = set_parameter("front.width", 0.14)
+        assert not refused.successful
+        assert "front.width cannot be set while the node is active: deactivate" in refused.reason
         assert change(Transition.TRANSITION_DEACTIVATE)
         peer.spin_until(lambda: peer.sinkage.get_subscription_count() == 0, "it listens no more")
         assert change(Transition.TRANSITION_CLEANUP)
@@ -187,10 +195,8 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         assert width.floating_point_range[0].to_value == 5.0
         assert wheels.read_only
         assert node.death() is None
-    effective = [line for line in log.read_text().splitlines() if "effective parameters" in line]
-    assert len(effective) == 2
-    assert "front.width=0.12" in effective[0]
-    assert "front.width=0.14" in effective[1]
+    assert log.read_text().count("effective parameters") == 3
+    assert re.findall(r"front\.width=(\S+?),?\s", log.read_text()) == ["0.12", "0.13", "0.14"]
     assert sentence in log.read_text()
 
 

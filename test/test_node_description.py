@@ -85,7 +85,7 @@ def test_a_node_without_diameters_waits_for_the_description(
         peer.drive(0.0, 0.3)
         peer.spin_until(lambda: len(peer.mobility) > 5, "estimates")
         # What is set by hand stays so, whatever is described later; the rest follows.
-        assert peer.set_parameter("front.diameter", 0.2).successful
+        peer.configure_with("front.diameter", 0.2)
         changed = URDF.replace("0.125", "0.3").replace('"0.3 0.2 0"', '"0.3 0.4 0"')
         publish(peer, changed.replace("0 -1 0", "0 1 0"))
         peer.spin_until(lambda: "front.lateral_position=0.4" in log.read_text(), "the change")
@@ -246,8 +246,8 @@ def test_without_tf_a_velocity_in_another_frame_is_said(
         peer.wait_for_node()
         send_velocity(peer, "radar")
         peer.spin_until(lambda: "tf2_ros is not installed" in diagnosis(peer), "a diagnostic")
-        assert peer.set_parameter("velocity_yaw", 0.1).successful
-        assert peer.set_parameter("velocity_lateral_position", 0.0).successful
+        peer.configure_with("velocity_yaw", 0.1)
+        peer.configure_with("velocity_lateral_position", 0.0)
         peer.diagnostics.clear()
         peer.wait_for_turn()
         assert "tf2_ros" not in diagnosis(peer)

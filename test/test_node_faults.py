@@ -66,7 +66,7 @@ def other(peer: Peer) -> Iterator[subprocess.Popen[bytes]]:
 def test_nodes_of_one_name_and_one_namespace_are_told(peer: Peer) -> None:
     from rclpy.node import Node
 
-    from smallwheel_ros.ros.namesakes import namesakes
+    from smallwheel_ros.ros.mobility_estimator import namesakes
 
     one = Node("rover", namespace="/a")
     elsewhere = Node("rover", namespace="/b")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -98,7 +99,9 @@ def test_a_load_that_nobody_measures_is_said(peer: Peer, tmp_path: Path) -> None
         assert node.death() is None
 
 
-def test_parameters_change_while_it_runs(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+def test_parameters_are_those_of_the_configuration(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
     from smallwheel_ros.msg import SoilEstimate
 
     soils = peer.latched(SoilEstimate, "soil")
@@ -108,7 +111,7 @@ def test_parameters_change_while_it_runs(peer: Peer, one_wheel: Path, tmp_path: 
         peer.drive(0.0, 1.0)
         peer.spin_until(lambda: bool(soils) and soils[-1].measurements_accepted > 10, "a soil")
 
-        # Refused: out of its range, of another type, not to be changed, nonsense together.
+        # Refused: out of its range, of another type, not to be changed, and anything while active.
         for name, value, words in (
             ("noise.sinkage", -1.0, "noise.sinkage out of range Min: 1e-05"),
             (
@@ -117,44 +120,55 @@ def test_parameters_change_while_it_runs(peer: Peer, one_wheel: Path, tmp_path: 
                 "noise.sinkage is integer 1, expected a double from 1e-05 to 1 m: write 1.0",
             ),
             ("wheels", ["rear"], "read-only"),
-            ("load.source", "static", "load.mass is missing"),
-            ("front.sinkage_source", "Range", "front.range_height is missing"),
+            ("noise.load", 6.0, "noise.load cannot be set while the node is active: deactivate it"),
         ):
             answer = peer.set_parameter(name, value)
             assert not answer.successful
             assert words in answer.reason, answer.reason
 
-        # Applied at once; what was learnt stays.
+        # It goes on as if nothing had been asked.
         learnt = soils[-1].measurements_accepted
-        assert peer.set_parameter("noise.load", 6.0).successful
-        before = len(peer.mobility)
         peer.drive(1.0, 1.4)
-        peer.spin_until(lambda: len(peer.mobility) > before + 5, "further estimates")
+        peer.spin_until(lambda: soils[-1].measurements_accepted > learnt, "the soil goes on")
+
+        # Configured anew it goes by them: another topic, another prior, from which the soil starts.
+        peer.configure_with("front.load_topic", "/scale")
+        peer.spin_until(lambda: peer.load.get_subscription_count() == 0, "the old topic is left")
+        assert peer.node.count_subscribers("/scale") == 1
+        peer.configure_with("front.load_topic", "front/load")
+        peer.configure_with("noise.load", 6.0)
+        peer.configure_with("soil.name", "moist_earth")
+        peer.spin_until(lambda: soils[-1].m == pytest.approx(-0.49), "the prior")
+        assert soils[-1].status == SoilEstimate.STATUS_PRIOR_ONLY
+        peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "the old topic is back")
+        before = len(peer.mobility)
+        peer.drive(2.0, 2.4)
+        peer.spin_until(lambda: len(peer.mobility) > before + 1, "further estimates")
         assert peer.mobility[-1].load_standard_deviation == pytest.approx(
             (6.0**2 + (0.02 * peer.mobility[-1].load) ** 2) ** 0.5
         )
-        peer.spin_until(lambda: soils[-1].measurements_accepted > learnt, "the soil goes on")
-
-        # Another topic: listened to at once.
-        assert peer.set_parameter("front.load_topic", "/scale").successful
-        peer.spin_until(lambda: peer.load.get_subscription_count() == 0, "the old topic is left")
-        assert peer.node.count_subscribers("/scale") == 1
-        assert peer.set_parameter("front.load_topic", "front/load").successful
-        peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "the old topic is back")
-
-        # Another prior: the soil starts over, and that is said.
-        assert peer.set_parameter("soil.name", "moist_earth").successful
-        peer.spin_until(lambda: soils[-1].status == SoilEstimate.STATUS_PRIOR_ONLY, "the prior")
-        assert soils[-1].m == pytest.approx(-0.49)
-        refused = peer.set_parameter("soil.name", "moist_erth")
-        assert not refused.successful
-        assert "did you mean 'moist_earth'" in refused.reason
         assert node.death() is None
     text = log.read_text()
-    assert text.count("effective parameters") == 1
-    assert "parameters changed: noise.load=6.0" in text
-    assert "soil.name=moist_earth; the soil starts over" in text
+    assert text.count("effective parameters") == 5
     assert "Traceback" not in text
+
+
+def test_mobility_is_said_at_its_rate(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
+    """200 sinkages in 4 s, by stamps: 5 answers a second at the rate 5; the soil goes by all."""
+    from smallwheel_ros.msg import SoilEstimate
+
+    soils = peer.latched(SoilEstimate, "soil")
+    with NodeProcess([one_wheel], tmp_path / "node.log", {"mobility.rate": "5.0"}) as node:
+        peer.wait_for_node()
+        peer.drive(0.0, 4.0)
+        peer.spin_until(lambda: len(peer.mobility) >= 19, "answers")
+        peer.wait_for_turn()
+        assert len(peer.mobility) <= 22
+        assert soils[-1].measurements_accepted > 100
+        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in peer.mobility]
+        apart = [later - earlier for earlier, later in pairwise(stamps)]
+        assert min(apart) > 0.1
+        assert node.death() is None
 
 
 def test_a_publisher_that_is_restarted_is_heard_again(

@@ -122,7 +122,7 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
     sizes = "".join(f"    {n}: {{diameter: 0.25, width: 0.1}}\n" for n in WHEELS)
     parameters = tmp_path / "rover.yaml"
     # It may be slower than the stamps: they then fall behind the clock.
-    timing = "    timing: {maximum_age: 36000.0}\n"
+    timing = "    timing: {maximum_age: 36000.0}\n    mobility: {rate: 0.0}\n"
     wheels = ", ".join(WHEELS)
     parameters.write_text(f"/**:\n  ros__parameters:\n    wheels: [{wheels}]\n{sizes}{timing}")
     log = tmp_path / "node.log"

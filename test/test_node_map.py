@@ -274,8 +274,12 @@ def test_the_map_is_saved_with_the_soil_and_restored(
         peer.spin_until(
             lambda: grids and cost_at(grids[-1], 1.5, 0.01) >= 0, "the way of the first drive"
         )
-        assert peer.set_parameter("soil.file", str(tmp_path / "other.json")).successful
-        assert "the cost map is not saved" in peer.trigger("save_soil").message
+        peer.configure_with("soil.file", str(tmp_path / "other.json"))
+        peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "it listens")
+        peer.drive(0.4, 1.4)
+        peer.spin_until(
+            lambda: "the cost map is not saved" in peer.trigger("save_soil").message, "refused"
+        )
     assert precious.read_text() == "precious"
     assert "cost map restored from" in (tmp_path / "second.log").read_text()
 

@@ -16,14 +16,6 @@ pytestmark = pytest.mark.dds
 MANAGED = {"autostart": "false"}
 
 
-def transition(peer: Peer, number: int = 0, label: str = "") -> bool:
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState
-
-    request = ChangeState.Request(transition=Transition(id=number, label=label))
-    return bool(peer.call(ChangeState, "change_state", request).success)
-
-
 def state(peer: Peer) -> str:
     from lifecycle_msgs.srv import GetState
 
@@ -55,18 +47,8 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
             ("front.load_topic", "a//b", "expected the name of a topic"),
             ("front.load_topic", "a/", "expected the name of a topic"),
             ("velocity_topic", "v" * 300, "expected the name of a topic, at most 200 letters"),
-            (
-                "front.load_topic",
-                "/odom",
-                "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
-            ),
-            (
-                "front.sinkage_topic",
-                "/rosout",
-                "/rosout would be rcl_interfaces/msg/Log and smallwheel_ros",
-            ),
-            ("front.load_topic", "/mobility_estimator/soil", "smallwheel_ros/msg/SoilEstimate"),
-            ("model_file", "/dev/zero", "only be changed while the node is not configured"),
+            ("front.load_topic", "/odom", "cannot be set while the node is active: deactivate it"),
+            ("model_file", "/dev/zero", "cannot be set while the node is active: deactivate it"),
             ("effects_file", str(effects), "read-only"),
             ("noise.sinkage", float("nan"), "noise.sinkage"),
             ("front.width", [1, 2], "front.width is list"),
@@ -84,20 +66,36 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
         peer.spin_until(client.service_is_ready, "the service")
         client.call_async(SetParameters.Request(parameters=[wrong]))
         peer.spin_until(lambda: "a callback failed" in log.read_text(), "it is loud")
-        # What is still waited for is one line, with every topic in it.
+        # What is still waited for is said, every topic of it.
         peer.spin_until(lambda: "still waiting" in log.read_text(), "a line on missing topics")
         # Everything is as it was: it listens, estimates, and takes parameters that are right.
         peer.drive(0.0, 0.5)
         peer.spin_until(lambda: len(peer.mobility) > 5, "estimates")
-        assert peer.set_parameter("soil.file", str(tmp_path / "soil.json")).successful
+        # Not active, it takes them; what makes no sense together keeps it from being configured.
+        assert peer.transition(label="deactivate")
+        for name, value, words in (
+            ("front.load_topic", "/odom", "/odom would be geometry_msgs/msg/WrenchStamped and nav"),
+            ("front.load_topic", "/rosout", "/rosout would be rcl_interfaces/msg/Log and geometry"),
+            ("front.load_topic", "/mobility_estimator/soil", "smallwheel_ros/msg/SoilEstimate"),
+            ("model_file", "/dev/zero", "it is a device or a pipe"),
+        ):
+            before = peer.value(name)
+            assert peer.set_parameter(name, value).successful
+            peer.transition(label="cleanup")  # the first time
+            assert not peer.transition(label="configure")
+            peer.spin_until(
+                lambda w=words: w in getattr(peer.entry("parameters"), "message", ""), "the reason"
+            )
+            assert peer.set_parameter(name, before).successful
         assert peer.set_parameter("soil.k", 2e6).successful
+        assert peer.transition(label="configure")
+        assert peer.transition(label="activate")
         assert node.death() is None
     assert not proof.exists()
     text = log.read_text()
     assert text.count("Traceback") == 1  # of the callback
-    waiting = next(line for line in text.splitlines() if "still waiting" in line)
     for topic in ("/front/load", "/front/sinkage", "/odom", "/joint_states"):
-        assert f"still waiting for {topic} (" in waiting
+        assert f"still waiting for {topic} (" in text
 
 
 @pytest.mark.parametrize(
@@ -135,23 +133,23 @@ def test_transitions_that_do_not_fit_are_answered(
     with NodeProcess([one_wheel], log) as node:
         peer.wait_for_node()
         # A lifecycle manager with a node that has started itself.
-        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
-        assert not transition(peer, Transition.TRANSITION_CLEANUP)
-        assert not transition(peer, 200)
-        assert not transition(peer, label="nonsense")
+        assert not peer.transition(Transition.TRANSITION_CONFIGURE)
+        assert not peer.transition(Transition.TRANSITION_CLEANUP)
+        assert not peer.transition(200)
+        assert not peer.transition(label="nonsense")
         assert state(peer) == "active"
-        assert transition(peer, Transition.TRANSITION_DEACTIVATE)
-        assert not transition(peer, Transition.TRANSITION_DEACTIVATE)
+        assert peer.transition(Transition.TRANSITION_DEACTIVATE)
+        assert not peer.transition(Transition.TRANSITION_DEACTIVATE)
         assert peer.trigger("reset").success
-        assert transition(peer, Transition.TRANSITION_CLEANUP)
+        assert peer.transition(Transition.TRANSITION_CLEANUP)
         for service in ("reset", "save_soil"):
             answer = peer.trigger(service)
             assert not answer.success
             assert "not configured" in answer.message
-        assert transition(peer, Transition.TRANSITION_CONFIGURE)
-        assert transition(peer, Transition.TRANSITION_INACTIVE_SHUTDOWN)
+        assert peer.transition(Transition.TRANSITION_CONFIGURE)
+        assert peer.transition(Transition.TRANSITION_INACTIVE_SHUTDOWN)
         assert state(peer) == "finalized"
-        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert not peer.transition(Transition.TRANSITION_CONFIGURE)
         assert node.death() is None
     text = log.read_text()
     assert "transition 1 does not fit the state, active" in text
@@ -166,7 +164,7 @@ def test_a_configuration_that_fails_leaves_nothing_behind(
     override = "qos_overrides./mobility_estimator/soil.publisher.reliability"
     log = tmp_path / "node.log"
     with NodeProcess([one_wheel], log, {**MANAGED, override: "bestest"}) as node:
-        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert not peer.transition(Transition.TRANSITION_CONFIGURE)
         assert state(peer) == "unconfigured"
         peer.spin_until(lambda: peer.entry("parameters") is not None, "diagnostics")
         assert "is 'bestest', expected" in peer.entry("parameters").message
@@ -176,10 +174,10 @@ def test_a_configuration_that_fails_leaves_nothing_behind(
         assert peer.set_parameter(override, "best_effort").successful
         # A model that is not there: the same, and it can be mended.
         assert peer.set_parameter("model_file", str(tmp_path / "none.yaml")).successful
-        assert not transition(peer, Transition.TRANSITION_CONFIGURE)
+        assert not peer.transition(Transition.TRANSITION_CONFIGURE)
         assert peer.set_parameter("model_file", "").successful
-        assert transition(peer, Transition.TRANSITION_CONFIGURE)
-        assert transition(peer, Transition.TRANSITION_ACTIVATE)
+        assert peer.transition(Transition.TRANSITION_CONFIGURE)
+        assert peer.transition(Transition.TRANSITION_ACTIVATE)
         assert state(peer) == "active"
         assert node.death() is None
     assert "Traceback" not in log.read_text()
@@ -215,15 +213,15 @@ def test_quality_of_service_can_be_overridden(peer: Peer, one_wheel: Path, tmp_p
         assert not answer.successful
         assert "only counts at the start" in answer.reason
         # Configured anew, the node says no more of them than before.
-        assert transition(peer, label="deactivate")
-        assert transition(peer, label="cleanup")
-        assert transition(peer, label="configure")
-        assert transition(peer, label="activate")
+        assert peer.transition(label="deactivate")
+        assert peer.transition(label="cleanup")
+        assert peer.transition(label="configure")
+        assert peer.transition(label="activate")
         peer.wait_for_turn()
         assert peer.entry("parameters").message == message
         # They hold when a topic is subscribed to anew.
-        assert peer.set_parameter("front.load_topic", "/scale").successful
-        assert peer.set_parameter("front.load_topic", "/front/load").successful
+        assert peer.transition(label="deactivate")
+        assert peer.transition(label="activate")
         peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "the topic is back")
         peer.spin_until(
             lambda: len(peer.node.get_subscriptions_info_by_topic("/front/load")) == 1, "known"
@@ -257,23 +255,27 @@ def test_no_saved_soil_stops_the_start(
     assert not draft.exists()
 
 
+def saving(peer: Peer) -> str:
+    answer = peer.trigger("save_soil")
+    return "" if answer.success else str(answer.message)
+
+
 def test_saving_replaces_nothing_but_a_saved_soil(
     peer: Peer, one_wheel: Path, tmp_path: Path
 ) -> None:
     precious, good = tmp_path / "precious.txt", tmp_path / "soil.json"
     precious.write_text("precious")
     log = tmp_path / "node.log"
-    with NodeProcess([one_wheel], log) as node:
+    with NodeProcess([one_wheel], log, {"soil.file": str(good)}) as node:
         peer.wait_for_node()
         peer.drive(0.0, 1.0)
-        assert peer.set_parameter("soil.file", str(good)).successful
         peer.spin_until(lambda: peer.trigger("save_soil").success, "a soil is saved")
         assert peer.trigger("save_soil").success  # its own file may be replaced
         for path in (precious, Path("/dev/null"), tmp_path):
-            assert peer.set_parameter("soil.file", str(path)).successful
-            answer = peer.trigger("save_soil")
-            assert not answer.success
-            assert f"nothing saved: {path}: " in answer.message
+            peer.configure_with("soil.file", str(path))
+            peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "it listens")
+            peer.drive(1.0, 1.6)
+            peer.spin_until(lambda p=path: f"nothing saved: {p}: " in saving(peer), "refused")
         assert precious.read_text() == "precious"
         assert {file.name for file in tmp_path.iterdir() if "soil" in file.name} == {
             "soil.json",
@@ -309,14 +311,15 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     success = TransitionCallbackReturn.SUCCESS
     own = {publisher.topic_name for publisher in node.publishers}
     try:
-        for part, name in ((CostPublisher, "apply"), (Outputs, "publish_soil_of"), (Inputs, "use")):
+        for part, name in (
+            (CostPublisher, "__init__"),
+            (Outputs, "publish_soil_of"),
+            (Inputs, "listen"),
+        ):
             with monkeypatch.context() as patch:
                 patch.setattr(part, name, fail)
                 configured = node.trigger_configure() == success
-                activated = configured and node.trigger_activate() == success
-                if activated:
-                    (result,) = node.set_parameters([Parameter("noise.load", value=0.7)])
-                    assert result.successful
+                assert not configured or node.trigger_activate() != success
             assert current() == "unconfigured"
             assert "no network" in node.problem
             assert not any("front" in listened.topic_name for listened in node.subscriptions)

@@ -311,7 +311,8 @@ class TestBadInput:
         assert "load_sign" in text
 
     def test_a_reading_below_zero_is_one_and_a_wheel_in_the_air_is_not(self, drive: Drive) -> None:
-        onboard = Onboard(settings_of(drive, **{"timing.reorder_time": 0.0}))
+        every = {"timing.reorder_time": 0.0, "mobility.rate": 0.0}
+        onboard = Onboard(settings_of(drive, **every))
         for i, sinkage in enumerate((-0.001, -0.2)):
             onboard.on_load("front_left", T + i, 60.0)
             (result,) = onboard.on_sinkage("front_left", T + i, sinkage, 0.0)
@@ -469,10 +470,37 @@ def test_odometry_that_was_away_for_long_does_not_stop_the_path() -> None:
     assert distances[-1] == pytest.approx(12.0, rel=0.02)
 
 
+class TestRate:
+    def test_estimates_at_a_rate_say_what_those_of_every_reading_do(
+        self, drive: Drive, messages: list[Message]
+    ) -> None:
+        everything = run(Onboard(settings_of(drive, **{"mobility.rate": 0.0})), messages)
+        all_of_them = {(result.wheel, result.instant.stamp): result for result in everything}
+        some = run(Onboard(settings_of(drive, **{"mobility.rate": 2.0})), messages)
+        for result in some:
+            same = all_of_them[result.wheel, result.instant.stamp]
+            assert result.status_text == same.status_text
+            assert list(numbers(result)) == pytest.approx(list(numbers(same)), rel=1e-9, abs=1e-12)
+        for wheel in drive.sinkage:
+            stamps = np.array([r.instant.stamp for r in some if r.wheel == wheel]) / SECOND
+            assert np.diff(stamps).min() >= 0.25  # half a period of slack
+            assert len(stamps) == pytest.approx(2.0 * np.ptp(stamps), abs=3)
+
+    def test_a_sensor_of_the_rate_itself_loses_none_by_its_jitter(self) -> None:
+        values = {"wheels": ["w"], "w.diameter": 0.116, "w.width": 0.05, "w.contact": "pressed"}
+        onboard = Onboard(settings_from(values | {"mobility.rate": 10.0}).onboard)
+        rng, results = np.random.default_rng(5), []
+        for i in range(1, 200):
+            stamp = T + nanoseconds(0.1 * i + rng.uniform(-0.02, 0.02))
+            onboard.on_load("w", stamp, 5.0 * i)
+            results += onboard.on_sinkage("w", stamp, 1e-4 * i, 1e-8)
+        assert len(results) == 199
+
+
 class TestPressed:
     def test_needs_neither_odometry_nor_wheel_speed(self) -> None:
         values = {"wheels": ["w"], "w.diameter": 0.116, "w.width": 0.05, "w.contact": "pressed"}
-        onboard = Onboard(settings_from(values).onboard)
+        onboard = Onboard(settings_from(values | {"mobility.rate": 0.0}).onboard)
         assert onboard.streams == ("w/load", "w/sinkage")
         results = []
         for i in range(1, 100):

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import smallwheel_ros
-from smallwheel_ros.bags.interfaces import message_definitions, message_directory
+from smallwheel_ros.bags.types import message_definitions, message_directory
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -124,7 +124,7 @@ class TestInstalledWithRos:
     ) -> None:
         code = (
             "from smallwheel_ros.msg import WheelSinkage, SoilEstimate, MobilityEstimate\n"
-            "from smallwheel_ros.bags.interfaces import message_definitions\n"
+            "from smallwheel_ros.bags.types import message_definitions\n"
             "import smallwheel_ros.common.errors\n"
             "m = WheelSinkage(sinkage=0.01, variance=1e-6)\n"
             "m.header.frame_id = 'front_left'\n"
@@ -240,7 +240,7 @@ class TestInstalledByPip:
     ) -> None:
         code = (
             "import importlib.util, smallwheel_ros\n"
-            "from smallwheel_ros.bags.interfaces import message_definitions, message_directory\n"
+            "from smallwheel_ros.bags.types import message_definitions, message_directory\n"
             "assert importlib.util.find_spec('rclpy') is None\n"
             "assert importlib.util.find_spec('smallwheel_ros.msg') is None\n"
             "assert message_directory().name == 'definitions'\n"
@@ -293,7 +293,7 @@ def test_installed_by_cmake_as_copies(source: Path, tmp_path: Path) -> None:
             assert (package / file.relative_to(ours)).read_bytes() == file.read_bytes()
     result = run(
         *(sys.executable, "-c"),
-        "from smallwheel_ros.bags.interfaces import message_directory as d; print(d())",
+        "from smallwheel_ros.bags.types import message_directory as d; print(d())",
         cwd=tmp_path,
         PYTHONPATH=str(package.parent),
     )

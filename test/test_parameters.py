@@ -343,7 +343,16 @@ class TestFiles:
                 p.name.split(".")[-1] for p in (*GENERAL, *PER_WHEEL)
             } | {p.name.split(".")[0] for p in GENERAL}
             empty_optional = bare.endswith(":") and not bare.startswith(
-                ("soil:", "noise:", "timing:", "estimator:", "load:", "digging_in:", "cost:")
+                (
+                    "soil:",
+                    "noise:",
+                    "timing:",
+                    "estimator:",
+                    "load:",
+                    "digging_in:",
+                    "cost:",
+                    "mobility:",
+                )
             )
             if default and not empty_optional:
                 line = line.replace("# ", "", 1)

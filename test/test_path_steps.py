@@ -40,7 +40,7 @@ def driven(
 
 
 def taken(samples: list[WheelSample], steps: PathSteps | None = None) -> list[PathStep]:
-    steps = steps or PathSteps()
+    steps = steps or PathSteps(lambda _, contacts: contacts[0])
     return [step for step in map(steps.add, samples) if step is not None]
 
 
@@ -74,7 +74,7 @@ def test_wheels_that_spin_on_one_place_end_steps() -> None:
 
 
 def test_a_pause_ends_a_step_and_half_a_step_is_none() -> None:
-    steps = PathSteps()
+    steps = PathSteps(lambda _, contacts: contacts[0])
     whole = taken(driven(0.3, 0.1, 0.6), steps)  # 0.15 m
     rest = taken(
         [one._replace(distance=one.distance - 12.0) for one in driven(0.3, 0, 9, begin=40)], steps
@@ -84,7 +84,7 @@ def test_a_pause_ends_a_step_and_half_a_step_is_none() -> None:
 
 
 def test_who_turns_back_begins_anew() -> None:
-    steps = PathSteps()
+    steps = PathSteps(lambda _, contacts: contacts[0])
     taken(driven(0.3, 0.1, 0.2), steps)  # 3 cm: not half a step
     back = [one._replace(distance=one.distance) for one in driven(-0.3, 0.3, 2.0, begin=0.2)]
     made = taken(back, steps)

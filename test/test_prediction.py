@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from smallwheel_ros.arguments import RangeError, parse_range
+from smallwheel_ros.arguments import RangeError, typed
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER
+from smallwheel_ros.measurements.numbers import read_numbers
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
@@ -40,10 +42,99 @@ Array = NDArray[np.float64]
         ("10,20 deg", "rad", [np.pi / 18, np.pi / 9]),
         ("-0.3:0.3:0.3", "1", [-0.3, 0, 0.3]),
         ("20 degC", None, [293.15]),
+        ("0..60%", "1", [0.0, 0.3, 0.6]),
+        ("0:60:20%", "1", [0.0, 0.2, 0.4, 0.6]),
+        ("10%,20%", "1", [0.1, 0.2]),
+        ("10 °,20 °", "rad", [np.pi / 18, np.pi / 9]),
+        ("\u22125 N", "N", [-5]),
+        ("1 234 N", "N", [1234]),
+        ("5 kgf", "N", [49.03325]),
     ],
 )
 def test_ranges(text: str, unit: str | None, values: list[float]) -> None:
-    assert parse_range("--load", text, unit) == pytest.approx(values)
+    assert typed("--load", text, unit).values == pytest.approx(values)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "values"),
+    [
+        ("slip", "0,2", [0.2]),  # a slip of 2 there is not
+        ("slip", "0,05", [0.05]),  # nobody writes 0 and 05
+        ("slip", "0,1:0,5:0,2", [0.1, 0.3, 0.5]),
+        ("slip", "0,1..0,5", [0.1, 0.3, 0.5]),
+        ("slip", "0,1;0,3", [0.1, 0.3]),
+        ("diameter", "0,17", [0.17]),  # nor a diameter of 0
+        ("load", "1,250;2,5", [1.25, 2.5]),
+        ("speed", "1.234,5;0,5 mm/s", [1.2345, 0.0005]),
+    ],
+)
+def test_a_comma_is_a_decimal_mark_where_it_can_be_nothing_else(
+    name: str, text: str, values: list[float]
+) -> None:
+    read = typed(name, text, COLUMNS[name].unit)
+    assert read.values == pytest.approx(values)
+    assert f"'{text}' -> {name}" in read.said
+    assert read.said.endswith("a decimal comma")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "values"),
+    [
+        ("slip", "0,1", [0, 1]),
+        ("load", "20,60", [20, 60]),
+        ("load", "1,250", [1, 250]),
+        ("diameter", "170,200", [170, 200]),  # refused by who takes it, as a list
+        ("heat", "0,2", [0, 2]),
+    ],
+)
+def test_any_other_comma_makes_a_list(name: str, text: str, values: list[float]) -> None:
+    read = typed(name, text, COLUMNS.get(name, OTHER).unit or None)
+    assert read.values == pytest.approx(values)
+    assert read.said == ""
+
+
+_VALUE = st.floats(-900, 900).map(lambda value: float(f"{value:.5g}"))
+
+
+@given(st.lists(_VALUE, min_size=1, max_size=4))
+def test_a_typed_number_is_read_as_a_cell_of_a_table(values: list[float]) -> None:
+    """Points or commas, in per cent or not: what a column of the same texts would be."""
+    points = [repr(value) for value in values]
+    commas = [text.replace(".", ",") for text in points]
+    assert typed("--x", ",".join(points), None).values == pytest.approx(values)
+    (column,) = read_numbers([points], False)
+    assert column.values == pytest.approx(values)
+    assert typed("--x", "%,".join(points) + "%", "1").values == pytest.approx(
+        [value / 100 for value in values]
+    )
+    for texts, expected in ((commas[:1], values[:1]), (commas + commas, values + values)):
+        (column,) = read_numbers([texts], False)
+        if column.faults:  # 1,234 may be a thousand
+            with pytest.raises(RangeError, match="two ways"):
+                typed("--x", ";".join(texts), None, several=False)
+        else:
+            read = typed("--x", ";".join(texts), None, several=len(texts) > 1)
+            assert read.values == pytest.approx(expected)
+
+
+@given(
+    st.text(alphabet="0123456789.,;:%eE+- kgNm'", max_size=12), st.sampled_from(["1", "N", None])
+)
+def test_whatever_is_typed_is_finite_numbers_or_refused(text: str, unit: str | None) -> None:
+    for several in (True, False):
+        with suppress(RangeError):
+            read = typed("--x", text, unit, several=several)
+            assert read.values.size
+            assert np.isfinite(read.values).all()
+
+
+@pytest.mark.parametrize("text", ["5 kg", "5000 g", "5kg", "0.005 t"])
+def test_a_mass_is_its_weight_and_that_is_said(text: str) -> None:
+    read = typed("load", text, "N")
+    assert read.values == pytest.approx([49.03325])
+    assert read.said == f"'{text}' -> load 49.03 N, the weight of that mass"
+    assert typed("ballast", text, None).values == pytest.approx([5.0])  # not a force
+    assert typed("ballast", text, None).said == ""
 
 
 @pytest.mark.parametrize(
@@ -57,13 +148,20 @@ def test_ranges(text: str, unit: str | None, values: list[float]) -> None:
         ("1:1e9:1", "1000000000 values, at most 100000"),
         ("1,,2", "--load: found '1,,2'"),
         ("1e999", "expected finite numbers"),
-        ("20 kg", "--load: unit 'kg' is a mass, expected a force"),
+        ("20 V", "--load: unit 'V' is .*, expected a force"),
         ("20 newtonn", "--load: unknown unit 'newtonn'"),
+        ("10%,20", "--load: found '10%,20'"),
+        ("30%", "--load: unit '%' is a pure number, expected a force"),
+        ("5..2", "the range '5..2' is empty"),
+        ("1..2..3", "the range '1..2..3' is empty"),
+        ("1,250;1,500", "can be read in two ways"),
+        ("1.5.2", "--load: found '1.5.2', expected a number"),
+        (";", "--load: found ';', expected a number"),
     ],
 )
 def test_texts_that_are_no_range(text: str, message: str) -> None:
     with pytest.raises(RangeError, match=message):
-        parse_range("--load", text, "N")
+        typed("--load", text, "N")
 
 
 def test_table_is_the_models_prediction() -> None:

@@ -732,14 +732,24 @@ def test_a_type_that_the_bag_defines_otherwise_is_named(bag, rover, tmp_path):
 # --- Damaged bags
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_truncated_bag_gives_what_could_be_read(bag, rover, usual, tmp_path, storage):
-    other = tmp_path / "other"
-    with BagReader(bag) as reader, BagWriter(other, storage=storage) as writer:
+def truncated(bag: Path, target: Path, storage: str) -> Path:
+    with BagReader(bag) as reader, BagWriter(target, storage=storage) as writer:
         for raw in reader.raw_messages():
             writer.write_raw(*raw)
-    file = next(f for f in other.iterdir() if f.suffix != ".yaml")
+    file = next(f for f in target.iterdir() if f.suffix != ".yaml")
     os.truncate(file, int(0.6 * file.stat().st_size))
+    return target
+
+
+def test_a_truncated_sqlite3_bag_names_what_saves_its_messages(bag, rover, tmp_path):
+    other = truncated(bag, tmp_path / "other", "sqlite3")
+    result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", code=2)
+    assert "`sqlite3 other.db3 .recover | sqlite3 saved.db3` saves" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truncated_bag_gives_what_could_be_read(bag, rover, usual, tmp_path):
+    other = truncated(bag, tmp_path / "other", "mcap")
     result = smallwheel("replay", other, "--config", rover, "-o", tmp_path / "out", code=1)
     assert re.search(r"ended early: .*\d+ messages could be read, the last at \d+", result.stderr)
     table = table_of(tmp_path / "out")
@@ -889,7 +899,9 @@ def test_the_rigs_trial_gives_the_published_soil(shared_data, repository, tmp_pa
         "--log", raw.with_suffix(".txt"), "--log-behind", 14400, "--start", 6.42, "--end", 19.8,
         "-o", tmp_path / "trial",
     )  # fmt: skip
-    table = replayed(tmp_path / "trial", repository / "config" / "press_rig.yaml", tmp_path / "out")
+    table = replayed(
+        tmp_path / "trial", repository / "config" / "press_rig.yaml", tmp_path / "out", rate=0.0
+    )
     assert len(table) == 668
     last = table.iloc[-1]
     # About as in docs/press_trial.md: a zero that may be 2 mm off is a tenth of the pressure.

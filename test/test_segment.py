@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from wheel_drives import READING, STEP, rolled, varied
 
-from smallwheel_ros.estimator.segment import Position, Segment
 from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
-from smallwheel_ros.estimator.wheel_track import WheelTrack
+from smallwheel_ros.estimator.stretches import Position, Segment, WheelTrack
 
 
 def collector(sinkage_std: float = 0.001, load_std: float = 0.02) -> WheelTrack:

@@ -17,8 +17,7 @@ from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.level import Level
 from smallwheel_ros.onboard.load_watch import LoadWatch
 from smallwheel_ros.onboard.motion_watch import MotionWatch
-from smallwheel_ros.onboard.problems import ProblemLog
-from smallwheel_ros.onboard.units import unit_of
+from smallwheel_ros.onboard.problems import ProblemLog, unit_of
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 GRAVITY = 9.80665

@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.simulate.command import simulate
+from smallwheel_ros.cli import main
 
 
 def run(*arguments):
-    result = CliRunner().invoke(simulate, [str(a) for a in arguments])
+    result = CliRunner().invoke(main, ["simulate", *(str(a) for a in arguments)])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result

@@ -11,7 +11,8 @@ import smallwheel_ros.simulate
 FOLDER = Path(smallwheel_ros.simulate.__file__).parent
 # What the truth may share with the rest of the package: nothing that computes soil or wheels.
 SHARED = {
-    f"smallwheel_ros.{name}" for name in ("common.errors", "common.files", "bags", "bags.files")
+    f"smallwheel_ros.{name}"
+    for name in ("common.errors", "common.files", "common.options", "bags", "bags.files")
 }
 
 

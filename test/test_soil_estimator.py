@@ -12,7 +12,6 @@ from wheel_drives import READING, STEP, follow, rolled, varied
 
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.point_sinkage import Law, point_sinkage
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
     EstimatorSettings,
@@ -20,7 +19,7 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilEstimator,
     SoilPrior,
 )
-from smallwheel_ros.estimator.wheel_sinkage import LoadedWheel, wheel_sinkage
+from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, point_sinkage, wheel_sinkage
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage

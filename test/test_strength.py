@@ -18,13 +18,24 @@ from scipy.optimize import minimize
 from benchmarks._traction_table import rates
 from benchmarks.traction_rates import run, summed
 from benchmarks.traction_worlds import WORLDS, make_drive
-from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelMean, WheelSample
+from smallwheel_ros.estimator.path_steps import (
+    PathStep,
+    PathSteps,
+    RollingContact,
+    WheelMean,
+    WheelSample,
+)
+from smallwheel_ros.estimator.strength_filter import (
+    COHESION,
+    FRICTION,
+    OTHER,
+    SHEAR,
+    TractionFilter,
+    WheelStep,
+    iterated_update,
+)
+from smallwheel_ros.estimator.strength_filter import WHEELS as WHEELS_AT
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_filter import TractionFilter
-from smallwheel_ros.estimator.traction_samples import RollingContact, WheelStep
-from smallwheel_ros.estimator.traction_state import COHESION, FRICTION, OTHER, SHEAR
-from smallwheel_ros.estimator.traction_state import WHEELS as WHEELS_AT
-from smallwheel_ros.estimator.traction_update import iterated_update
 from smallwheel_ros.onboard.assessment import Assessor
 from smallwheel_ros.physics.stresses import PointForces, point_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -357,7 +368,8 @@ def test_words_say_what_is_not_determined() -> None:
     )
 )
 def test_no_sample_breaks_the_filter(rows: list[tuple[object, ...]]) -> None:
-    estimator, steps, distance = TractionEstimator(PRIOR, WHEELS, MASS), PathSteps(), 0.0
+    estimator, distance = TractionEstimator(PRIOR, WHEELS, MASS), 0.0
+    steps = PathSteps(lambda _, contacts: contacts[0])
     for i, (slip, force, torque, pull, way, forward) in enumerate(rows):
         distance += way
         quantity = None if pull is None else Quantity(pull, 0.6)

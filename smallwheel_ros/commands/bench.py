@@ -36,15 +36,14 @@ _STEPS = 5  # that a diagnosis tells of
 
 
 @command(api.fit)
-@click.option("-o", "--output", required=True, type=PATH, help="Model file to write.")
+@click.option("-o", "--output", type=PATH, metavar="FILE", help="Model file to write.")
 @JSON
-def fit(given: Given, how: How, output: Path, json_file: str | None) -> None:
-    """The result is a model file, for the other commands and the node."""
+def fit(given: Given, how: How, output: Path | None, json_file: str | None) -> None:
+    """What was found is printed. With -o it is a model file too, for the other commands and the node."""
     check_outputs(given, [json_file], output)
     given["data"] = [read_test(path, how) for path in given["data"]]
     result = api.fit(**given)
-    result.model.save(output)
-    show(result, json_file, [output])
+    show(result, json_file, [] if output is None else [result.model.save(output)])
 
 
 @command(api.compare, models={"names": ("--model",)})
@@ -132,7 +131,7 @@ def learn(
 
 @command(
     api.add,
-    model={"required": True, "metavar": None},
+    model={"required": True},
     data={"required": True},
     seed=None,
 )
