@@ -26,7 +26,7 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
-SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
+SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[3] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"
 
 SAND = Soil("sand", 1.6e6, 0.8, 0.4)

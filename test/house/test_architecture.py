@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/architecture.md shows the way of one message as it is: traced, not told.
 
-`PYTHONPATH=. python test/test_architecture.py` writes it anew.
+`PYTHONPATH=. python test/house/test_architecture.py` writes it anew.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "architecture.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
 # The message that is traced ends a step of the path, so that strength and warnings are in it.
 MOST_FILES = 30

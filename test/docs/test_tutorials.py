@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tutorials print what they say. `PYTHONPATH=. python test/test_tutorials.py [PAGE]` writes it anew."""
+"""The tutorials print what they say. Run as a program (PYTHONPATH=. and [PAGE]) this writes them anew."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from click.testing import CliRunner
 
 from smallwheel_ros import cli
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 FAST, SLOW = ("theory", "tutorial_bench", "lab_tests"), ("tutorial_robot",)
 FIRST_HOUR = "first_hour"
 LEFT_OUT = "..."  # a line for those that a page does not show
@@ -122,7 +122,9 @@ def check(text: str) -> None:
     for block in blocks:
         for _, shown, printed in played(block):
             for a, b in zip_longest(shown, abridged(shown, printed), fillvalue="(no line)"):
-                assert same(a, b), f"shown: {a}\nprinted: {b}\nrun `python test/test_tutorials.py`"
+                assert same(a, b), (
+                    f"shown: {a}\nprinted: {b}\nrun `python test/docs/test_tutorials.py`"
+                )
 
 
 def text_of(page: str) -> str:

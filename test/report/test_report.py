@@ -40,7 +40,7 @@ from smallwheel_ros.report.page import Page, embedded
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 DOCUMENT: dict[str, Any] = json.loads(
-    (Path(__file__).parent / "data" / "diagnosis_document.json").read_text()
+    (Path(__file__).parents[1] / "data" / "diagnosis_document.json").read_text()
 )
 EVIL = '<script>document.title="evil"</script><img src=x onerror=alert(1)> $x^{ "&\' \u202e\u2028'
 

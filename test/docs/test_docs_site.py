@@ -16,7 +16,7 @@ from chromium import CHROMIUM, Browser
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.effects.registry import families
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 DRAWINGS = sorted((DOCS / "images" / "theory").glob("*.svg"))

@@ -36,7 +36,7 @@ from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
 _kinds = importlib.util.spec_from_file_location(
-    "bag_kinds", Path(__file__).with_name("bag_kinds.py")
+    "bag_kinds", Path(__file__).parents[1] / "bag_kinds.py"
 )
 bag_kinds = importlib.util.module_from_spec(_kinds)
 _kinds.loader.exec_module(bag_kinds)

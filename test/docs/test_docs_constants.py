@@ -9,7 +9,7 @@ import pytest
 
 from smallwheel_ros.fitting.constants import TABLE
 
-BEGIN = "<!-- constants: begin (made by `python test/test_docs_constants.py`) -->\n"
+BEGIN = "<!-- constants: begin (made by `python test/docs/test_docs_constants.py`) -->\n"
 END = "<!-- constants: end -->\n"
 
 
@@ -26,7 +26,7 @@ def split(page: str) -> tuple[str, str, str]:
 
 def test_the_page_has_the_constants_of_the_code(repository: Path) -> None:
     page = (repository / "docs" / "diagnosis.md").read_text(encoding="utf-8")
-    assert split(page)[1] == table(), "run `python test/test_docs_constants.py`"
+    assert split(page)[1] == table(), "run `python test/docs/test_docs_constants.py`"
 
 
 @pytest.mark.parametrize("constant", TABLE, ids=lambda c: c.name)
@@ -37,6 +37,6 @@ def test_each_constant_has_a_name_and_a_reason(constant: tuple[str, float, str])
 
 
 if __name__ == "__main__":
-    path = Path(__file__).resolve().parent.parent / "docs" / "diagnosis.md"
+    path = Path(__file__).resolve().parents[2] / "docs" / "diagnosis.md"
     before, _, after = split(path.read_text(encoding="utf-8"))
     path.write_text(before + BEGIN + table() + END + after, encoding="utf-8")

@@ -31,7 +31,7 @@ SECOND = 10**9
 MOBILITY = "/mobility_estimator/mobility"
 
 _kinds = importlib.util.spec_from_file_location(
-    "bag_kinds", Path(__file__).with_name("bag_kinds.py")
+    "bag_kinds", Path(__file__).parents[1] / "bag_kinds.py"
 )
 assert _kinds is not None
 assert _kinds.loader is not None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The notebook of examples/ runs, cell by cell; `PYTHONPATH=. python test/test_notebook.py` writes it anew.
+"""The notebook of examples/ runs, cell by cell; run as a program this writes it anew.
 
 Its cells are run as IPython would: what the last line of a cell gives is shown, and so are the figures. That
 needs neither Jupyter nor nbclient.
@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-NOTEBOOK = Path(__file__).resolve().parent.parent / "examples" / "rig_story.ipynb"
+NOTEBOOK = Path(__file__).resolve().parents[2] / "examples" / "rig_story.ipynb"
 
 
 def run_cell(code: str, space: dict[str, Any]) -> list[dict[str, Any]]:

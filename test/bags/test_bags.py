@@ -14,7 +14,7 @@ from smallwheel_ros.bags import BagError, BagReader, BagWriter, message_type
 from smallwheel_ros.common.errors import SmallwheelError
 
 _kinds = importlib.util.spec_from_file_location(
-    "bag_kinds", Path(__file__).with_name("bag_kinds.py")
+    "bag_kinds", Path(__file__).parents[1] / "bag_kinds.py"
 )
 bag_kinds = importlib.util.module_from_spec(_kinds)
 _kinds.loader.exec_module(bag_kinds)

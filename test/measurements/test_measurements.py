@@ -15,7 +15,7 @@ import pytest
 from smallwheel_ros.measurements.table import Measurements, MeasurementsError
 from smallwheel_ros.measurements.wheels import read_measurements
 
-SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[2] / "shared"))
+SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[3] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"
 
 HEADER = "load [N],diameter [m],width [m],sinkage [mm],slip"
