@@ -160,7 +160,7 @@ def test_mobility_is_said_at_its_rate(peer: Peer, one_wheel: Path, tmp_path: Pat
     soils = peer.latched(SoilEstimate, "soil")
     with NodeProcess([one_wheel], tmp_path / "node.log", {"mobility.rate": "5.0"}) as node:
         peer.wait_for_node()
-        peer.drive(0.0, 4.0)
+        peer.drive(0.0, 4.0, begin=peer.now())
         peer.spin_until(lambda: len(peer.mobility) >= 19, "answers")
         peer.wait_for_turn()
         assert len(peer.mobility) <= 22
