@@ -21,7 +21,7 @@ setup(
     long_description=index_page(),
     long_description_content_type="text/markdown",
     # The message definitions live in msg/, where rosidl needs them, and are installed into the
-    # package as data; see smallwheel_ros/bags/interfaces.py.
+    # package as data; see smallwheel_ros/bags/types.py.
     packages=[
         *find_packages(include=["smallwheel_ros", "smallwheel_ros.*"]),
         "smallwheel_ros.definitions",

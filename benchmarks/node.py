@@ -9,7 +9,8 @@ tick loads, odometry and joint states, then the sinkages, all with one stamp. Ta
 99th percentile at most twice the relay's, with 4 wheels at 100 Hz.
 
 The node is measured twice: as it is shipped, where a sinkage waits for those of the other wheels
-from the same instant or before it, and with timing.reorder_time 0, where it waits for nothing.
+from the same instant or before it, and with timing.reorder_time 0, where it waits for nothing. It
+takes every sinkage in and answers mobility.rate of them a second (10 for each wheel); the relay answers all.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ import numpy as np
 TARGET = 2.0
 SECOND = 10**9
 PHASE, SETTLE = 4.0, 1.0  # s of a turn, and of its beginning that does not count
-PATIENCE = 5.0  # s for answers after a turn
+PATIENCE = 1.0  # s without an answer that end a turn
 
 
 def names(wheels: int) -> list[str]:
@@ -205,9 +206,11 @@ def measure(wheels: int, rate: float, rounds: int, folder: Path) -> tuple[Any, d
                         executor.spin_once(timeout_sec=0.0005)
                 busy[space] += processor_seconds(numbers[space]) - used
                 # What is late is not lost.
-                end = time.perf_counter() + PATIENCE
+                answered, end = vehicle.answered, time.perf_counter() + PATIENCE
                 while time.perf_counter() < end and vehicle.answered < vehicle.sent:
                     executor.spin_once(timeout_sec=0.01)
+                    if vehicle.answered > answered:
+                        answered, end = vehicle.answered, time.perf_counter() + PATIENCE
     rclpy.shutdown()
     return vehicles, {space: value / (rounds * PHASE) for space, value in busy.items()}
 
@@ -232,7 +235,7 @@ def main() -> None:
         f"{options.wheels} wheels at {options.rate:g} Hz, {options.rounds} turns of"
         f" {PHASE - SETTLE:g} s each; others' load on {os.cpu_count()} processors before: {before:.1f}"
     )
-    print("                                  median          99 %       lost        processor")
+    print("                                  median          99 %   answered        processor")
     labels = {
         "relay": "relay that does nothing",
         "shipped": "node as shipped",
@@ -246,10 +249,9 @@ def main() -> None:
             limits = quantiles
         ratios = quantiles / limits
         worst = max(worst, *ratios.tolist())
-        lost = vehicle.sent - vehicle.answered
         print(
             f"{labels[space]:<26} {quantiles[0]:6.2f} ms {ratios[0]:4.1f}x {quantiles[1]:7.2f} ms"
-            f" {ratios[1]:4.1f}x {lost:>5}/{vehicle.sent} {busy[space]:>8.0%}"
+            f" {ratios[1]:4.1f}x {vehicle.answered:>5}/{vehicle.sent} {busy[space]:>8.0%}"
         )
     print(f"target: at most {TARGET:g}x: {'met' if worst <= TARGET else 'MISSED'}")
 

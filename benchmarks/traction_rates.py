@@ -69,7 +69,10 @@ def settings_of(vehicle: str, mass: float) -> OnboardSettings:
     base = soil("dry_sand")
     estimator = EstimatorSettings(sinkage_zero_std=1e-3)
     prior, strength = SoilPrior.from_soil(base), usual_strength(base)
-    return OnboardSettings(VEHICLES[vehicle], prior, strength, estimator=estimator, mass=mass)
+    wheels = VEHICLES[vehicle]
+    return OnboardSettings(
+        wheels, prior, strength, estimator=estimator, mass=mass, mobility_rate=0.0
+    )
 
 
 def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assessor, Run]:
@@ -107,7 +110,7 @@ def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assess
                     else None,
                 )
             )
-            forces = made.forces
+            forces = None if made is None else made.forces
             if drive.path[i] < settle or forces is None or forces.drawbar_pull is None:
                 continue
             out.pull.append(forces.drawbar_pull.value)

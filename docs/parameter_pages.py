@@ -13,7 +13,6 @@ from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value
 from smallwheel_ros.onboard.parameter_files import written
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 
-_CHANGES = {"always": "", "unconfigured": " *Unconfigured.*", "at start": " *At start.*"}
 _EXAMPLE_WHEEL = "front_left"
 _EXAMPLES: dict[str, Value] = {
     "wheels": [_EXAMPLE_WHEEL],
@@ -68,13 +67,9 @@ def reference() -> str:
         "has the same as a file to start from. In ROS parameter files a number for a `double`",
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",
-        "A parameter can be changed while the node runs (`ros2 param set`): the change is checked",
-        "together with all other values, refused with a reason or applied at once. What the estimate",
-        "starts from and goes by lets the soil start over: `soil.*` but for `soil.file`,",
-        "`estimator.*`, `noise.sinkage`, `load.source`, `vehicle.mass`, and size, place and contact",
-        "of a wheel; `cost.*` lets the cost map start over. Those marked *Unconfigured* cannot be",
-        "changed while the node is configured; those marked *At start*, and `qos_overrides.*`, only",
-        "come from a file or the command line.",
+        "They are read when the node is configured. While it is active none can be set (`ros2 param",
+        "set` is refused, and says what to do: deactivate, set, clean up, configure, activate).",
+        "Those marked *At start*, and `qos_overrides.*`, only come from a file or the command line.",
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):
@@ -85,7 +80,8 @@ def reference() -> str:
             if p.default is not None:
                 default = f"`{written(p.default)}`"
             unit = f" [{p.unit}]" if p.unit else ""
-            row = (p.name, p.kind, default, _span(p), f"{p.description}{unit}{_CHANGES[p.changes]}")
+            at_start = " *At start.*" if p.at_start else ""
+            row = (p.name, p.kind, default, _span(p), f"{p.description}{unit}{at_start}")
             lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))
         lines.append("")
     return "\n".join(lines)

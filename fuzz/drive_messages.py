@@ -9,13 +9,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test" / "onboard"))
 
 from test_feed import header, joints, make, odometry, sinkage, step, topic, vector, wrench
 
 from smallwheel_ros.bags import message_type
-from smallwheel_ros.onboard.message_fields import mobility_fields, soil_fields
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 
 _STEPS = 24
 Message = Callable[[], Any]

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from fuzz.target import Target
-from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.bags import BagReader, BagTopic, BagWriter, message_type
 from smallwheel_ros.bags.definitions import Definitions
-from smallwheel_ros.bags.storage import StoredTopic
 from smallwheel_ros.bags.types import typestore
 
 
@@ -99,8 +98,8 @@ class Definition(Target):
     def run(self, data: bytes) -> Iterator[float]:
         head, _, message = data.partition(self.line)
         kind, _, text = head.decode(errors="replace").partition("\n")
-        topic = StoredTopic("ros2msg", text)
-        decode = Definitions(ros2=True).decoder(kind, topic, as_here=True)
+        topic = BagTopic("/topic", kind, encoding="ros2msg", definition=text)
+        decode = Definitions(ros2=True).decoder(topic, as_here=True)
         try:
             found = decode(message)
         except MemoryError:

@@ -19,6 +19,8 @@ from pkgutil import extend_path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from smallwheel_ros.common.version import __version__
+
 if TYPE_CHECKING:
     from smallwheel_ros import effects
     from smallwheel_ros.api import add, compare, diagnose, fit, learn, predict, read, replay
@@ -30,8 +32,6 @@ if TYPE_CHECKING:
 # The generated message modules are installed in site-packages. When Python is started in the
 # checkout, the source folder would hide them; joining the two lets both be imported.
 __path__ = extend_path(__path__, __name__)
-
-__version__ = "0.2.0"
 
 # name: (module, attribute; "" for the module itself)
 _PUBLIC = {

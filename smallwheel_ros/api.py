@@ -145,7 +145,7 @@ def fit(
     """Calibrate soil and effects on measurements; with plates or shear tests, all tests of a lab.
 
     Plates of several sizes are put under the laws of Bekker and Reece too; shear tests give cohesion,
-    friction angle and shear modulus.
+    friction angle and shear modulus, also alone: then a model is made only where `model` is given.
 
     Parameters
     ----------
@@ -166,6 +166,9 @@ def fit(
     >>> fitted = sw.fit("rig.csv", effects="slip_sinkage")
     >>> fitted.model.effects[0].id
     'slip_sinkage'
+    >>> k = fitted["k"]
+    >>> bool(0.0 < k.std < k.value), k.unit
+    (True, 'Pa/m^(n+m)')
     >>> again = sw.fit("rig.csv", model=sw.Model("dry_sand") + sw.effects.slip_sinkage)
     >>> sorted(again.held_out)
     ['resistance', 'sinkage']
@@ -434,13 +437,13 @@ def predict(
     model
         The model or soil.
     load : number, several, or text
-        Normal load [N]: a number, 20:140:10, or 20,60.
+        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf.
     diameter : as the load
         Wheel diameter [m], or with a unit: '17 cm'.
     width : as the load
         Wheel width [m].
     slip : as the load
-        Slip, -1 to 1; without it there is no thrust.
+        Slip, -1 to 1, or as 30%; without it there is no thrust.
     soil
         Which soil of a model that has several.
     effects : or what `sw.effects.load` made of it
@@ -461,9 +464,12 @@ def predict(
     given |= {} if slip is None else {"slip": slip}
     for name in others:
         check_setting(name)
-    settings = {name: levels_of(name, value) for name, value in (given | others).items()}
+    levels = {name: levels_of(name, value) for name, value in (given | others).items()}
     name = "the model" if not isinstance(model, (str, PathLike)) else str(model)
-    return predict_table(on_one_soil(model_of(model, registry_of(effects)), soil, name), settings)
+    on_soil = on_one_soil(model_of(model, registry_of(effects)), soil, name)
+    table = predict_table(on_soil, {name: level.values for name, level in levels.items()})
+    said = [level.said for level in levels.values() if level.said]
+    return changed(table, notes=(*said, *table.notes))
 
 
 def replay(
@@ -474,6 +480,7 @@ def replay(
     remaps: Mapping[str, str] | None = None,
     clock: bool = True,
     copy: Copy = "all",
+    rate: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Replayed:
     """Give a recorded drive to the estimator that the node runs.
@@ -492,6 +499,9 @@ def replay(
         Judge stamps by the times of recording; otherwise only by each other.
     copy
         Topics that go into the new bag beside the estimates: ``all``, ``used`` or ``none``.
+    rate
+        Estimates a second (Hz) of each wheel at most, in place of the parameter ``mobility.rate``; 0: one for
+        each measured sinkage.
     progress
         Told how many of how many messages are done.
 
@@ -516,6 +526,7 @@ def replay(
         read_remaps(f"{name}:={topic}" for name, topic in (remaps or {}).items()),
         clock,
         copy,
+        rate,
     )
     if config is None:
         spec = with_assumed_config(spec)

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.bags.interfaces import message_definitions
+from smallwheel_ros.bags.types import message_definitions
 
 COMPRESSIONS = {"message": CompressionMode.MESSAGE, "file": CompressionMode.FILE,
                 "storage": CompressionMode.STORAGE}  # fmt: skip

@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# For helpers that several tests share: `from node_peer import Peer`.
-sys.path.insert(0, str(ROOT / "test"))
+# For helpers that several tests share: `from node_peer import Peer`. Those of a room's own tests stand in
+# its folder.
+sys.path[:0] = [str(folder) for folder in (ROOT / "test", *sorted((ROOT / "test").glob("*/")))]
 
 # Never a window, whatever the machine has.
 os.environ.setdefault("MPLBACKEND", "Agg")

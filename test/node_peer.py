@@ -21,6 +21,8 @@ ONE_WHEEL = """/**:
     timing:
       reorder_time: 0.05
       silent_after: 0.1
+    mobility:
+      rate: 0.0
 """
 NODE = "mobility_estimator"
 SECOND = 10**9
@@ -260,6 +262,27 @@ class Peer:
         message = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[message])
         return self.call(SetParameters, "set_parameters", request).results[0]
+
+    def value(self, name: str) -> Any:
+        from rcl_interfaces.srv import GetParameters
+        from rclpy.parameter import parameter_value_to_python
+
+        answer = self.call(GetParameters, "get_parameters", GetParameters.Request(names=[name]))
+        return parameter_value_to_python(answer.values[0])
+
+    def transition(self, number: int = 0, label: str = "") -> bool:
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
+
+        request = ChangeState.Request(transition=Transition(id=number, label=label))
+        return bool(self.call(ChangeState, "change_state", request).success)
+
+    def configure_with(self, name: str, value: object) -> None:
+        """As the refusal of a change says: deactivate, set, clean up, configure, activate."""
+        assert self.transition(label="deactivate")
+        assert self.set_parameter(name, value).successful
+        for label in ("cleanup", "configure", "activate"):
+            assert self.transition(label=label), label
 
     def answered(self, stamp: int) -> bool:
         """Whether the newest estimate is of that stamp."""

@@ -11,7 +11,7 @@ from smallwheel_ros.bags.definitions import DefinitionError
 from smallwheel_ros.bags.files import BagError, BagMessage, BagTopic, RawMessage
 from smallwheel_ros.bags.reader import BagReader
 from smallwheel_ros.bags.types import message_type, typestore
-from smallwheel_ros.bags.writer import BagWriter, Channel
+from smallwheel_ros.bags.writer import BagWriter, Channel, Message, header
 
 __all__ = [
     "BagError",
@@ -21,7 +21,9 @@ __all__ = [
     "BagWriter",
     "Channel",
     "DefinitionError",
+    "Message",
     "RawMessage",
+    "header",
     "message_type",
     "typestore",
 ]

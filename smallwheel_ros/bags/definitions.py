@@ -16,8 +16,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 from rosbags.typesys.store import Typestore
 
-from smallwheel_ros.bags.files import reason
-from smallwheel_ros.bags.storage import StoredTopic
+from smallwheel_ros.bags.files import BagTopic, reason
 from smallwheel_ros.bags.types import Fields, store_with, typestore
 from smallwheel_ros.common.errors import SmallwheelError
 
@@ -47,14 +46,12 @@ class Definitions:
         self._left = _MOST_IN_BAG
         self._stores: dict[str, Typestore | DefinitionError] = {}
 
-    def is_known(self, kind: str, topic: StoredTopic) -> bool:
+    def is_known(self, topic: BagTopic) -> bool:
         """Whether a topic's type is defined in the bag, or known here."""
-        known = bool(topic.definition) or kind in typestore().fielddefs
+        known = bool(topic.definition) or topic.type in typestore().fielddefs
         return known and topic.encoding in _ENCODINGS
 
-    def decoder(
-        self, kind: str, topic: StoredTopic, *, as_here: bool = False
-    ) -> Callable[[bytes], Any]:
+    def decoder(self, topic: BagTopic, *, as_here: bool = False) -> Callable[[bytes], Any]:
         """Return what makes a message of a topic's bytes.
 
         as_here: the type must have the fields that it has here; it may have others besides.
@@ -64,7 +61,7 @@ class Definitions:
         DefinitionError
             If nobody knows the type, its definition is beyond all measure, or another than here.
         """
-        store = self._store(kind, topic)
+        kind, store = topic.type, self._store(topic)
         if as_here and kind not in typestore().fielddefs:
             raise DefinitionError("only the bag knows the type, expected one that is known here")
         problem = next(_differences(kind, store, ""), "") if as_here else ""
@@ -74,13 +71,13 @@ class Definitions:
         return partial(decode, typename=kind)
 
     def in_ros2(
-        self, kind: str, topic: StoredTopic
+        self, topic: BagTopic
     ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
         """Return a topic's type in ROS 2, what knows it, and what its bytes become there.
 
         Raises DefinitionError.
         """
-        store = self._store(kind, topic)
+        kind, store = topic.type, self._store(topic)
         if self.ros2:
             return kind, store, bytes
         name, known = _RENAMED.get(kind, kind), typestore().fielddefs
@@ -97,14 +94,15 @@ class Definitions:
 
         return name, target, convert
 
-    def _store(self, kind: str, topic: StoredTopic) -> Typestore:
-        """Return what knows a type. Raises DefinitionError."""
-        if kind not in self._stores:
+    def _store(self, topic: BagTopic) -> Typestore:
+        """Return what knows a topic's type. Raises DefinitionError."""
+        found = self._stores.get(topic.type)
+        if found is None:
             try:
-                self._stores[kind] = self._read(kind, topic.encoding, topic.definition)
+                found = self._read(topic.type, topic.encoding, topic.definition)
             except DefinitionError as error:
-                self._stores[kind] = error
-        found = self._stores[kind]
+                found = error
+            self._stores[topic.type] = found
         if isinstance(found, DefinitionError):
             raise found
         return found
@@ -131,6 +129,8 @@ class Definitions:
             raise DefinitionError(f"its definition cannot be understood ({first})") from error
         sizes: dict[str, int] = {}
         _measure(kind, {**known, **found}, (), sizes)
+        if all(known.get(name) == found.get(name, known.get(name)) for name in sizes):
+            return typestore()
         try:
             return store_with({name: found.get(name) or known[name] for name in sizes})
         except Exception as error:

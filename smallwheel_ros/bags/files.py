@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag is on disk, its messages as values, and the error that names it. Free of rosbags."""
+"""What a bag is on disk, its topics and messages as values, and the error that names it."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
+
+import yaml
 
 from smallwheel_ros.common.errors import SmallwheelError
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGES: tuple[Storage, ...] = ("mcap", "sqlite3")
-STORAGE_SUFFIXES = (".mcap", ".db3", ".bag")
+_SUFFIXES = (".mcap", ".db3", ".bag")
+_LARGEST_METADATA = 4 << 20  # characters; a name and a quality of service for each topic
+_LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+REPAIR = (
+    "it is damaged, was not closed, or is of another kind: try `ros2 bag reindex` (ROS 1:"
+    " `rosbag reindex`), or record it again"
+)
 
 
 class BagError(SmallwheelError):
@@ -36,12 +45,26 @@ class BagError(SmallwheelError):
 
 
 class BagTopic(NamedTuple):
-    """One topic of a bag; `readable` is false when nobody knows its message definition."""
+    """One topic of a bag, or of one of its files.
+
+    Attributes
+    ----------
+    readable
+        False when nobody knows its message definition.
+    encoding, definition
+        ``ros2msg``, ``ros2idl``, or another that nobody here can read, and the text of the type's
+        definition; empty where the bag has none.
+    qos
+        How it was offered, as rosbags has it.
+    """
 
     name: str
     type: str
-    message_count: int
-    readable: bool
+    message_count: int = 0
+    readable: bool = False
+    encoding: str = ""
+    definition: str = ""
+    qos: tuple[Any, ...] = ()
 
 
 class BagMessage(NamedTuple):
@@ -62,12 +85,6 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-REPAIR = (
-    "it is damaged, was not closed, or is of another kind: try `ros2 bag reindex` (ROS 1:"
-    " `rosbag reindex`), or record it again"
-)
-
-
 def reason(error: Exception) -> str:
     """Text of an error, or its kind where it has none."""
     text = str(getattr(error, "strerror", None) or error).strip().rstrip(".")
@@ -80,33 +97,49 @@ def storage_kind(path: Path) -> str | None:
     A rosbag2 file that is compressed as a whole has .zstd behind that.
     """
     name = path.name.removesuffix(".zstd")
-    kind = next((kind for kind in STORAGE_SUFFIXES if name.endswith(kind)), None)
+    kind = next((kind for kind in _SUFFIXES if name.endswith(kind)), None)
     return None if kind == ".bag" and name != path.name else kind
 
 
-def check_is_bag(path: Path, *, needs_metadata: bool = True) -> None:
-    """Raise `BagError` unless there is something at `path` that can be a bag.
+def storage_files(path: Path, *, salvage: bool) -> tuple[list[Path], list[str]]:
+    """Return a bag's storage files in order, and what is missing of them, in words.
 
-    needs_metadata: a folder must have a metadata.yaml; else storage files in it are enough.
+    Raises BagError unless there is something at `path` that can be a bag. salvage: of a folder without
+    metadata.yaml the storage files are enough.
     """
     if not path.exists():
         raise BagError(path, "does not exist; give a rosbag2 folder, or a .mcap, .db3 or .bag file")
-    if path.is_dir():
-        if (path / "metadata.yaml").exists():
-            return
-        inside = sorted(file for file in path.iterdir() if storage_kind(file))
-        if inside and not needs_metadata:
-            return
-        mend = (
-            f"run `ros2 bag reindex {path}`, or give the file {inside[0]} itself"
-            if inside
-            else "and no .mcap, .db3 or .bag file in it: this is not a bag"
-        )
+    if not path.is_dir():
+        if storage_kind(path) is None:
+            text = f"the suffix {path.suffix!r} is not that of a bag (.mcap, .db3 or .bag)"
+            raise BagError(path, text)
+        return [path], []
+    inside = sorted((file for file in path.iterdir() if storage_kind(file)), key=_natural)
+    metadata = path / "metadata.yaml"
+    if not metadata.exists():
+        if inside and salvage:
+            return inside, ["metadata.yaml is missing"]
+        mend = "and no .mcap, .db3 or .bag file in it: this is not a bag"
+        if inside:
+            mend = f"run `ros2 bag reindex {path}`, or give the file {inside[0]} itself"
         raise BagError(path, f"the folder has no metadata.yaml; {mend}")
-    if storage_kind(path) is None:
-        raise BagError(
-            path, f"the suffix {path.suffix!r} is not that of a bag (.mcap, .db3 or .bag)"
-        )
+    try:
+        with metadata.open(encoding="utf-8") as file:
+            # Nodes, not values: a few lines with references can make any number of values.
+            node: Any = yaml.compose(file.read(_LARGEST_METADATA), Loader=_LOADER)
+        for name in ("rosbag2_bagfile_information", "relative_file_paths"):
+            node = next(value for key, value in node.value if key.value == name)
+        files = [path / Path(entry.value).name for entry in node.value]
+    except Exception:  # whatever YAML makes of a damaged text
+        return inside, ["metadata.yaml cannot be read"]
+    missing = [f"file {file.name} is missing" for file in files if not file.exists()]
+    return [file for file in files if file.exists()], missing
+
+
+def _natural(path: Path) -> list[tuple[bool, int, str]]:
+    """Order of names in which drive_10 comes after drive_9."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]
 
 
 def check_new_bag(path: Path) -> None:

@@ -3,14 +3,11 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from smallwheel_ros.bags.definitions import DefinitionError, Definitions
 from smallwheel_ros.bags.files import (
@@ -19,20 +16,13 @@ from smallwheel_ros.bags.files import (
     BagMessage,
     BagTopic,
     RawMessage,
-    check_is_bag,
     reason,
+    storage_files,
     storage_kind,
 )
-from smallwheel_ros.bags.mcap_file import McapFile
-from smallwheel_ros.bags.ros1_file import Ros1File
-from smallwheel_ros.bags.sqlite_file import SqliteFile
-from smallwheel_ros.bags.storage import Key, StorageFile, StoredTopic
-from smallwheel_ros.bags.unpack import unpack_file
+from smallwheel_ros.bags.storage import FORMATS, Key, StorageFile, unpack_file
 from smallwheel_ros.bags.writer import Channel
 
-_FORMATS: dict[str, type[StorageFile]] = {".mcap": McapFile, ".db3": SqliteFile, ".bag": Ros1File}
-_LARGEST_METADATA = 4 << 20  # characters; a name and a quality of service for each topic
-_LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 _LAST = (1 << 63) - 1  # ns, of the times that there are
 
 
@@ -48,6 +38,17 @@ class BagReader:
         Read what is left of a bag that is damaged, was not closed, or lacks metadata or a file.
         Without it a bag that is seen to be damaged when it is opened is an error at once.
 
+    Attributes
+    ----------
+    topics
+        What is in the bag, by name; a topic with two types is there twice.
+    message_count
+        Number of messages in the bag.
+    start_time, end_time
+        Log times of the first and the last message (ns), None when the bag is empty.
+    is_ros2
+        False for a bag of ROS 1.
+
     Raises
     ------
     BagError
@@ -57,18 +58,22 @@ class BagReader:
     def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
         self.path = Path(path)
         self._salvage = salvage
-        check_is_bag(self.path, needs_metadata=not salvage)
+        self._paths, self._problems = storage_files(self.path, salvage=salvage)
+        self.is_ros2 = all(storage_kind(file) != ".bag" for file in self._paths)
+        self._definitions = Definitions(self.is_ros2)
         self._stack = ExitStack()
         self._files: dict[str, StorageFile] = {}  # by name
-        self._problems: list[str] = []
-        self._topics: dict[Key, StoredTopic] = {}
+        self._topics: dict[Key, BagTopic] = {}
 
     def __enter__(self) -> BagReader:
         try:
-            files, self._problems = storage_files(self.path)
-            self._definitions = Definitions(all(storage_kind(file) != ".bag" for file in files))
-            for file in files:
+            for file in self._paths:
                 self._open(file)
+            found = sorted(self._topics.values(), key=lambda topic: topic[:2])
+            self.topics = tuple(t._replace(readable=self._definitions.is_known(t)) for t in found)
+            self.message_count = sum(topic.message_count for topic in found)
+            times = [time for file in self._files.values() for time in file.times]
+            self.start_time, self.end_time = min(times, default=None), max(times, default=None)
             if not self._files or (self.damage and not (self._salvage and self.message_count)):
                 text = self.damage or "it has no storage file"
                 raise BagError(self.path, f"cannot be read ({text}); {REPAIR}")
@@ -85,54 +90,26 @@ class BagReader:
                 plain = Path(self._stack.enter_context(folder)) / file.stem
                 if damage := unpack_file(file, plain):
                     self._problems.append(f"{file.name} cannot be decompressed ({damage})")
-            opened = _FORMATS[storage_kind(file) or ""](plain)
+            opened = FORMATS[storage_kind(file) or ""](plain, self._stack)
         except Exception as error:  # a damaged file makes the libraries raise almost anything
             self._problems.append(f"{file.name} cannot be read: {reason(error)}")
             return
-        self._stack.callback(opened.close)
         self._files[file.name] = opened
         for key, topic in opened.topics.items():
-            known = self._topics.setdefault(key, StoredTopic(qos=topic.qos))
-            known.messages += topic.messages
+            known = self._topics.get(key, topic._replace(message_count=0))
             if not known.definition:
-                known.encoding, known.definition = topic.encoding, topic.definition
+                known = known._replace(encoding=topic.encoding, definition=topic.definition)
+            count = known.message_count + topic.message_count
+            self._topics[key] = known._replace(message_count=count)
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
-
-    @property
-    def topics(self) -> tuple[BagTopic, ...]:
-        """What is in the bag, by name; a topic with two types is there twice."""
-        return tuple(
-            BagTopic(*key, topic.messages, self._definitions.is_known(key[1], topic))
-            for key, topic in sorted(self._topics.items(), key=lambda item: item[0])
-        )
 
     @property
     def damage(self) -> str:
         """What is wrong with the bag as far as it has been read, empty where nothing is."""
         found = [f"{name}: {text}" for name, f in self._files.items() for text in f.problems]
         return "; ".join([*self._problems, *found])
-
-    @property
-    def is_ros2(self) -> bool:
-        """False for a bag of ROS 1."""
-        return self._definitions.ros2
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages in the bag."""
-        return sum(topic.messages for topic in self._topics.values())
-
-    @property
-    def start_time(self) -> int | None:
-        """Log time of the first message (ns), None when the bag is empty."""
-        return min((time for file in self._files.values() for time in file.times), default=None)
-
-    @property
-    def end_time(self) -> int | None:
-        """Log time of the last message (ns), None when the bag is empty."""
-        return max((time for file in self._files.values() for time in file.times), default=None)
 
     def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
         """Return what makes a message of bytes, with the fields that its type has here.
@@ -141,7 +118,7 @@ class BagReader:
         is then part of the bag's `damage`.
         """
         try:
-            return self._definitions.decoder(kind, self._topics[topic, kind], as_here=True)
+            return self._definitions.decoder(self._topics[topic, kind], as_here=True)
         except DefinitionError as error:
             text = f"type {kind}: {error}"
             if text not in self._problems:
@@ -155,12 +132,12 @@ class BagReader:
 
         None for a type whose definition is neither in the bag nor known here, or not to be used.
         """
-        stored = self._topics[topic, kind]
+        found = self._topics[topic, kind]
         try:
-            name, store, convert = self._definitions.in_ros2(kind, stored)
+            name, store, convert = self._definitions.in_ros2(found)
         except DefinitionError:
             return None
-        return Channel(topic, name, store, stored.qos), convert
+        return Channel(topic, name, store, found.qos), convert
 
     def messages(
         self,
@@ -189,7 +166,7 @@ class BagReader:
         decoders: dict[Key, Callable[[bytes], Any]] = {}
         for key in self._keys(topics):
             try:
-                decoders[key] = self._definitions.decoder(key[1], self._topics[key])
+                decoders[key] = self._definitions.decoder(self._topics[key])
             except DefinitionError as error:
                 if topics is not None:
                     text = f"topic {key[0]} has type {key[1]}: {error}"
@@ -228,7 +205,7 @@ class BagReader:
                     yield raw
                 elif not 0 <= time <= _LAST:
                     file.note(f"a message on topic {raw.topic} has log time {time} ns")
-            lost = sum(topic.messages for key, topic in file.topics.items() if key in wanted) - seen
+            lost = sum(file.topics[k].message_count for k in wanted & file.topics.keys()) - seen
             if lost > 0 and not file.problems:
                 file.note(f"{lost} of its messages are lost")
         if self.damage:
@@ -244,30 +221,3 @@ class BagReader:
             messages_read=read,
             last_log_time=last,
         )
-
-
-def _natural(path: Path) -> list[tuple[bool, int, str]]:
-    """Order of names in which drive_10 comes after drive_9."""
-    parts = re.findall(r"\d+|\D+", path.name)
-    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]
-
-
-def storage_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Return a bag's storage files in order, and what is missing of them, in words."""
-    if not path.is_dir():
-        return [path], []
-    inside = sorted((file for file in path.iterdir() if storage_kind(file)), key=_natural)
-    metadata = path / "metadata.yaml"
-    if not metadata.exists():
-        return inside, ["metadata.yaml is missing"]
-    try:
-        with metadata.open(encoding="utf-8") as file:
-            # Nodes, not values: a few lines with references can make any number of values.
-            node: Any = yaml.compose(file.read(_LARGEST_METADATA), Loader=_LOADER)
-        for name in ("rosbag2_bagfile_information", "relative_file_paths"):
-            node = next(value for key, value in node.value if key.value == name)
-        files = [path / Path(entry.value).name for entry in node.value]
-    except Exception:  # whatever YAML makes of a damaged text
-        return inside, ["metadata.yaml cannot be read"]
-    missing = [f"file {file.name} is missing" for file in files if not file.exists()]
-    return [file for file in files if file.exists()], missing

@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The message types that this package knows, and qualities of service, as rosbags has them."""
+"""The message types that this package knows, and qualities of service, as rosbags has them.
+
+There is one copy of the package's own ``.msg`` files in the source, in ``msg/``, from which rosidl
+generates the message classes. Every kind of installation puts them into ``smallwheel_ros/definitions``
+too (a folder of that name must not be called ``msg``: it would collide with the generated module), so
+that bags can be written and read on machines without ROS.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import (
@@ -20,10 +27,10 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from smallwheel_ros.bags.interfaces import message_definitions
 from smallwheel_ros.common.errors import SmallwheelError
 
 Fields = dict[str, tuple[Any, Any]]  # of types: constants, and names and kinds of fields
+_PACKAGE = "smallwheel_ros"
 _LONGEST_QOS = 100_000  # characters, of some hundred publishers
 _NEVER = QosTime(2147483647, 4294967295)
 # Of a topic whose last message is given to those who come late.
@@ -38,6 +45,31 @@ LATCHED = Qos(
     _NEVER,
     False,
 )
+
+
+def message_directory() -> Path:
+    """Return the folder with the ``.msg`` files: of the installation, or of the checkout.
+
+    Raises SmallwheelError if neither exists, which means that the installation is incomplete.
+    """
+    module = Path(__file__)
+    # With symlinked installs (colcon --symlink-install, make) this file is a link next to the
+    # installed definitions; the checkout is where it leads to.
+    candidates = (module.parents[1] / "definitions", module.resolve().parents[2] / "msg")
+    for folder in candidates:
+        if any(folder.glob("*.msg")):
+            return folder
+    places = " nor in ".join(str(folder) for folder in candidates)
+    raise SmallwheelError(
+        f"no message definitions (*.msg) in {places}: this installation of {_PACKAGE} is"
+        " incomplete, install it again"
+    )
+
+
+def message_definitions() -> dict[str, str]:
+    """Return the text of each message definition by its name, ``smallwheel_ros/msg/WheelSinkage``."""
+    files = sorted(message_directory().glob("*.msg"))
+    return {f"{_PACKAGE}/msg/{file.stem}": file.read_text(encoding="utf-8") for file in files}
 
 
 @cache

@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection, Qos
@@ -17,6 +18,15 @@ from rosbags.typesys.store import Typestore
 
 from smallwheel_ros.bags.files import STORAGES, BagError, Storage, check_new_bag, reason
 from smallwheel_ros.bags.types import LATCHED, typestore
+
+SECOND = 10**9  # ns
+Message = SimpleNamespace  # has a type's fields, as rosbags needs it
+
+
+def header(stamp: int, frame: str) -> Message:
+    """Return the header of a message. stamp: ns since the epoch."""
+    time = Message(sec=stamp // SECOND, nanosec=stamp % SECOND)
+    return Message(stamp=time, frame_id=frame)
 
 
 class Channel(NamedTuple):
@@ -94,8 +104,8 @@ class BagWriter:
 
     def write_bytes(self, channel: Channel, log_time: int, data: bytes | memoryview) -> None:
         """Write a serialised message of any type; a channel is `BagReader.as_channel`'s."""
+        connection = self._connections.get(channel[:2]) or self._add(channel)
         try:
-            connection = self._connections.get(channel[:2]) or self._add(channel)
             self._writer.write(connection, log_time, data)
         except (OSError, sqlite3.Error) as error:
             raise self._failed(error) from error
@@ -106,16 +116,15 @@ class BagWriter:
 
         keeps_last: whoever plays the bag gives its last message to those who listen later.
         """
-        channel = Channel(topic, kind, typestore(), (LATCHED,) if keeps_last else ())
-        try:
-            self._add(channel)
-        except (OSError, sqlite3.Error) as error:
-            raise self._failed(error) from error
+        self._add(Channel(topic, kind, typestore(), (LATCHED,) if keeps_last else ()))
 
     def _add(self, channel: Channel) -> Connection:
-        connection = self._writer.add_connection(
-            channel.topic, channel.type, typestore=channel.store, offered_qos_profiles=channel.qos
-        )
+        try:
+            connection = self._writer.add_connection(
+                *channel[:2], typestore=channel.store, offered_qos_profiles=channel.qos
+            )
+        except (OSError, sqlite3.Error) as error:
+            raise self._failed(error) from error
         self._connections[channel.topic, channel.type] = connection
         return connection
 

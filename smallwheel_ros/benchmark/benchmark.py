@@ -20,7 +20,7 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, CHANNELS
-from smallwheel_ros.measurements.display import display, number, sentence, words
+from smallwheel_ros.measurements.display import display, listed, number, sentence, words
 from smallwheel_ros.measurements.wheels import read_measurements
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
@@ -64,6 +64,37 @@ class TaskErrors:
                 found[part] = first
         return found
 
+    def text(self) -> str:
+        """The file, a table for each channel, and the effects that were found."""
+        lines = [f"{self.file} ({self.licence})"]
+        for channel in self.channels:
+            lines += self._channel(channel)
+        effects = dict.fromkeys(e for law in self.laws for f in law.effects.values() for e in f)
+        found = f"Effects found: {listed(list(effects))}" if effects else "No effect was found"
+        return "\n".join([*lines, f"{found}."])
+
+    def _channel(self, channel: str) -> list[str]:
+        task, shown = self.task, display(channel, CHANNEL_UNITS[channel])
+        title = (
+            f"{task.contact}, {task.soil}, {len(task.measurements)} rows; {words(channel)} "
+            f"[{shown.unit}, rms] of each {task.what} left out"
+        )
+
+        def cell(error: float | None) -> str:
+            return "-" if error is None else number(shown.scale * error)
+
+        names = task.names if task.what != "run" or len(task.names) <= 6 else ()
+        rows = [
+            [law.law, cell(law.rmse), *(cell(law.by_part[name]) for name in names)]
+            for law in self.of(channel)
+        ]
+        table = text_table(["law", "all", *names], rows)
+        lost = [f"{law} ({part})" for part, law in self.lost(channel).items()]
+        said = f"Least error: {self.best(channel).law}."
+        if lost:
+            said += f" Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}."
+        return [title, *(f"  {line}" for line in table.splitlines()), said]
+
 
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result):
@@ -83,39 +114,12 @@ class Benchmark(Result):
 
     def text(self) -> str:
         """As `smallwheel benchmark` prints it."""
-        blocks = [self._text(errors) for errors in self.tasks]
+        return "\n\n".join([*(errors.text() for errors in self.tasks), self.ending()])
+
+    def ending(self) -> str:
+        """The text below the tables: what was not used, and the headline."""
         left = [sentence(f"not used: {file}: {why}") for file, why in self.left_out.items()]
-        return "\n\n".join([*blocks, *(["\n".join(left)] if left else []), f"{self.headline()}."])
-
-    def _text(self, errors: TaskErrors) -> str:
-        lines = [f"{errors.file} ({errors.licence})"]
-        for channel in errors.channels:
-            lines += self._channel(errors, channel)
-        effects = dict.fromkeys(e for law in errors.laws for f in law.effects.values() for e in f)
-        found = f"Effects found: {', '.join(effects)}" if effects else "No effect was found"
-        return "\n".join([*lines, f"{found}."])
-
-    def _channel(self, errors: TaskErrors, channel: str) -> list[str]:
-        task, shown = errors.task, display(channel, CHANNEL_UNITS[channel])
-        title = (
-            f"{task.contact}, {task.soil}, {len(task.measurements)} rows; {words(channel)} "
-            f"[{shown.unit}, rms] of each {task.what} left out"
-        )
-
-        def cell(error: float | None) -> str:
-            return "-" if error is None else number(shown.scale * error)
-
-        names = task.names if task.what != "run" or len(task.names) <= 6 else ()
-        rows = [
-            [law.law, cell(law.rmse), *(cell(law.by_part[name]) for name in names)]
-            for law in errors.of(channel)
-        ]
-        table = text_table(["law", "all", *names], rows)
-        lost = [f"{law} ({part})" for part, law in errors.lost(channel).items()]
-        said = f"Least error: {errors.best(channel).law}."
-        if lost:
-            said += f" Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}."
-        return [title, *(f"  {line}" for line in table.splitlines()), said]
+        return "\n\n".join([*(["\n".join(left)] if left else []), f"{self.headline()}."])
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel benchmark --json` writes it."""
@@ -161,10 +165,15 @@ class Benchmark(Result):
         ]  # fmt: skip
 
 
-def benchmark(folder: Path, progress: Callable[[str], object] = lambda step: None) -> Benchmark:
+def benchmark(
+    folder: Path,
+    progress: Callable[[str], object] = lambda step: None,
+    done: Callable[[TaskErrors], object] = lambda errors: None,
+) -> Benchmark:
     """Hold the laws against every data set of a folder.
 
-    progress: told what is worked on. Raises BenchmarkError where no data set has a licence and a table.
+    progress: told what is worked on; done: given each set of rows when its laws are through. Raises
+    BenchmarkError where no data set has a licence and a table.
     """
     sets = {file: _licence(file.parent) for file in _tables(folder)}
     if not sets:
@@ -178,18 +187,16 @@ def benchmark(folder: Path, progress: Callable[[str], object] = lambda step: Non
         if not licence:
             left[str(name)] = f"no licence beside it, expected a file {' or '.join(_LICENCES)}"
             continue
+        before = len(tasks)
         try:
-            found = [
-                TaskErrors(
-                    name, licence, task, tuple(errors_of(task, _named(progress, name, task)))
-                )
-                for task in tasks_of(read_measurements(file))
-            ]
+            for task in tasks_of(read_measurements(file)):
+                laws = errors_of(task, _named(progress, name, task))
+                tasks.append(TaskErrors(name, licence, task, tuple(laws)))
+                done(tasks[-1])
         except SmallwheelError as error:
             left[str(name)] = str(error)
             continue
-        tasks += found
-        if not found:
+        if len(tasks) == before:
             left[str(name)] = "fewer than three runs with sinkage, expected some to leave out"
     if not tasks:
         raise BenchmarkError("; ".join(f"{file}: {why}" for file, why in left.items()))

@@ -36,15 +36,14 @@ _STEPS = 5  # that a diagnosis tells of
 
 
 @command(api.fit)
-@click.option("-o", "--output", required=True, type=PATH, help="Model file to write.")
+@click.option("-o", "--output", type=PATH, metavar="FILE", help="Model file to write.")
 @JSON
-def fit(given: Given, how: How, output: Path, json_file: str | None) -> None:
-    """The result is a model file, for the other commands and the node."""
+def fit(given: Given, how: How, output: Path | None, json_file: str | None) -> None:
+    """What was found is printed. With -o it is a model file too, for the other commands and the node."""
     check_outputs(given, [json_file], output)
     given["data"] = [read_test(path, how) for path in given["data"]]
     result = api.fit(**given)
-    result.model.save(output)
-    show(result, json_file, [output])
+    show(result, json_file, [] if output is None else [result.model.save(output)])
 
 
 @command(api.compare, models={"names": ("--model",)})
@@ -132,7 +131,7 @@ def learn(
 
 @command(
     api.add,
-    model={"required": True, "metavar": None},
+    model={"required": True},
     data={"required": True},
     seed=None,
 )
@@ -237,11 +236,21 @@ def benchmark(folder: Path, output: Path | None, json_file: str | None) -> None:
     Spenko are fitted to the rest, the last also with the contact integral and with the effects that a
     diagnosis of the rest names. Beside them are the mean of the rest, and the law of Wong and Reece where
     pull or torque was measured; these and the contact integral predict pull and torque, too. What is
-    printed is the error on what was left out, and where our law loses.
+    printed, of each table as soon as it is done, is the error on what was left out, and where our law
+    loses.
     """
+    from tqdm import tqdm
+
+    from smallwheel_ros.benchmark.benchmark import TaskErrors
     from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
+
+    def done(errors: TaskErrors) -> None:
+        if json_file != "-":
+            with tqdm.external_write_mode():
+                click.echo(f"{errors.text()}\n")
 
     check_targets([output, json_file])
     with progress_bar("benchmark", unit="fit") as progress:
-        result = laws_on_data(folder, progress)
-    show(result, json_file, [] if output is None else [result.save(output)])
+        result = laws_on_data(folder, progress, done)
+    written = [] if output is None else [result.save(output)]
+    show(result, json_file, written, result.ending())

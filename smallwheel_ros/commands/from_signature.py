@@ -19,7 +19,10 @@ from typing import Any
 import click
 
 from smallwheel_ros import api
+from smallwheel_ros.arguments import RangeError, typed
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.physics.soil import soil
 
 Function = Callable[..., Any]
 Click = Mapping[str, Any]  # keywords of click.option; say: a text behind that of the docstring
@@ -50,27 +53,70 @@ def _headers(
     return found
 
 
+def understand(said: str) -> None:
+    """Say on standard error how something was read, where that is to be said."""
+    if said:
+        click.echo(f"understood: {said}", err=True)
+
+
+def _number(_context: click.Context, option: click.Parameter, text: str | None) -> float | None:
+    """One number in SI units, as a cell of a table: 0.2, 0,2 or '20 cm'."""
+    if text is None:
+        return None
+    name = str(option.name)
+    try:
+        read = typed(name, text, _UNITS.get(name) or unit_of(name), several=False)
+    except RangeError as error:
+        plain = "" if any(c.isdigit() for c in text) else f"'{text}' is not a valid float: "
+        raise click.BadParameter(f"{plain}{error}") from None
+    if read.values.size > 1:
+        raise click.BadParameter(f"found '{text}', expected one number")
+    understand(read.said)
+    return float(read.values[0])
+
+
+def _models(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[Any]:
+    return [_model(context, option, one) for one in given]
+
+
+def _model(
+    _context: click.Context, _option: click.Parameter, given: str | None
+) -> str | Path | None:
+    """A model's file; the name as it is where there is no such file."""
+    if given is None or not Path(given).is_file():
+        return given
+    if given in soil:
+        understand(f"--model {given} is the file of that name, not the soil of the library")
+    return Path(given)
+
+
 # What click needs to know of a parameter, by its annotation in the API: kinds of `arguments`, plain types.
 KINDS: dict[str, Click] = {
     "Data": {"type": PATH},
     "Tests": {"type": PATH, "nargs": -1},
     "Headers": {"callback": _headers, "multiple": True, "metavar": "NAME=HEADER",
                 "say": "load=F3, or with a unit 'load [kN]=F3'."},
-    "AnyModel": {"type": PATH, "metavar": "FILE"},
-    "Models": {"type": PATH, "multiple": True},
+    "AnyModel": {"callback": _model, "metavar": "FILE|SOIL"},
+    "Models": {"callback": _models, "metavar": "FILE|SOIL", "multiple": True},
     "AnyEffect": {"type": str},
     "Effects": {"callback": _names, "default": "", "metavar": "A,B"},
     "OwnEffects": {"type": PATH, "metavar": "FILE"},
     "Ids": {"callback": _names, "default": "", "metavar": "ID,ID"},
     "Levels": {"multiple": True, "metavar": "NAME=A..B|A,B,C",
-               "say": "slip=0..0.6, load=20,40,60."},
+               "say": "slip=0..60%, load=20,40,60."},
     "Setting": {"type": str},
     "str": {"type": str},
     "str | int": {"type": str},
+    "float": {"callback": _number, "metavar": "FLOAT"},
     "int": {"type": click.IntRange(min=0), "show_default": True},
-    "float": {"type": float},
 }  # fmt: skip
-_OF_TABLE: dict[str, Click] = {"sheet": {"metavar": "NAME"}, "compliance": {"metavar": "M/N"}}
+_UNITS = {"compliance": "m/N"}
+_OF_TABLE: dict[str, Click] = {
+    "sheet": {"metavar": "NAME"},
+    "diameter": {"say": "0.2, or with a unit: 20cm."},
+    "width": {"say": "0.1, or with a unit: 10cm."},
+    "compliance": {"metavar": "M/N"},
+}
 
 
 def described(function: Function) -> tuple[str, dict[str, str]]:

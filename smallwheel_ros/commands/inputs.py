@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,11 +11,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from smallwheel_ros import api
-from smallwheel_ros.commands.from_signature import PATH, BenchError
+from smallwheel_ros.arguments import RangeError, typed
+from smallwheel_ros.commands.from_signature import PATH, BenchError, understand
 from smallwheel_ros.common.console import show
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.files import check_folder_target, check_targets
 from smallwheel_ros.common.views import function
+from smallwheel_ros.measurements.columns import unit_of
 
 # `--help` of a command needs none of what the command computes with.
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def read_test(data: Path, how: Mapping[str, Any]) -> Measurements | ShearTests:
 
 def _said(test: _Test) -> _Test:
     for line in test.understood:
-        click.echo(f"understood: {line}", err=True)
+        understand(line)
     for warning in getattr(test, "warnings", ()):
         click.echo(f"warning: {warning}", err=True)
     return test
@@ -102,21 +103,16 @@ def levels_of(given: Sequence[str], measurements: Measurements) -> dict[str, lis
         if name not in known:
             raise BenchError(f"--can {text}: the table has no setting '{name}': "
                              f"{nearest(name, list(known))}")  # fmt: skip
-        low, dots, high = levels.partition("..")
+        unit = measurements.units.get(name, unit_of(name)) or None
         try:
-            if dots:
-                first, last = float(low), float(high)
-                values = [first, 0.5 * (first + last), last]
-            else:
-                values = [float(v) for v in levels.split(",")]
-        except ValueError:
-            values = [float("nan")]
-        if not all(math.isfinite(v) for v in values) or (dots and values[0] > values[-1]):
+            read = typed(name, levels, unit)
+        except RangeError as error:
             raise BenchError(
                 f"--can {text}: found '{levels}', expected numbers as in {name}=0..0.6 or "
-                f"{name}=20,40,60 (SI units)"
-            )
-        found[name] = values
+                f"{name}=20,40,60 (SI units, or with a unit behind): {error}"
+            ) from None
+        understand(read.said)
+        found[name] = [float(v) for v in read.values]
     return found
 
 

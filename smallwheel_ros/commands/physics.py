@@ -26,7 +26,7 @@ _JSON = click.option(
 
 @command(
     api.predict,
-    model={"required": False, "metavar": None, "help": "A model file."},
+    model={"required": False, "help": "A model file, or a soil of the library."},
     soil={"help": f"A soil of the library: {', '.join(SOILS)}; with --model, one of the file's."},
     effects={"metavar": None},
     others={"names": ("--set",), "required": False, "multiple": True, "metavar": "NAME=VALUE",

@@ -16,13 +16,18 @@ JSON = click.option("--json", "json_file", metavar="FILE",
                     help="Write the result as JSON, - for standard output.")  # fmt: skip
 
 
-def show(result: Result, json_file: str | None, written: Sequence[Path] = ()) -> None:
-    """Write the result's JSON; print its text and what was written, unless JSON is printed."""
+def show(
+    result: Result, json_file: str | None, written: Sequence[Path] = (), text: str | None = None
+) -> None:
+    """Write the result's JSON; print its text and what was written, unless JSON is printed.
+
+    text: what is left to print where some of it was printed on the way.
+    """
     from smallwheel_ros.common.tables import write_json
 
     if json_file is not None:
         write_json(json_file, result.to_dict())
     if json_file != "-":
-        click.echo(str(result))
+        click.echo(str(result) if text is None else text)
         if written:
             click.echo(f"written: {', '.join(str(path) for path in written)}")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck.
 
-The margin is net traction over load at the reference slip: the tangent of the slope that is held.
+The margin is drawbar pull over load at the reference slip: the tangent of the slope that is held.
 
     cost = 100 * P(margin < required margin), rounded; margin normally distributed
 

@@ -65,18 +65,21 @@ def draw_cost(
         norm=BoundaryNorm(bounds, colours.N),
         interpolation="nearest",
     )
-    lines = [(way, "robot's way", COLOURS[0]), (planned, "planned path", COLOURS[1])]
+    lines = [(way, "robot's path", COLOURS[0]), (planned, "planned path", COLOURS[1])]
     for line, words, colour in lines:
         if line is not None:
             places = np.asarray(line, dtype=np.float64)
             axes.plot(places[:, 0], places[:, 1], color="white", linewidth=2.2)
             axes.plot(places[:, 0], places[:, 1], color=colour, linewidth=1.0, label=words)
-            key(axes, "upper right")
     axes.set(xlim=across, ylim=along)
-    bar = figure.colorbar(image, ax=axes, label="cost")
+    # As high as the map, whatever shape that has.
+    bar = figure.colorbar(image, cax=axes.inset_axes((1.02, 0.0, 0.02, 1.0)))
+    bar.set_label("cost", fontsize=9)
     bar.set_ticks([UNKNOWN, 4.5, 44.5, 84.5, HIGHEST], labels=_LABELS)
-    bar.ax.tick_params(labelsize=8)
+    bar.ax.tick_params(labelsize=8, width=0.6)
     style(axes, f"x in {grid.frame} [m]", "y [m]", title)
+    if axes.get_lines():
+        key(axes)
     axes.grid(visible=False)
     axes.set_aspect("equal")
     figure.savefig(Path(path), dpi=120)

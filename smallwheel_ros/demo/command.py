@@ -9,6 +9,11 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from smallwheel_ros.bags.files import check_new_bag
+from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.options import settings_options
+from smallwheel_ros.common.tables import write_json
+from smallwheel_ros.replay.trial import TrialSettings, read_trial, write_trial
 from smallwheel_ros.ros.node_process import check_ros
 
 _FILE = click.Path(path_type=Path)
@@ -154,57 +159,18 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: fl
     metavar="BAG",
     help="Folder for the new bag; it must not exist.",
 )
-@click.option("--wheel", default="wheel", show_default=True, help="Name of the wheel.")
-@click.option(
-    "--log-behind",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="Seconds by which the log's clock is behind the bag's.",
-)
-@click.option(
-    "--start", type=float, default=0.0, show_default=True, help="s after the bag's begin."
-)
-@click.option("--end", type=float, default=float("inf"), help="s after the bag's begin.")
-@click.option(
-    "--compliance",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="m/N by which the rig gives way; taken off the sinkage.",
-)
-@click.option(
-    "--sinkage-std",
-    type=click.FloatRange(0),
-    default=0.0,
-    show_default=True,
-    help="Standard deviation of the sinkage, m; 0: left to the node's parameter.",
-)
+@settings_options(TrialSettings)
 @_JSON
 def convert_trial(
-    bag: Path,
-    zero: Path,
-    log: Path,
-    output: Path,
-    wheel: str,
-    log_behind: float,
-    start: float,
-    end: float,
-    compliance: float,
-    sinkage_std: float,
-    json_file: str | None,
+    bag: Path, zero: Path, log: Path, output: Path, json_file: str | None, **given: Any
 ) -> None:
     """Turn a recorded indentation trial into a bag that the node understands.
 
     BAG holds the force sensor's messages while a wheel is pressed straight into the soil.
     """
-    from smallwheel_ros.bags.files import check_new_bag
-    from smallwheel_ros.common.files import check_targets
-    from smallwheel_ros.replay.trial import TrialSettings, read_trial, write_trial
-
     check_new_bag(output)
     check_targets([json_file], [bag, zero, log])
-    settings = TrialSettings(wheel, log_behind, start, end, compliance, sinkage_std)
+    settings = TrialSettings(**given)
     trial = read_trial(bag, zero, log, settings)
     count = write_trial(trial, output, settings)
     content = {
@@ -224,8 +190,6 @@ def convert_trial(
 
 
 def _report(json_file: str | None, content: dict[str, Any], text: str) -> None:
-    from smallwheel_ros.common.tables import write_json
-
     if json_file is not None:
         write_json(json_file, content)
     if json_file != "-":

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
-from smallwheel_ros.onboard.message_fields import VALID
+from smallwheel_ros.onboard.result import VALID
 from smallwheel_ros.replay.drive_picture import draw_drive
 from smallwheel_ros.replay.known_picture import draw_known
 from smallwheel_ros.ros.node_process import NodeProcess, check_ros, config_file, own_ros

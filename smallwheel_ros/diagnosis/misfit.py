@@ -76,8 +76,9 @@ class BadRun:
     def words(self, measurements: Measurements) -> str:
         """That it is left out, and why."""
         lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
+        where = f"{measurements.source}, {measurements.place} {lines}"
         return (
-            f"run {self.name} ({measurements.source}, line {lines}) is left out: its {words(self.channel)} "
+            f"run {self.name} ({where}) is left out: its {words(self.channel)} "
             f"is {number(self.deviations, 2)} {self.against}. Look it up in the protocol"
         )
 

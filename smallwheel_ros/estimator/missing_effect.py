@@ -12,13 +12,18 @@ wherever its cause does.
 The statistic of an effect is that of a score test, as in `diagnosis`: twice the gain in log
 likelihood when its column joins those of n and m, the largest over the forms of its family. Forms
 differ little over a drive; the name is that of the family.
+
+Columns come from one solution of the contact integral with its slopes: what an effect makes of load,
+modulus and exponent moves ln z along the slopes, what it digs comes on top as it is.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,11 +31,13 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families
-from smallwheel_ros.estimator.nearby_sinkage import NearbySinkage
-from smallwheel_ros.estimator.robust_regression import RobustFit, robust_fit
-from smallwheel_ros.estimator.segment import Segment
-from smallwheel_ros.estimator.segment_changes import Changes, SegmentChanges
+from smallwheel_ros.estimator.stretches import Segment
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
+from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.model.stages import Stages
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
+from smallwheel_ros.physics.contact import ContactSinkage, contact_sinkage
+from smallwheel_ros.physics.sinkage import loads_by_depth
 from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
@@ -45,6 +52,11 @@ _LEFT = 0.5  # least share of a column that n and m cannot imitate
 _LEAST_CHANGE = 0.3  # of a column, in standard deviations of a change (root mean square)
 _KNOWN = 0.5  # least share of the changes for which a covariate is known
 _STEP = 0.02  # of n and m
+_LEAST_SINKAGE = 2e-4  # m: the logarithm of less is noise
+_SCATTER = 0.04  # of ln sinkage from segment to segment, besides the instrument's noise
+_FREEDOM = 4.0  # of Student's t distribution: tails as heavy as borders between soils make them
+_ITERATIONS = 40
+_SETTLED = 1e-3  # of twice the log likelihood
 
 
 @dataclass(frozen=True)
@@ -274,3 +286,171 @@ def _score(
     if not low <= found <= high or not math.isfinite(gain):
         return trial.untested("its strength would be outside of its bounds")
     return replace(trial.untested(""), statistic=max(gain, 0.0), strength=found)
+
+
+# ---- what it is asked of
+
+
+class Changes(NamedTuple):
+    """All segments, and the pairs of neighbours among them.
+
+    log_sinkage: ln m, shape (segments,). wheels: the segments' loads, sizes, slip and speed, these two NaN
+    where not known. later, earlier: indices of each pair, shape (pairs,); deviation: of the change in ln
+    sinkage, known up to a factor common to all.
+    """
+
+    log_sinkage: Array
+    wheels: Conditions
+    later: NDArray[np.intp]
+    earlier: NDArray[np.intp]
+    deviation: Array
+
+    def of(self, column: Array) -> Array:
+        """Changes of a column of the segments, over their deviation; shape (pairs,)."""
+        return (column[self.later] - column[self.earlier]) / self.deviation
+
+    def where(self, usable: NDArray[np.bool_]) -> Changes:
+        """Only some of the pairs, by a mask of shape (pairs,)."""
+        later, earlier, deviation = self.later[usable], self.earlier[usable], self.deviation[usable]
+        return self._replace(later=later, earlier=earlier, deviation=deviation)
+
+
+class SegmentChanges:
+    """Keeps the segments (of `length`, m) of the last `window` (m)."""
+
+    def __init__(self, length: float, window: float) -> None:
+        self._length, self._window = length, window
+        self._kept: dict[str, deque[Segment]] = {}
+
+    def add(self, segment: Segment) -> None:
+        """Take a segment; one without measurable sinkage has no logarithm, and is left out."""
+        if segment.sinkage < _LEAST_SINKAGE:
+            return
+        kept = self._kept.setdefault(segment.wheel, deque())
+        kept.append(segment)
+        while segment.distance - kept[0].distance > self._window:
+            kept.popleft()
+
+    def changes(self) -> Changes | None:
+        """Give what is kept; None while there is nothing."""
+        segments = [segment for kept in self._kept.values() for segment in kept]
+        near = [
+            i
+            for i in range(1, len(segments))
+            if segments[i].wheel == segments[i - 1].wheel
+            # Over a gap the soil may be any other.
+            and segments[i].distance - segments[i - 1].distance < 4.0 * self._length
+        ]
+        if not near:
+            return None
+        later = np.array(near, dtype=np.intp)
+        earlier = later - 1
+        names = ("sinkage", "variance", "load", "diameter", "width", "slip", "speed")
+        rows = [[getattr(segment, name) for name in names] for segment in segments]
+        # None becomes NaN
+        sinkage, noise, load, diameter, width, slip, speed = np.array(rows, dtype=float).T
+        rolling = np.broadcast_to(np.array(ROLLING), sinkage.shape)
+        covariates = {"slip": slip, "speed": speed}
+        wheels = Conditions(load, diameter, width, rolling, None, covariates)
+        variance = noise / sinkage**2
+        deviation = np.sqrt(variance[later] + variance[earlier] + _SCATTER**2)
+        return Changes(np.log(sinkage), wheels, later, earlier, deviation)
+
+
+class NearbySinkage:
+    """Sinkage of rolling wheels about one soil with some effects.
+
+    conditions: rolling rows. Raises what `model.predict` raises.
+    """
+
+    def __init__(self, soil: Soil, effects: Sequence[Effect], conditions: Conditions) -> None:
+        self._soil, self._effects, self._conditions = soil, tuple(effects), conditions
+        self._stages = Stages(self._effects, conditions)
+        self._at = self._stages.loaded(soil.k, soil.n, soil.m)
+        self._solved: ContactSinkage | None = None
+        if not self._stages.layered:
+            load, diameter, modulus, exponent = self._at
+            self._solved = contact_sinkage(load, diameter, conditions.width, modulus, exponent)
+            self._log_z = np.log(self._solved.sinkage)
+
+    def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
+        """Give ln of what the instrument would show (m), shape (rows,).
+
+        soil: near to the one at the start. added: effects of little strength. NaN where there is no
+        sinkage.
+        """
+        turned = any(
+            effect.overrides("wheel_diameter") or effect.overrides("corrected_load")
+            for effect in added
+        )
+        if self._solved is None or turned:  # no slopes for that
+            model = Model(soil, effects=(*self._effects, *added))
+            return _log(predict(model, self._conditions).sinkage)
+        here = self._at
+        more_stages = Stages(added, self._stages.conditions)
+        there = here if soil is self._soil else self._stages.loaded(soil.k, soil.n, soil.m)
+        there = more_stages.on_soil(there)
+        more = np.log(there.load / here.load) - np.log(there.modulus / here.modulus)
+        if more_stages.layered:
+            depth, borne = self._loads_by_depth
+            factor = more_stages.pressure_factor(depth)
+            more = more + np.log(here.load / np.einsum("ij,ij->j", borne, factor))
+        log_z = self._log_z + self._solved.slope_load * more
+        log_z = log_z + self._solved.slope_exponent * (there.exponent - here.exponent)
+        z = np.exp(log_z)
+        for stages in (self._stages, more_stages):
+            z = stages.change_rolling("sinkage", z)
+        for stages in (self._stages, more_stages):
+            z = stages.change("measured_sinkage", z)
+        return _log(z)
+
+    @cached_property
+    def _loads_by_depth(self) -> tuple[Array, Array]:
+        """What bears the wheels at which depth: all layered effects are told from it."""
+        assert self._solved is not None
+        _, diameter, modulus, exponent = self._at
+        width = self._conditions.width
+        return loads_by_depth(self._solved.sinkage, diameter, width, modulus, exponent)
+
+
+def _log(sinkage: Array) -> Array:
+    return np.asarray(np.log(np.where(sinkage > 0.0, sinkage, np.nan)))
+
+
+class RobustFit(NamedTuple):
+    """Coefficients (columns,), scale of the errors, and log likelihood but for a constant."""
+
+    coefficients: Array
+    scale: float
+    log_likelihood: float
+
+
+def robust_fit(y: Array, columns: Array, start: Array | None = None) -> RobustFit:
+    """Fit y (rows,) by columns (rows, columns), the scale of the errors too.
+
+    Iterated weighted least squares, which is expectation maximisation for Student's t (Lange,
+    Little and Taylor 1989). start: coefficients to begin at. Raises LinAlgError where the columns
+    are not independent.
+    """
+    rows = y.size
+    across = np.ascontiguousarray(columns.T)  # row by row for each column: fewer, longer loops
+    coefficients: Array = np.zeros(columns.shape[1]) if start is None else start
+    errors: Array = y - coefficients @ across
+    squares = errors * errors
+    square = max(float(np.median(squares)) / 0.455, 1e-20)
+    before = -math.inf
+    for _ in range(_ITERATIONS):
+        ratio = squares / (_FREEDOM * square)
+        log_likelihood = -0.5 * (
+            rows * math.log(square) + (_FREEDOM + 1.0) * float(np.log1p(ratio).sum())
+        )
+        if log_likelihood - before < 0.5 * _SETTLED:
+            break
+        before = log_likelihood
+        weight = (1.0 + 1.0 / _FREEDOM) / (1.0 + ratio)
+        weighted = across * weight
+        coefficients = np.asarray(np.linalg.solve(weighted @ across.T, weighted @ y))
+        errors = y - coefficients @ across
+        squares = errors * errors
+        square = max(float(weight @ squares) / rows, 1e-20)
+    return RobustFit(coefficients, math.sqrt(square), log_likelihood)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples of wheels become steps of the path: means over 0.1 m, with what they are off by.
 
+    steps = PathSteps(mean_contact)
     step = steps.add(sample)     # None until the path has come 0.1 m on
 
 Slip is worked out once a step, as that of mean speed and mean rim speed: the mean of single slips is bent
@@ -11,13 +12,12 @@ no slip, so standing adds nothing to a step and ends none.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.estimator.traction_samples import RollingContact
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 CELL = 0.1  # m
@@ -32,12 +32,33 @@ _FORCE_STD = 0.07
 _LAG = 0.2  # s, by which an acceleration from speeds is late
 
 
+class RollingContact(NamedTuple):
+    """A wheel that rolls: load on the soil (N), sinkage, diameter, width (m), and the soil's exponent n.
+
+    other: resistance (N) of the model's effects. thrust_factor: of the effects on thrust, 1 without. own:
+    what is the wheel's own, by place and load: variances and covariance of sinkage and ln load (zz, zw, ww).
+    """
+
+    load: float
+    sinkage: float
+    diameter: float
+    width: float
+    exponent: float
+    other: float = 0.0
+    thrust_factor: float = 1.0
+    own: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+# Gives the mean contact of a wheel on its soil over a step; None where it has none.
+MeanContact = Callable[[str, Sequence[Any]], RollingContact | None]
+
+
 class WheelSample(NamedTuple):
     """What is known of a rolling wheel at one time (s), `distance` (m) along the vehicle's path.
 
     speed, rim: m/s, of its place over ground and of its rim. slope_force, gained_force: m/s^2, of the
     vehicle along its travel: what slope and gaining speed take of the wheels per mass. torque: N m, of the
-    wheel. pull: N. None where not known.
+    wheel. pull: N. None where not known. contact: what the mean contact of a step is worked out of.
     """
 
     wheel: str
@@ -45,7 +66,7 @@ class WheelSample(NamedTuple):
     distance: float
     speed: Quantity
     rim: Quantity
-    contact: RollingContact | None = None
+    contact: Any = None
     forward: bool = True
     slope_force: float | None = None
     gained_force: float | None = None
@@ -94,7 +115,8 @@ class PathStep(NamedTuple):
 class PathSteps:
     """Collects the samples of a vehicle, in the order of time."""
 
-    def __init__(self) -> None:
+    def __init__(self, mean_contact: MeanContact) -> None:
+        self._mean_contact = mean_contact
         self._ended: WheelSample | None = None  # the last sample of the last step
         self.cut()
 
@@ -137,7 +159,7 @@ class PathSteps:
     def _mean(self, first: WheelSample, last: WheelSample, way: float) -> PathStep:
         rows = [row for found in self._samples.values() for row in found]
         duration = last.time - first.time
-        wheels = {name: _wheel_mean(found, duration) for name, found in self._samples.items()}
+        wheels = {name: self._wheel_mean(found, duration) for name, found in self._samples.items()}
         known = {name: mean for name, mean in wheels.items() if mean is not None}
         gains, ended = [row.gained_force for row in rows], self._ended
         late = 0.0
@@ -158,37 +180,31 @@ class PathSteps:
             math.hypot(_FORCE_STD, late),
         )
 
+    def _wheel_mean(self, rows: Sequence[WheelSample], duration: float) -> WheelMean | None:
+        """Means of a wheel over a step (s); None where noise may be all of its motion."""
+        count = min(float(len(rows)), max(1.0, duration / _ALIKE))
+        speed, noise = _mean_quantity([row.speed for row in rows])
+        rim = Quantity(*_mean_quantity([row.rim for row in rows]))
+        slip = wheel_slip(Quantity(speed, noise / math.sqrt(count)), rim, 0.0)
+        if slip is None:
+            return None
+        contact = None
+        if rows[0].contact is not None:
+            held = [row.contact for row in rows if row.contact is not None]
+            contact = self._mean_contact(rows[0].wheel, held)
+        torques = [row.torque for row in rows if row.torque is not None]
+        pulls = [row.pull for row in rows if row.pull is not None]
+        pull = None
+        if pulls:
+            value, noise = np.mean([(p.value, p.standard_deviation**2) for p in pulls], axis=0)
+            pull = Quantity(float(value), math.sqrt(noise / len(pulls)))
+        return WheelMean(slip, contact, float(np.mean(torques)) if torques else None, pull)
+
 
 def _mean_of(values: Sequence[float | None]) -> float | None:
     """Mean of what is known throughout."""
     known = [value for value in values if value is not None]
     return sum(known) / len(known) if len(known) == len(values) else None
-
-
-def _wheel_mean(rows: Sequence[WheelSample], duration: float) -> WheelMean | None:
-    """Means of a wheel over a step (s); None where noise may be all of its motion."""
-    count = min(float(len(rows)), max(1.0, duration / _ALIKE))
-    speed, noise = _mean_quantity([row.speed for row in rows])
-    rim = Quantity(*_mean_quantity([row.rim for row in rows]))
-    slip = wheel_slip(Quantity(speed, noise / math.sqrt(count)), rim, 0.0)
-    if slip is None:
-        return None
-    contact = rows[0].contact
-    if contact is not None:
-        held = [row.contact for row in rows if row.contact is not None]
-        load, sinkage, other, factor, zz, zw, ww = np.mean(
-            [(on.load, on.sinkage, on.other, on.thrust_factor, *on.own) for on in held], axis=0
-        ).tolist()
-        contact = contact._replace(
-            load=load, sinkage=sinkage, other=other, thrust_factor=factor, own=(zz, zw, ww)
-        )
-    torques = [row.torque for row in rows if row.torque is not None]
-    pulls = [row.pull for row in rows if row.pull is not None]
-    pull = None
-    if pulls:
-        value, noise = np.mean([(p.value, p.standard_deviation**2) for p in pulls], axis=0)
-        pull = Quantity(float(value), math.sqrt(noise / len(pulls)))
-    return WheelMean(slip, contact, float(np.mean(torques)) if torques else None, pull)
 
 
 def _mean_quantity(rows: Sequence[Quantity]) -> tuple[float, float]:

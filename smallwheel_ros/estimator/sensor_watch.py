@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.identifiability import DETERMINED
-from smallwheel_ros.estimator.law_filter import LawFilter
 from smallwheel_ros.estimator.law_model import (
     DELAY,
     EACH,
@@ -24,7 +23,8 @@ from smallwheel_ros.estimator.law_model import (
     WHEELS,
     ZERO,
 )
-from smallwheel_ros.estimator.segment import Segment
+from smallwheel_ros.estimator.soil_filter import LawFilter
+from smallwheel_ros.estimator.stretches import Segment
 
 _STUCK = 5  # segments: 1 m
 _TEXTURE = 0.03  # of ln k from place to place at least: half of what is usual

@@ -5,13 +5,13 @@ estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=vehicle.
 result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
 estimate = estimator.estimate()
 
-The algorithm (symbols as in `law_model` and `law_filter`):
+The algorithm (symbols as in `law_model` and `soil_filter`):
 
     x     law (u, n', m) and what may be wrong with sensors and ground; prior N(x0, P0)
     at each reading (sinkage z_i, load W_i) of wheel w:
         refuse it if it cannot be one, or is not behind the wheel's last one         `find_problem`
         expect h(x), unsure by state, place and sensor; an outlier is far from that
-        and from the wheel's newest readings                                         `ReadingJudge`
+        and from the wheel's newest readings
         collect it; where w has gone 0.2 m of its own path since the stretch began:
             z = mean of z_i within 3 (r + MAD) of their median; W = calibrated mean  `WheelTrack`
             r^2, var W = noise of one reading, from second differences
@@ -30,22 +30,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.estimator.law_model import reference_wheel
+from smallwheel_ros.estimator.law_model import LAW, reference_wheel
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
     MissingEffectWatch,
 )
-from smallwheel_ros.estimator.reading_judge import ReadingJudge
 from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.estimator.segment import NOWHERE, Position, Segment
 from smallwheel_ros.estimator.sensor_watch import SensorWatch
 from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.sinkage_measurement import (
@@ -56,9 +56,10 @@ from smallwheel_ros.estimator.sinkage_measurement import (
     covariates_of,
     find_problem,
 )
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.soils import Reported, Soils
+from smallwheel_ros.estimator.stretches import NOWHERE, Position, Segment, WheelTrack
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE
-from smallwheel_ros.estimator.wheel_track import WheelTrack
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -82,6 +83,8 @@ Array = NDArray[np.float64]
 _MOST_WHEELS = 64
 _TOLD_LOAD = 0.02  # of ln load, noise of a reading until it is learnt
 _PRESSED = 0.02  # of the diameter: so deep a stretch is of a wheel that is pressed, not rolled
+_FAR = 3.0  # deviations of the sensor from the newest readings: else the soil is another, not the reading
+_FITS = UpdateResult(Outcome.ACCEPTED, "accepted", "")
 
 
 class SoilEstimator:
@@ -112,7 +115,7 @@ class SoilEstimator:
         self._sensors = SensorWatch(self.settings.loads_measured)
         self._soils = Soils(self.prior, self.settings, self.effects, self._sensors)
         self._wheels: dict[str, WheelTrack] = {}
-        self._judge = ReadingJudge(self.settings.gate_probability)
+        self._gate = float(chdtri(1, 1.0 - self.settings.gate_probability))
         self._watch = MissingEffectWatch(self.effects, self.settings.scatter_length)
         self._distance = 0.0
         self._forward = True
@@ -121,8 +124,11 @@ class SoilEstimator:
 
     # -- in
 
-    def update(self, measurement: SinkageMeasurement) -> UpdateResult:
-        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`)."""
+    def update(self, measurement: SinkageMeasurement, judged: bool = True) -> UpdateResult:
+        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`).
+
+        judged: work out what was expected of it, too; else only where it is far from the newest ones.
+        """
         wheel = self._wheels.get(measurement.wheel)
         given = measurement if wheel is None else wheel.in_its_rut(measurement)
         problem = find_problem(given, self._needs)
@@ -134,7 +140,7 @@ class SoilEstimator:
         if problem is not None:
             return UpdateResult(Outcome.REFUSED, *problem)
         try:
-            return self._use(given, wheel or self._arrive(given))
+            return self._use(given, wheel or self._arrive(given), judged)
         except NO_SINKAGE as error:
             return UpdateResult(Outcome.REFUSED, "numerical", _no_sinkage(given, error))
 
@@ -160,15 +166,14 @@ class SoilEstimator:
         self._wheels[given.wheel] = wheel
         return wheel
 
-    def _use(self, given: SinkageMeasurement, wheel: WheelTrack) -> UpdateResult:
+    def _use(self, given: SinkageMeasurement, wheel: WheelTrack, judged: bool) -> UpdateResult:
         changes = self._soils.changes
         if given.forward is not self._forward:
             self._forward = given.forward
             self._soils.turn_back()
-        law, _ = self._soils.under(wheel)
-        assert law is not None
-        with np.errstate(over="raise", divide="raise", invalid="raise"):
-            result = self._judge.judge(given, wheel, law, self._watch.missed_variance)
+        newest = median([*wheel.recent, given.sinkage])
+        far = abs(given.sinkage - newest) > _FAR * math.sqrt(wheel.reading_variance)
+        result = self._judge(given, wheel, far) if judged or far else _FITS
         closed = wheel.add(given)
         self._distance = max(self._distance, given.distance)
         if closed is not None:
@@ -176,6 +181,30 @@ class SoilEstimator:
         if self._soils.changes > changes:
             result = result._replace(outcome=Outcome.ACCEPTED, reason="soil_changed", message="")
         return result
+
+    def _judge(self, given: SinkageMeasurement, wheel: WheelTrack, far: bool) -> UpdateResult:
+        """Compare a reading with what is expected of it, before it counts.
+
+        far: it is off the wheel's newest ones. Raises one of `NO_SINKAGE` where the model has none for it.
+        """
+        law, _ = self._soils.under(wheel)
+        assert law is not None
+        now = Segment.single(given, *wheel.load(given), wheel.position_of(given))
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            shown, variance, _ = law.shown(now)
+            true, true_variance = law.sinkage(now, self._watch.missed_variance)
+        spread = variance + wheel.reading_variance + law.scatter.additive
+        if not math.isfinite(true + true_variance + spread):
+            raise ArithmeticError("its uncertainty has no bounds")
+        miss = given.sinkage - shown
+        numbers = true, true_variance, miss, spread, miss * miss / spread
+        if not far or numbers[-1] <= self._gate:
+            return UpdateResult(Outcome.ACCEPTED, "accepted", "", *numbers)
+        message = (
+            f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
+            f"{1e3 * shown:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
+        )
+        return UpdateResult(Outcome.OUTLIER, "gate", message, *numbers)
 
     def _take(self, segment: Segment) -> None:
         """A segment has closed: look at its sensor, at what the model misses, at the soil."""
@@ -195,6 +224,17 @@ class SoilEstimator:
     def accepted(self) -> int:
         """Readings that were used for a soil."""
         return self._soils.accepted
+
+    @property
+    def settled(self) -> bool:
+        """Whether enough was measured of the soil that a wheel came to last (`SoilEstimate.settled`)."""
+        law = self._soils.law
+        return law is not None and law.settled and self.trusted
+
+    @property
+    def distance(self) -> float:
+        """Travel (m) of the newest measurement."""
+        return self._distance
 
     @property
     def soil_changes(self) -> int:
@@ -255,15 +295,20 @@ class SoilEstimator:
         load: as shown; its deviation is that of its noise, and stays. The last: covariance of ln of the
         corrected load with ln of the pressure, n and m and with itself by what the scale is off, shape (4,).
         """
+        local = self.local(wheel)
+        soil = self._estimate(wheel, (local.law, local.covariance[:LAW, :LAW]))
+        with_load = local.with_load(load.value)
+        together = self._reported.turned(with_load[:LAW])
+        return soil, local.load(load), np.append(together, with_load[LAW])
+
+    def local(self, wheel: str) -> LocalLaw:
+        """The law under a wheel; of one that was never measured, that of the soil."""
         known = self._wheels.get(wheel)
         law, _ = self._soils.under(known)
-        if known is None or law is None:
-            return self.estimate(wheel), load, np.zeros(4)
-        local = law.local(known.position, load.value)
-        soil = self._estimate(wheel, (local.law, local.covariance[:3, :3]))
-        corrected = Quantity(local.load, local.load * load.standard_deviation / load.value)
-        together = self._reported.turned(local.covariance[:3, 3])
-        return soil, corrected, np.append(together, local.covariance[3, 3])
+        if known is not None and law is not None:
+            return law.local(known.position)
+        mean, covariance = self.prior.law if law is None else law.law
+        return LocalLaw(mean, 0.0, 0.0, np.pad(covariance, (0, 2)))
 
     def estimate(self, wheel: str | None = None) -> SoilEstimate:
         """Return the soil as it is believed now: the one that a wheel came to last.

@@ -26,9 +26,10 @@ from smallwheel_ros.report.diagnosis import diagnosis_page, parameter_cells, ver
 from smallwheel_ros.report.effects_section import EffectsPage, Label, Meaning, meaning_of
 from smallwheel_ros.report.page import Page
 from smallwheel_ros.report.table_data import TableData
+from smallwheel_ros.report.wording import in_words, powers
 
 _CAPTION = (
-    "Fitted to all runs. log_reference_pressure is ln of the pressure at 10 mm of sinkage under a wheel "
+    "Fitted to all runs. log reference pressure is ln of the pressure at 10 mm of sinkage under a wheel "
     "of 0.2 m."
 )
 _FLOOR = "Expected of a true model: the held-out error that the true model would leave."
@@ -112,7 +113,7 @@ class SessionData:
             "errors": self._errors(view),
             "parameters": self._parameters(view),
             "soils": [
-                f"{s.name}: k = {s.k:.4g} Pa/m^(n+m), n = {s.n:.4g}, m = {s.m:.4g}"
+                powers(f"{s.name}: k = {s.k:.4g} Pa/m^(n+m), n = {s.n:.4g}, m = {s.m:.4g}")
                 for s in view.fit.bare.soils
             ],
             "formulas": {
@@ -121,7 +122,7 @@ class SessionData:
                 for effect in view.fit.bare.effects
                 if effect.id == name
             },
-            "notes": [sentence(note) for note in view.fit.notes],
+            "notes": [in_words(sentence(note)) for note in view.fit.notes],
         }  # fmt: skip
 
     def _rmse(self, channel: str, value: float, std: float | None) -> dict[str, Any]:
@@ -131,16 +132,21 @@ class SessionData:
 
     def _headline(self, view: View) -> dict[str, Any]:
         """What the model with these effects gains, and what the diagnosis says of them."""
-        found = verdict_block(self.session.document)
-        if view.names == self.session.chosen:
-            headline = f"The base model. {found.headline}."
-            return {"headline": headline, "items": list(found.items), "kind": found.kind}
         before, after = view.before.rmse(), view.after.rmse()
+        if view.names == self.session.chosen:
+            errors = ", ".join(f"{words(c)} {shown_value(c, after[c])}" for c in after)
+            few = self.session.document["verdict"] == "insufficient_data"
+            items = [sentence(str(self.session.document["reason"]))] if few else []
+            kind = "warning" if few else "result"
+            return {"headline": f"The base model: {errors}", "items": items, "kind": kind}
+        found = verdict_block(self.session.document)
         falls = ", ".join(
             f"{words(c)} {shown_value(c, before[c])} → {shown_value(c, after[c])}" for c in before
         )
         doubts = self._doubts(view)
-        items = [sentence(line) for line in doubts] or ["This is what the diagnosis names."]
+        items = [in_words(sentence(line)) for line in doubts] or [
+            "This is what the diagnosis names."
+        ]
         if doubts:
             items.append(f"The diagnosis: {found.headline[:1].lower() + found.headline[1:]}.")
         return {
@@ -191,9 +197,9 @@ class SessionData:
             owner = p.owner
             if owner in forms:
                 fault = ", instrument" if self.session.kinds.get(owner) == "instrument" else ""
-                owner = f"{words(owner)} ({forms[owner]}{fault})"
+                owner = f"{words(owner)} ({words(forms[owner])}{fault})"
             cells = parameter_cells(p.unit, p.value, p.std, published)
-            rows.append([owner, p.name, *cells[:3], _bounds(p), cells[3], _status(p)])
+            rows.append([owner, words(p.name), *cells[:3], _bounds(p), cells[3], _status(p)])
         return {
             "rows": rows,
             "strong": [i for i, p in enumerate(view.fit.parameters) if p.owner in view.names],

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from smallwheel_ros.fitting.fitted import FittedParameter
 from smallwheel_ros.fitting.parameters import SoilPrior
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem
-from smallwheel_ros.fitting.result import FitResult, FittedParameter
+from smallwheel_ros.fitting.result import FitResult
 
 __all__ = ["Base", "FitResult", "FittedParameter", "FittingError", "Problem", "SoilPrior"]

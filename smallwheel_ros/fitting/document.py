@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.measurements.display import LAW, number, shown_value, words
+from smallwheel_ros.measurements.display import LAW, shown_value, words
 
 if TYPE_CHECKING:
     from smallwheel_ros.fitting.result import FitResult
@@ -15,16 +15,8 @@ def fit_document(result: FitResult) -> dict[str, Any]:
     """What a fit found, as plain values in SI units."""
     return {
         "schema": 1,
-        "parameters": {
-            p.full_name: {
-                "value": p.value,
-                "std": p.std,
-                "unit": p.unit,
-                "status": p.status,
-                "remedy": p.remedy,
-            }
-            for p in result.parameters
-        },
+        "parameters": {p.full_name: p.to_dict() for p in result.parameters},
+        "derived": {p.full_name: p.to_dict() for p in result.derived},
         "correlation": {
             "names": list(result.names),
             "matrix": [[float(f"{v:.6g}") for v in row] for row in result.correlation],
@@ -44,15 +36,8 @@ def fit_document(result: FitResult) -> dict[str, Any]:
 def fit_text(result: FitResult) -> str:
     """What a fit found, in words."""
     lines = [LAW, "", "Fitted parameters"]
-    for p in result.parameters:
-        unit = "" if p.unit == "1" else f" {p.unit}"
-        std = "" if p.std is None else f" +- {number(p.std)}"
-        said = "" if p.status == "determined" else f"  ({p.status})"
-        lines.append(f"  {p.full_name:38s} {number(p.value, 4)}{std}{unit}{said}")
-    for soil in result.bare.soils:
-        lines.append(
-            f"  {soil.name}: k = {soil.k:.4g} Pa/m^(n+m), n = {soil.n:.4g}, m = {soil.m:.4g}"
-        )
+    lines += [f"  {p.full_name:38s} {p}" for p in result.parameters]
+    lines += ["Follows from these", *(f"  {p.full_name:38s} {p}" for p in result.derived)]
     lines.append("Noise of one row")
     for name, noise in result.noise.items():
         size = f"{shown_value(name, noise.absolute)} and {100 * noise.relative:.1f} %"

@@ -318,7 +318,8 @@ def _usable(
         if name in FORCES and usable.any() and "slip" not in conditions:
             first = measurements.line[np.flatnonzero(usable)[0]]
             notes.append(
-                f"{name} (from line {first}) is not used: the table has no slip, which it needs"
+                f"{name} (from {measurements.place} {first}) is not used: the table has no slip, which "
+                "it needs"
             )
             continue
         if name in FORCES and "slip_angle" in conditions:

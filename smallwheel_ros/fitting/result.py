@@ -7,7 +7,7 @@ import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
+from smallwheel_ros.fitting.fitted import (
+    FittedParameter,
+    Status,
+    WithParameters,
+    derived_parameters,
+)
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise, of_load, wheel_discrepancy
 from smallwheel_ros.fitting.parameters import (
@@ -36,7 +42,6 @@ if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
 
 Array = NDArray[np.float64]
-Status = Literal["determined", "at its bound", "not determined", "held"]
 
 _FURTHEST = 0.95  # |slip| up to which the law is held to be so good: a locked wheel is another case
 _FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong where it was measured
@@ -56,31 +61,9 @@ _REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class FittedParameter:
-    """One parameter. owner: the soil or effect. std: None where it is held or at its bound.
-
-    remedy: what measurement would determine it, empty where it is determined.
-    """
-
-    owner: str
-    name: str
-    value: float
-    std: float | None
-    unit: str
-    bounds: tuple[float, float]
-    status: Status
-    remedy: str
-
-    @property
-    def full_name(self) -> str:
-        """`dry_sand.n`, `slip_sinkage.a`."""
-        return f"{self.owner}.{self.name}"
-
-
 @dataclass(frozen=True, repr=False)
-class FitResult(Result):
-    """A fitted model.
+class FitResult(WithParameters, Result):
+    """A fitted model. `fit["n"]`, `fit.k`: one number with its deviation.
 
     bare: without its uncertainty, which `model` has. measurements: what it was fitted to.
     names, covariance: of the parameters that the data has a say in, in the numbers that the fit works
@@ -142,8 +125,17 @@ class FitResult(Result):
             f"{self.bare.headline()}, {known} of {len(self.parameters)} parameters determined{said}"
         )
 
+    @cached_property
+    def derived(self) -> tuple[FittedParameter, ...]:
+        """k of each soil, and its shear deformation modulus where pull or torque was measured."""
+        return derived_parameters(self.bare.soils, self.parameters, self.names, self.covariance)
+
+    def named(self) -> Mapping[str, FittedParameter]:
+        """Parameters and derived numbers by full name."""
+        return {p.full_name: p for p in (*self.parameters, *self.derived)}
+
     def rows(self) -> list[dict[str, Any]]:
-        """The parameters."""
+        """The parameters, and what follows from them."""
         return [
             {
                 "of": p.owner,
@@ -153,7 +145,7 @@ class FitResult(Result):
                 "unit": p.unit,
                 "status": p.status,
             }
-            for p in self.parameters
+            for p in (*self.parameters, *self.derived)
         ]
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
@@ -322,8 +314,11 @@ def _notes(found: FitResult, points: Points) -> list[str]:
     if found.outliers.size:
         lines = ", ".join(str(line) for line in points.measurements.line[found.outliers][:20])
         count = found.outliers.size
-        few = "1 row lies" if count == 1 else f"{count} rows lie"
-        notes.append(f"{few} far off the others of their run and were left out: lines {lines}")
+        place = points.measurements.place + ("" if count == 1 else "s")
+        few = "1 row lies far off the others of its run and is" if count == 1 else (
+            f"{count} rows lie far off the others of their run and are"
+        )  # fmt: skip
+        notes.append(f"{few} left out: {place} {lines}")
     for name in points.forces:
         said, far = off_by(found.errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {said}"] if far else []

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.bags.files import BagError
+from smallwheel_ros.init.left_out import OF_A_BAG, LeftOut
 from smallwheel_ros.init.names import best_match, wheels_named_by
 from smallwheel_ros.init.rover import InitError, Rover, completed, wheel_joints, with_joints
 from smallwheel_ros.onboard.parameter import Value
@@ -49,7 +50,7 @@ class _Finder:
         description = self._description()
         values = self._wheels(joints, description)
         return completed(
-            str(self.path), values, description, tuple(self.notes), self.remaps, self._hints()
+            str(self.path), values, description, tuple(self.notes), self.remaps, self._left_out()
         )
 
     def _one(self, name: str, kind: str) -> str | None:
@@ -120,14 +121,14 @@ class _Finder:
         elif topic is not None and (topic != f"/{wheel}/{what}" or kind == RANGE):
             values[f"{wheel}.{what}_topic"] = topic
 
-    def _hints(self) -> dict[str, Value]:
+    def _left_out(self) -> dict[str, LeftOut]:
         """What may help, and only people know."""
-        found: dict[str, Value] = {}
+        found: dict[str, LeftOut] = {}
         measured = [t for t in self.of.get(TWIST, []) if "cmd" not in t]
         if measured:
-            found["velocity_topic"] = measured[0]
+            found["velocity_topic"] = LeftOut(measured[0], OF_A_BAG["velocity_topic"])
         if self.of.get(IMU):
-            found["imu_topic"] = self.of[IMU][0]
+            found["imu_topic"] = LeftOut(self.of[IMU][0], OF_A_BAG["imu_topic"])
         return found
 
     def _description(self) -> str | None:

@@ -13,6 +13,7 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
+from smallwheel_ros.init.left_out import LeftOut, left_out_lines, usually_left_out
 from smallwheel_ros.init.names import usual_names, wheels_named_by
 from smallwheel_ros.onboard.parameter import WHEEL, Value
 from smallwheel_ros.onboard.parameter_files import written
@@ -36,7 +37,7 @@ class Rover(Result):
 
     origin: what they come from. values: by full name. missing: full names of what must be filled in.
     remaps: by the node's name of an input, the topic that it has there. notes: what was assumed.
-    hints: by full name, values that may be meant.
+    left_out: by full name, what is in the file, but commented out.
     """
 
     origin: str
@@ -44,7 +45,7 @@ class Rover(Result):
     missing: tuple[str, ...] = ()
     remaps: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    hints: Mapping[str, Value] = field(default_factory=dict)
+    left_out: Mapping[str, LeftOut] = field(default_factory=dict)
 
     @property
     def wheels(self) -> list[str]:
@@ -102,6 +103,7 @@ class Rover(Result):
         for note in self.notes:
             lines += textwrap.wrap(note, 92, initial_indent="# ", subsequent_indent="#   ")
         lines += ["/**:", "  ros__parameters:", f"    wheels: {written(self.values['wheels'])}"]
+        lines += left_out_lines(self.left_out)
         explained: set[str] = set()
         group = ""
         for parameter in parameters_for(self.wheels)[1:]:
@@ -110,8 +112,6 @@ class Rover(Result):
                 shown = written(self.values[name])
             elif name in self.missing:
                 shown = FILL_IN
-            elif name in self.hints:
-                shown = written(self.hints[name])
             else:
                 continue
             *above, own = name.split(".")
@@ -119,12 +119,11 @@ class Rover(Result):
                 lines += ["", f"    {above[0]}:"]
             group = above[0] if above else ""
             indent = "    " + "  " * len(above)
-            if own not in explained and (name in self.missing or name in self.hints):
+            if own not in explained and name in self.missing:
                 explained.add(own)
                 lines += [f"{indent}# {line}" for line in textwrap.wrap(parameter.description, 90)]
-            optional = "# " if name in self.hints else ""
             unit = f" # {parameter.unit}" if name in self.missing and parameter.unit else ""
-            lines.append(f"{indent}{optional}{own}: {shown}{unit}")
+            lines.append(f"{indent}{own}: {shown}{unit}")
         return "\n".join(lines) + "\n"
 
     def _writers(self) -> dict[str, Writer]:
@@ -147,7 +146,7 @@ def completed(
     description: str | None = None,
     notes: tuple[str, ...] = (),
     remaps: Mapping[str, str] | None = None,
-    hints: Mapping[str, Value] | None = None,
+    left_out: Mapping[str, LeftOut] | None = None,
 ) -> Rover:
     """The rover with what a robot description says of its wheels, and what is still missing.
 
@@ -168,7 +167,8 @@ def completed(
     ]
     needed += ["load.mass"] if known.get("load.source") == "static" else []
     missing = tuple(name for name in needed if known.get(name) is None)
-    return Rover(origin, known, missing, remaps or {}, tuple(said), hints or {})
+    commented = usually_left_out(known, description) | dict(left_out or {})
+    return Rover(origin, known, missing, remaps or {}, tuple(said), commented)
 
 
 def rover_of_description(path: Path) -> Rover:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,11 @@ from scipy.linalg import block_diag
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.fitted import FittedParameter, WithParameters
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem, base_of, fit_points
-from smallwheel_ros.fitting.result import FitResult, FittedParameter, result_of
+from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.lab.agreement import Agreement, agreements
 from smallwheel_ros.lab.plates import PlateLaws, laws_document, laws_text, plate_laws
 from smallwheel_ros.lab.shear import ShearFit, fit_shear
@@ -40,25 +42,34 @@ from smallwheel_ros.model.model_file import CalibratedModel
 
 _NO_MODEL = (
     "shear tests tell cohesion, friction angle and shear modulus, and a model needs k and n too: give "
-    "the plates' or wheels' table beside it, or a model file (--model)"
+    "the plates' or wheels' table beside it, or a model file or a soil of the library (--model)"
 )
 
 
 @dataclass(frozen=True, repr=False)
-class LabFit(Result):
-    """What the tests say.
+class LabFit(WithParameters, Result):
+    """What the tests say. `fit["cohesion"]`, `fit.kc`: one number with its deviation.
 
-    model: as it is written to a file. fit: of load and sinkage, None where only shear was tested. laws:
-    one for each soil whose plates have several sizes. strengths: of each soil that was sheared.
+    made: the model, None where only shear was tested and no model was there before. fit: of load and
+    sinkage, None where only shear was tested. laws: one for each soil whose plates have several sizes.
+    strengths: of each soil that was sheared. source: of the shear tests.
     """
 
-    model: CalibratedModel
+    made: CalibratedModel | None
     fit: FitResult | None
     laws: tuple[PlateLaws, ...]
     agreements: tuple[Agreement, ...]
     shear: tuple[ShearFit, ...]
     strengths: tuple[Strength, ...]
     notes: tuple[str, ...]
+    source: str = ""
+
+    @property
+    def model(self) -> CalibratedModel:
+        """As it is written to a file. Raises StrengthError where shear tests alone make none."""
+        if self.made is None:
+            raise StrengthError(f"{self.source}: {_NO_MODEL}")
+        return self.made
 
     @property
     def held_out(self) -> Mapping[str, float]:
@@ -70,6 +81,17 @@ class LabFit(Result):
         """Parameters of load and sinkage, then those of the strength."""
         of_fit = () if self.fit is None else self.fit.parameters
         return (*of_fit, *(p for strength in self.strengths for p in strength.parameters))
+
+    def named(self) -> Mapping[str, FittedParameter]:
+        """By full name: constants of the laws of plates, then the model's own numbers in their place."""
+        found = [c for laws in self.laws for law in laws.laws for c in law.constants]
+        found += [] if self.fit is None else self.fit.named().values()
+        sheared = [p for s in self.strengths for p in (*s.parameters, *s.derived)]
+        if len(self.strengths) == 1 and self.fit is not None and len(self.fit.bare.soils) == 1:
+            # One soil, whatever the tests call it: its strength is that of the shear tests.
+            measured = {p.name for p in sheared}
+            found = [p for p in found if p.name not in measured]
+        return {p.full_name: p for p in (*found, *sheared)}
 
     def headline(self) -> str:
         """How well load and sinkage are fitted, and what else was tested."""
@@ -91,7 +113,7 @@ class LabFit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel fit --json` writes it."""
-        found = {} if self.fit is None else self.fit.to_dict()
+        found = {"schema": 1} if self.fit is None else self.fit.to_dict()
         more = {
             "plate_laws": [laws_document(laws) for laws in self.laws],
             "agreements": [agreement.to_dict() for agreement in self.agreements],
@@ -108,7 +130,9 @@ class LabFit(Result):
         constants = [
             (law.law.name, c) for laws in self.laws for law in laws.laws for c in law.constants
         ]
-        constants += [("shear tests", p) for s in self.strengths for p in s.parameters]
+        constants += [
+            ("shear tests", p) for s in self.strengths for p in (*s.parameters, *s.derived)
+        ]
         return found + [
             {"of": f"{p.owner}, {of}", "parameter": p.name, "value": p.value, "std": p.std,
              "unit": p.unit, "status": p.status}
@@ -116,7 +140,10 @@ class LabFit(Result):
         ]  # fmt: skip
 
     def _writers(self) -> dict[str, Writer]:
-        return self.model._writers()
+        def write(path: Path) -> None:
+            self.model.save(path)
+
+        return dict.fromkeys((".yaml", ".yml"), write)
 
 
 def fit_lab(
@@ -132,7 +159,7 @@ def fit_lab(
     the plain one, nor `known`: a model to start from, whose soils are refitted within their covariance and
     whose strength stays where no shear test says otherwise. progress: told what is done next.
 
-    Raises FittingError or StrengthError where the tests are not enough for a model.
+    Raises FittingError or StrengthError where the tests say nothing, or do not go with the model.
     """
     progress("shear tests")
     shear = () if tests is None else fit_shear(tests)
@@ -153,14 +180,15 @@ def fit_lab(
         laws, notes = _laws(measurements, problem, fitter, own)
         progress("plates against wheels")
         agree = agreements(measurements, start)
-        model = _keep_strength(fit.model, known)
-    elif known is None:
-        raise StrengthError(f"{tests.source if tests else ''}: {_NO_MODEL}")
+        model: CalibratedModel | None = _keep_strength(fit.model, known)
     else:
         model = known
-    if tests is not None:
+    if model is None:
+        notes.append(f"no model was made: {_NO_MODEL}")
+    elif tests is not None:
         model = with_strength(model, strengths, tests)
-    return LabFit(model, fit, laws, agree, shear, strengths, tuple(notes))
+    source = "" if tests is None else tests.source
+    return LabFit(model, fit, laws, agree, shear, strengths, tuple(notes), source)
 
 
 def _laws(

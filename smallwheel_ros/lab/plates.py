@@ -21,10 +21,11 @@ from scipy.stats import t as student
 
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor, stiffness
+from smallwheel_ros.fitting.fitted import FittedParameter, Status
 from smallwheel_ros.fitting.held_out import leave_out
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, ParameterVector, Prior
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.result import FittedParameter, Status, posterior_covariance
+from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.measurements.settings import cluster
 from smallwheel_ros.physics.plates import LAWS, PlateLaw

@@ -17,8 +17,8 @@ from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.fitting.constants import DETERMINED
+from smallwheel_ros.fitting.fitted import FittedParameter, Status
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
-from smallwheel_ros.fitting.result import FittedParameter, Status
 from smallwheel_ros.lab.plates import percent
 from smallwheel_ros.lab.shear import FittedShearLaw, RunFit, ShearFit, normal_stresses
 from smallwheel_ros.measurements.display import listed, number
@@ -55,6 +55,16 @@ class Strength:
     covariance: Array
     parameters: tuple[FittedParameter, ...]
     notes: tuple[str, ...]
+
+    @property
+    def derived(self) -> tuple[FittedParameter, ...]:
+        """K with its deviation, to first order that of ln K times K."""
+        of_log = self.parameters[2]
+        std = self.modulus * float(np.sqrt(self.covariance[2, 2]))
+        return (
+            replace(of_log, name="shear_displacement", value=self.modulus, std=std, unit="m",
+                    bounds=(0.0, np.inf)),
+        )  # fmt: skip
 
     def of(self, soil: Soil, source: str) -> Soil:
         """The soil with this strength."""
@@ -282,9 +292,7 @@ def shear_document(fit: ShearFit, strength: Strength) -> dict[str, Any]:
             "covariance": strength.covariance.tolist(),
         },
         "parameters": {
-            p.name: {"value": p.value, "std": p.std, "unit": p.unit, "status": p.status,
-                     "remedy": p.remedy}
-            for p in strength.parameters
+            p.name: p.to_dict() for p in (*strength.parameters, *strength.derived)
         },
         "laws": {
             law.law.id: {

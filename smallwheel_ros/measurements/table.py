@@ -41,7 +41,7 @@ class Measurements(Result):
     run: rows of one run are repeats of one setting and never split between fit and test.
     `runs_given` is False where the table names no runs: rows of exactly the same settings are one.
     wheel: the wheel's name, made from its size where the table has none (`wheels_given` False).
-    line: each row's line in the file (row in a Parquet file), for messages.
+    line: each row's line or row in the file, for messages; place: "line" in a text file, "row" in others.
     labels: text columns that are neither soil, run, wheel nor contact.
     units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
     written_units: of the columns whose header has one, as `units.to_base` takes it.
@@ -65,6 +65,7 @@ class Measurements(Result):
     source: str = ""
     sha256: str = ""
     written_units: Mapping[str, str] = field(default_factory=dict)
+    place: str = "line"
 
     def __len__(self) -> int:
         return len(self.conditions)
@@ -229,6 +230,7 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
         wheels_given=all(t.wheels_given for t in tables),
         warnings=tuple(w for t in tables for w in t.warnings),
         notes=tuple(dict.fromkeys(notes)),
+        place="line" if all(t.place == "line" for t in tables) else "row",
     )
 
 

@@ -150,6 +150,7 @@ def _measurements(columns: Columns) -> Measurements:
         source=columns.source,
         sha256=columns.sha256,
         written_units={n: h.unit for n, h in headings.items() if h.unit is not None},
+        place=columns.place,
     )
     if not runs_given:
         data, found = _with_repeats(data, columns.place)

@@ -328,6 +328,9 @@ def predict(model: Model, conditions: Conditions, *, with_forces: bool = True) -
     if not stages.all_rolling:
         compaction, added = (np.where(rolling, a, 0.0) for a in (compaction, added))
     resistance = compaction + added
+    forces = None
+    if with_forces and "slip" in conditions:
+        forces = _forces(model, stages, soil, state, compaction)
     prediction = Prediction(
         sinkage=stages.change("measured_sinkage", z),
         compaction_resistance=compaction,
@@ -336,9 +339,8 @@ def predict(model: Model, conditions: Conditions, *, with_forces: bool = True) -
         true_sinkage=z,
         true_resistance=resistance,
     )
-    if not with_forces or "slip" not in conditions:
+    if forces is None:
         return prediction
-    forces = _forces(model, stages, soil, state, compaction)
     return replace(
         prediction,
         thrust=forces.thrust,

@@ -20,6 +20,7 @@ from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.model.derived import derived_numbers
 from smallwheel_ros.model.model import CalibratedModel as CalibratedModel
 from smallwheel_ros.model.model import Geometry, Model
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
@@ -65,8 +66,12 @@ def model_text(model: Model) -> str:
 
 
 def model_rows(model: Model) -> list[dict[str, Any]]:
-    """Numbers of soils and effects, and the standard deviations of those that were fitted."""
+    """Numbers of soils and effects, with standard deviations where fitted, or following from what was."""
     calibrated, units = as_calibrated(model), dict(zip(SOIL_NUMBERS, _SOIL_UNITS, strict=True))
+    known = {name: calibrated.standard_deviation(name) for name in calibrated.names}
+    for soil in model.soils:
+        for one in derived_numbers(soil, calibrated.names, calibrated.covariance):
+            known[f"{soil.name}.{one.name}"] = one.std
     found = [(s.name, n, float(getattr(s, n)), units[n]) for s in model.soils for n in SOIL_NUMBERS]
     found += [
         (effect.id, p.name, float(getattr(effect, p.name)), p.unit)
@@ -78,7 +83,7 @@ def model_rows(model: Model) -> list[dict[str, Any]]:
             "of": owner,
             "parameter": name,
             "value": value,
-            "std": calibrated.standard_deviation(f"{owner}.{name}"),
+            "std": known.get(f"{owner}.{name}"),
             "unit": unit,
         }
         for owner, name, value, unit in found

@@ -1,35 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One wheel at one instant: update the soil by its sinkage, and say what the wheel can do."""
+"""One wheel at one instant: update the soil by its sinkage, and say what the wheel can do.
+
+Every reading tells of the soil, of the strength and of the risk. What is said of a wheel, its sinkage and
+forces with their deviations, is worked out where it is due: `mobility.rate` times a second.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelSample
+from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, RollingContact, WheelSample
 from smallwheel_ros.estimator.soil_estimator import (
     Outcome,
     SinkageMeasurement,
     SoilEstimator,
     UpdateResult,
 )
-from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
-from smallwheel_ros.estimator.traction import TractionEstimator
+from smallwheel_ros.estimator.traction import StrengthEstimate, TractionEstimator
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.level import Level
 from smallwheel_ros.onboard.load_watch import LoadWatch
-from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces
+from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces, wheel_margin
 from smallwheel_ros.onboard.motion_watch import MotionWatch
 from smallwheel_ros.onboard.passes import PassCounter
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.onboard.stuck_warning import StuckWarning
+from smallwheel_ros.onboard.stuck_warning import STALE, StuckWarning
 from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth
-from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import (
+    ContactReading,
+    WheelOnSoil,
+    mean_contact,
+    wheel_on_soil,
+)
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -44,6 +53,8 @@ class Assessor:
     ----------
     problems
         What could not be used.
+    latest
+        The newest instant as it was used: with what is known of way and passes, without a slip that is none.
     estimator, traction, stuck, health
         What is believed of the law and the sensors, of the strength, of the risk, and whether the
         filter's innovations are as expected; others after an `apply` that starts over.
@@ -59,8 +70,13 @@ class Assessor:
             settings.prior, settings.estimator, settings.effects, settings.wheels
         )
         self.traction = TractionEstimator(settings.strength, settings.wheels, settings.mass)
-        self._steps = PathSteps()
+        self._steps = PathSteps(self._mean_contact)
+        self._due: dict[str, float] = {}  # stamps (ns) from which on estimates of wheels are due
+        self._loaded: dict[
+            str, tuple[Instant, Quantity]
+        ] = {}  # newest of each wheel, with its load
         self._soil_number = 0
+        self._wheels = {wheel.name: wheel for wheel in settings.wheels}
         rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
         self.stuck = StuckWarning(len(rolling))
         self.health = FilterHealth()
@@ -74,6 +90,7 @@ class Assessor:
         self._loads = LoadWatch(settings.wheels, settings.mass)
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
         self.problems.rejected = 0
+        self.latest: Instant | None = None
 
     def apply(self, settings: OnboardSettings) -> bool:
         """Go on with other settings of the same wheels; return whether the soil starts over.
@@ -132,40 +149,60 @@ class Assessor:
         """What is wrong with the filter, in words; empty where nothing is."""
         return self.health.concern
 
-    def assess(self, instant: Instant) -> Result:
-        """Use the measured sinkage, if any, then work out the wheel's mobility."""
-        instant = self._way(self._motion.add(instant))
-        name, load = instant.wheel.name, instant.load
-        update = self._update(instant)
+    def assess(self, instant: Instant) -> Result | None:
+        """Use an instant for soil, strength and warnings; return the wheel's mobility where it is due."""
+        self.latest = instant = self._way(self._motion.add(instant))
+        due = self._is_due(instant)
+        update = self._update(instant, due)
+        self._note(instant, update)
         if self._loads.add(instant) and self._loads.weighing is not None:
             self.estimator.weigh(*self._loads.weighing)
             self.traction.unlisted(self._loads.missing)
         if self._level.add(instant):
             self.traction.level(self._level.zero)
         self.estimator.trusted = not self._loads.interchanged
+        load = None if instant.load is None else self._carried(instant, instant.load)
+        if load is not None:
+            self._loaded[instant.wheel.name] = instant, load
+        step = self._step(instant, load)
+        digging = self._digging[instant.wheel.name].update(instant)
+        if step is not None:
+            self._know_margin(instant.wheel.name, instant.stamp)
+            self.stuck.take(step, instant, self.settings.reference_slip)
+        return self._result(instant, load, update, digging) if due else None
+
+    def _is_due(self, instant: Instant) -> bool:
+        """Whether a wheel's mobility is to be said at this instant, by the rate.
+
+        Half a period of slack: a sensor of the rate itself loses none by the jitter of its stamps.
+        """
+        if self.settings.mobility_rate == 0.0:
+            return True
+        period = SECOND / self.settings.mobility_rate
+        due = self._due.get(instant.wheel.name, -math.inf)
+        if instant.stamp < due:
+            return False
+        self._due[instant.wheel.name] = max(due, instant.stamp - 0.5 * period) + period
+        return True
+
+    def _result(
+        self, instant: Instant, load: Quantity | None, update: UpdateResult | None, digging: bool
+    ) -> Result:
+        """What is said of a wheel. load: as it is carried, but for the scale and zero of its cell."""
         soil = self.estimator.estimate()
         predicted: Quantity | None = None
-        on: WheelOnSoil | None = None
-        carried = Quantity(0.0, 0.0)
         forces: WheelForces | None = None
-        step: PathStep | None = None
         failure = ""
         try:
             if load is not None:
-                carried = self._carried(instant, load)
-                predicted = self._predicted(instant, carried, update)
-                on = self._on_soil(instant, carried, instant.slip)
-            step = self._step(instant, on)
-            if on is not None and predicted is not None:
-                forces = self._forces(instant, carried, on)
+                predicted = self._predicted(instant, load, update)
+                on = self._on_soil(instant, load, instant.slip)
+                if on is not None and predicted is not None:
+                    forces = self._forces(instant, load, on)
         except (SmallwheelError, ArithmeticError, ValueError) as error:
             failure = str(error) or type(error).__name__
         if forces is None:
             predicted = None
-        digging = self._digging[name].update(instant)
-        self.stuck.know(instant, None if forces is None else forces.margin)
-        if step is not None:
-            self.stuck.take(step, instant, self.settings.reference_slip)
         sunk = load is not None and not failure and forces is None
         conditions = self._conditions(instant, soil, update, sunk, failure)
         words = [text for _, text in sorted(conditions, key=lambda condition: -condition[0])]
@@ -180,8 +217,8 @@ class Assessor:
             digging_in=digging,
             risk=self.stuck.risk,
             soil=soil,
-            rejected=self.problems.rejected + soil.outliers,
-            elsewhere=self.estimator.elsewhere(name),
+            rejected=self.rejected,
+            elsewhere=self.estimator.elsewhere(instant.wheel.name),
             slope=self._level.slope,
         )
 
@@ -197,11 +234,13 @@ class Assessor:
         number = self._passes.number(instant)
         return instant._replace(pass_number=number, onward=self._onward)
 
-    def _update(self, instant: Instant) -> UpdateResult | None:
+    def _update(self, instant: Instant, due: bool) -> UpdateResult | None:
         """Let the estimator use what was measured; None where load or sinkage is missing."""
         load, sinkage = instant.load, instant.sinkage
         if load is None or sinkage is None:
             return None
+        way = instant.path - self._looked.get(instant.wheel.name, -math.inf)
+        elsewhere = way >= self.settings.estimator.scatter_length
         update = self.estimator.update(
             SinkageMeasurement(
                 time=instant.stamp / SECOND,
@@ -220,10 +259,9 @@ class Assessor:
                 contact=instant.wheel.contact,
                 forward=instant.onward,
                 pass_number=instant.pass_number,
-            )
+            ),
+            judged=due or elsewhere,
         )
-        way = instant.path - self._looked.get(instant.wheel.name, -math.inf)
-        elsewhere = way >= self.settings.estimator.scatter_length
         if elsewhere:
             self._looked[instant.wheel.name] = instant.path
         if update.reason == "soil_changed":
@@ -231,7 +269,7 @@ class Assessor:
         # Before the law is settled they are all of one draw of the soil, and a static load is one draw, too.
         if elsewhere and (instant.load_is_static or self.estimator.is_stuck(instant.wheel.name)):
             elsewhere = False
-        self.health.add(update, elsewhere and self.estimator.estimate().settled)
+        self.health.add(update, elsewhere and self.estimator.settled)
         return update
 
     def _carried(self, instant: Instant, load: Quantity) -> Quantity:
@@ -283,7 +321,7 @@ class Assessor:
             strength=self.traction.estimate().strength if effects else None,
         )
 
-    def _step(self, instant: Instant, on: WheelOnSoil | None) -> PathStep | None:
+    def _step(self, instant: Instant, load: Quantity | None) -> PathStep | None:
         """Collect what a wheel does, and let the step of the path that it ends tell of the strength."""
         number = self.estimator.soil_number
         if number != self._soil_number:
@@ -291,6 +329,11 @@ class Assessor:
             self._steps.cut()
         if instant.stands or instant.speed is None or instant.rim_speed is None:
             return None
+        contact = None
+        if load is not None:
+            slip = None if instant.slip is None else instant.slip.value
+            law = self.estimator.local(instant.wheel.name)
+            contact = ContactReading(law, load, slip, instant.speed)
         step = self._steps.add(
             WheelSample(
                 instant.wheel.name,
@@ -298,7 +341,7 @@ class Assessor:
                 instant.distance,
                 Quantity(instant.speed, instant.speed_std),
                 Quantity(instant.rim_speed, instant.rim_std),
-                None if on is None else on.contact,
+                contact,
                 instant.forward,
                 instant.slope_force,
                 instant.gained_force,
@@ -308,24 +351,58 @@ class Assessor:
         )
         if step is not None:
             step = self._motion.compared(step)
+            # The other wheels' readings were before this step told of the strength.
+            for name in self._loaded:
+                self._know_margin(name, instant.stamp)
             self.traction.take(step, number)
         return step
 
+    def _mean_contact(self, name: str, readings: Sequence[ContactReading]) -> RollingContact | None:
+        """Mean contact of a wheel over a step of the path."""
+        effects = self.settings.effects
+        return mean_contact(
+            self._wheels[name],
+            readings,
+            scatter=self.settings.estimator.soil_scatter,
+            effects=effects,
+            strength=self.traction.estimate().strength if effects else None,
+        )
+
+    def _know_margin(self, name: str, now: int) -> None:
+        """Work out the margin of a wheel for the risk, from its newest reading. now: stamp, ns."""
+        instant, load = self._loaded.get(name, (None, None))
+        if instant is None or load is None or now - instant.stamp > STALE:
+            return
+        if instant.wheel.contact != ROLLING:
+            return
+        try:
+            on = self._on_soil(instant, load, instant.slip)
+            if on is not None:
+                on = self._at_reference_slip(instant, load, on)
+                margin = wheel_margin(on, self.traction, self.settings.reference_slip)
+                self.stuck.know(instant, margin)
+        except (SmallwheelError, ArithmeticError, ValueError):
+            return  # nothing is predicted of this wheel, which its estimate says
+
     def _forces(self, instant: Instant, shown: Quantity, on: WheelOnSoil) -> WheelForces:
         """Forces of the wheel."""
-        slip = Quantity(self.settings.reference_slip, 0.0)
-        reference: WheelOnSoil | None = on
-        if self.settings.effects:
-            reference = self._on_soil(instant, shown, slip)
         return wheel_forces(
             on,
             self.traction,
             instant.slip,
             time=instant.stamp / SECOND,
             torque=instant.torque,
-            reference=reference,
-            reference_slip=slip.value,
+            reference=self._at_reference_slip(instant, shown, on),
+            reference_slip=self.settings.reference_slip,
         )
+
+    def _at_reference_slip(
+        self, instant: Instant, shown: Quantity, on: WheelOnSoil
+    ) -> WheelOnSoil | None:
+        """The wheel as it is at the reference slip; on: at the slip of now."""
+        if not self.settings.effects:
+            return on
+        return self._on_soil(instant, shown, Quantity(self.settings.reference_slip, 0.0))
 
     def _ratio(self, instant: Instant) -> float | None:
         """A sinkage that was refused, over what the soil gives this wheel; None where it gives none."""
@@ -340,6 +417,20 @@ class Assessor:
             return None
         return abs(sinkage.value) / expected.sinkage if expected.sinkage > 0.0 else None
 
+    def _note(self, instant: Instant, update: UpdateResult | None) -> None:
+        """Count what could not be used of a reading, and what could."""
+        stream = _stream(instant)
+        if update is not None and update.outcome is Outcome.ACCEPTED:
+            self.problems.good(stream)
+        elif update is not None:
+            outlier = update.outcome is Outcome.OUTLIER
+            ratio = None if outlier else self._ratio(instant)
+            self.problems.add(stream, update.reason, update.message, outlier=outlier, ratio=ratio)
+        if instant.load is None:
+            gap = self.settings.timing.maximum_gap
+            text = f"no usable load within {gap:g} s of its stamp"
+            self.problems.add(stream, "load_missing", text)
+
     def _conditions(
         self,
         instant: Instant,
@@ -348,9 +439,8 @@ class Assessor:
         sunk: bool,
         failure: str,
     ) -> list[tuple[Status, str]]:
-        """All conditions that apply, in words; what could not be used is noted as a problem, too."""
+        """All conditions that apply, in words."""
         found: list[tuple[Status, str]] = []
-        stream = f"{instant.wheel.name}/{'load' if instant.sinkage is None else 'sinkage'}"
         if soil.accepted == 0:
             name = self.settings.prior.soil.name
             found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
@@ -362,23 +452,14 @@ class Assessor:
                 why = "the wheel stands"
             found.append((Status.SLIP_UNKNOWN, f"slip unknown ({why}): no thrust, no drawbar pull"))
         if update is not None and update.outcome is not Outcome.ACCEPTED:
-            outlier = update.outcome is Outcome.OUTLIER
-            ratio = None if outlier else self._ratio(instant)
-            self.problems.add(stream, update.reason, update.message, outlier=outlier, ratio=ratio)
             # Whether one that does not fit is left out of the mean is known when its stretch ends.
-            what = "does not fit" if outlier else "not used"
+            what = "does not fit" if update.outcome is Outcome.OUTLIER else "not used"
             found.append((Status.REJECTED, f"measured sinkage {what}: {update.message}"))
-        elif update is not None:
-            self.problems.good(stream)
-        if failure:
-            # A prediction that fails leaves the measurement used all the same.
-            self.problems.add(stream, "numerical", failure, unused=False)
         if instant.load is None:
-            gap = self.settings.timing.maximum_gap
-            text = f"no usable load within {gap:g} s of its stamp"
-            self.problems.add(stream, "load_missing", text)
             found.append((Status.LOAD_MISSING, "no load near this instant: nothing is predicted"))
         if failure:
+            # A prediction that fails leaves the measurement used all the same.
+            self.problems.add(_stream(instant), "numerical", failure, unused=False)
             found.append((Status.LOAD_MISSING, f"nothing is predicted: {failure}"))
         if sunk:
             found.append((Status.SUNK_TO_AXLE, "the soil does not carry this load: sunk to axle"))
@@ -386,3 +467,8 @@ class Assessor:
             text = f"load not measured: {instant.load.value:.3g} N as configured"
             found.append((Status.OK, text))
         return found
+
+
+def _stream(instant: Instant) -> str:
+    """Name of the stream that made an instant."""
+    return f"{instant.wheel.name}/{'load' if instant.sinkage is None else 'sinkage'}"

@@ -66,10 +66,10 @@ class Feed:
     topics: one entry for each topic. odometry_frame: frame of the newest odometry, or empty.
     """
 
-    def __init__(self, onboard: Onboard, settings: NodeSettings, odometry_frame: str = "") -> None:
+    def __init__(self, onboard: Onboard, settings: NodeSettings) -> None:
         self.onboard = onboard
         self.settings = settings
-        self.odometry_frame = odometry_frame
+        self.odometry_frame = ""
         # By joint: the stream that its velocity or its effort is of, and the factor to that.
         self._velocities: dict[str, list[tuple[str, float]]] = {}
         self._efforts: dict[str, list[tuple[str, float]]] = {}

@@ -20,8 +20,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.estimator.strength_filter import LEVEL_STD
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.estimator.traction_state import LEVEL_STD
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Quantity

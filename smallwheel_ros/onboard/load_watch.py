@@ -27,11 +27,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.law_member import CONTRADICTION
+from smallwheel_ros.estimator.soil_filter import CONTRADICTION
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.problems import unit_of
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.onboard.units import unit_of
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 

@@ -13,10 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from smallwheel_ros.estimator.strength_filter import OTHER, WheelStep
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.estimator.traction_filter import TractionFilter
-from smallwheel_ros.estimator.traction_samples import WheelStep
-from smallwheel_ros.estimator.traction_state import OTHER
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
     MobilityError,
@@ -99,9 +97,7 @@ def wheel_forces(
         beyond, unsure = load * float(state.x[OTHER]), load * math.sqrt(state.P[OTHER, OTHER])
         if slip is not None:
             thrust, pull, energy = _pulls(on, traction, slip, time, torque)
-        margin = Quantity(-1.0, 0.0)  # nothing can be held
-        if reference is not None:
-            margin = _margin(reference, traction.reserve, reference_slip)
+        margin = wheel_margin(reference, traction, reference_slip)
     more, whole = unsure**2, on.compaction + on.other + beyond
     of_other = on.variance(by_other=1.0, by_log_load=beyond) + more
     # Over the load, whose own deviation counts in both.
@@ -163,13 +159,16 @@ def _pulls(
     return thrust, found[1], energy
 
 
-def _margin(on: WheelOnSoil, strength: TractionFilter, slip: float) -> Quantity:
-    """Pull over load at the reference slip, which never falls on stiffer ground.
+def wheel_margin(on: WheelOnSoil | None, traction: TractionEstimator, slip: float) -> Quantity:
+    """Pull over load at a slip, which never falls on stiffer ground. on: None: sunk to its axle there.
 
     A wheel that hardly sinks has a short contact, on which soil is hardly sheared: by the law hard ground
     would hold next to nothing. Nobody has measured that, so ground is taken to hold as much as any softer
     one would: at the sinkage of the largest pull, where that is more than the wheel's own.
     """
+    if on is None:
+        return Quantity(-1.0, 0.0)  # nothing can be held
+    strength = traction.reserve
     order, load, contact = strength.order[on.wheel.name], on.load.value, on.contact
     # Near its largest value a pull hardly changes: load to 5 % and n to 0.05 will do.
     about = math.exp(round(math.log(contact.load), 1)), round(contact.exponent, 1)

@@ -7,7 +7,7 @@
         print(result.forces, result.soil.n)
 
 Results may come with any message: a measured sinkage waits for what belongs to it (see
-`synchroniser`).
+`synchroniser`), and each wheel has as many a second as `mobility.rate` says.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ class Onboard(Assessor):
     received, counts
         How many messages have come, by stream, good and bad; and how many of them could not be
         used, by stream and reason.
+    on_result, on_reading
+        Are given each result as above, and each instant after that, whether a result was due or not.
     time_jumps
         How often everything was forgotten because time went back.
     """
@@ -41,7 +43,8 @@ class Onboard(Assessor):
     def __init__(
         self, settings: OnboardSettings, on_result: Callable[[Result], None] | None = None
     ) -> None:
-        self._on_result = on_result
+        self.on_result = on_result
+        self.on_reading: Callable[[Instant], None] | None = None
         self._synchroniser = Synchroniser(settings, self._on_time_jump)
         super().__init__(settings, self._synchroniser.problems)
         self.received, self.counts = self._synchroniser.received, self.problems.counts
@@ -132,7 +135,11 @@ class Onboard(Assessor):
     def _results(self, instants: list[Instant]) -> list[Result]:
         results = []
         for instant in instants:
-            results.append(self.assess(instant))
-            if self._on_result is not None:
-                self._on_result(results[-1])
+            result = self.assess(instant)
+            if result is not None:
+                results.append(result)
+                if self.on_result is not None:
+                    self.on_result(result)
+            if self.on_reading is not None and self.latest is not None:
+                self.on_reading(self.latest)
         return results

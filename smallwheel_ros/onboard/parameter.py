@@ -11,7 +11,6 @@ from typing import Literal
 
 Kind = Literal["double", "integer", "string", "bool", "string_array"]
 Form = Literal["any", "topic", "path"]
-Changes = Literal["always", "unconfigured", "at start"]
 Value = float | int | str | bool | list[str]
 
 WHEEL = "<wheel>"  # stands for a wheel's name, in names and defaults
@@ -43,9 +42,8 @@ class Parameter:
         What a text or an integer may be; empty: anything.
     form
         What a text must be beside a text: the name of a topic or of a file, where it is not empty.
-    changes
-        When it may be changed: while the node runs, only while it is not configured, or only in the
-        file or command line that the node is started with.
+    at_start
+        Whether it counts only in the file or command line that the node is started with.
     description
         What it means.
     """
@@ -59,7 +57,7 @@ class Parameter:
     choices: tuple[Value, ...] = ()
     form: Form = "any"
     required: bool = False
-    changes: Changes = "always"
+    at_start: bool = False
     description: str = ""
 
     def for_wheel(self, wheel: str) -> Parameter:
@@ -145,10 +143,10 @@ def number(
 
 
 def text(
-    name: str, default: str | None, *, form: Form = "any", changes: Changes = "always"
+    name: str, default: str | None, *, form: Form = "any", at_start: bool = False
 ) -> Parameter:
     """A text; empty where there is none."""
-    return Parameter(name, "string", default, form=form, changes=changes)
+    return Parameter(name, "string", default, form=form, at_start=at_start)
 
 
 def choice(name: str, *choices: str) -> Parameter:

@@ -22,17 +22,17 @@ _OF_SOIL = "Without it: that of soil.name."
 _COST_BEFORE = "Not used any more: cost is the risk of getting stuck, see cost.required_margin."
 
 _DESCRIPTIONS: dict[Parameter, str] = {
-    Parameter("wheels", "string_array", None, required=True, changes="at start"): (
+    Parameter("wheels", "string_array", None, required=True, at_start=True): (
         "Names of the wheels. Each has parameters of its own, see <wheel>."
     ),
-    Parameter("autostart", "bool", True, changes="at start"): (
+    Parameter("autostart", "bool", True, at_start=True): (
         "Configure and activate at the start. False: leave it to a lifecycle manager."
     ),
-    text("robot_description_topic", "robot_description", form="topic", changes="at start"): (
+    text("robot_description_topic", "robot_description", form="topic", at_start=True): (
         "Topic (std_msgs/String, latched) of the URDF, from which diameter, width, positions and"
         " joint_sign of the wheels come where they are not given (docs/node.md). Empty: from none."
     ),
-    text("base_frame", "base_link", changes="at start"): (
+    text("base_frame", "base_link", at_start=True): (
         "Link of the URDF that positions of wheels are measured from. Where the URDF has no"
         " base_link: its root link."
     ),
@@ -94,11 +94,15 @@ _DESCRIPTIONS: dict[Parameter, str] = {
     number("reference_slip", REFERENCE_SLIP, "1", 0.02, 0.9): (
         "Slip at which mobility margin and steepest slope are worked out, and so the cost map."
     ),
-    text("model_file", "", form="path", changes="unconfigured"): (
+    number("mobility.rate", 10.0, "Hz", 0.0, 1000.0): (
+        "So many estimates a second of each wheel's mobility at most, by stamps. 0: one for each measured"
+        " sinkage. Soil, strength and warnings go by every measurement at any rate."
+    ),
+    text("model_file", "", form="path"): (
         "Model file (of fit, add or diagnose --apply): its soil in place of the library's, and its"
         " effects. Of several soils soil.name says which."
     ),
-    text("effects_file", "", form="path", changes="at start"): (
+    text("effects_file", "", form="path", at_start=True): (
         "Python file with effects of your own that model_file names. It is run: only yours."
     ),
     text("soil.name", None): (

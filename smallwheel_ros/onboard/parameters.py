@@ -242,6 +242,7 @@ def _onboard(
         with_torque=frozenset(w for w in rolling if v[f"{w}.torque_source"] == "effort"),
         with_imu=bool(v["imu_topic"]),
         mass=v["vehicle.mass"] or 0.0,
+        mobility_rate=v["mobility.rate"],
         static_loads=static,
         gravity_height=v["vehicle.gravity_height"] or _usual_height(v, rolling),
         velocity="topic" if v["velocity_topic"] else velocity,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What could not be used: counted by stream and reason, and put in words."""
+"""What could not be used: counted by stream and reason, and put in words, with the unit that explains it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,20 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import NamedTuple
 
-from smallwheel_ros.onboard.units import unit_of
-
 _KEPT = 1000
 _MEMORY = 50  # messages of a stream over which the share of the refused is averaged
 _ENOUGH = 20  # messages before anything is said of it
 _MANY = 0.2
 _RATIOS = 20
 _NEARLY = 3.0  # a factor within which a unit explains how far values are off what was expected
+
+# What a number in this unit is over the same in SI units.
+_UNITS = {
+    "load": {"kg": 1.0 / 9.80665, "kN": 1e-3, "lbf": 0.224809, "mN": 1e3},
+    "sinkage": {"mm": 1e3, "cm": 1e2, "inches": 39.3701, "um": 1e6},
+    "speed": {"mm/s": 1e3, "cm/s": 1e2, "km/h": 3.6},
+    "wheel_speed": {"degrees/s": 57.2958, "rpm": 9.5493, "turns/s": 0.159155},
+}
 
 
 class Problem(NamedTuple):
@@ -106,3 +112,15 @@ class ProblemLog:
                 words += f", as if values were {times:.4g} times too large{guess}"
             found.append(f"{words} (newest: {stream.text})")
         return tuple(found)
+
+
+def unit_of(ratio: float, quantity: str, factor: float = 1.05) -> tuple[float, str] | None:
+    """What a unit is over that of SI, and its name, where it explains a ratio within a factor.
+
+    quantity: as streams are called.
+    """
+    units = _UNITS.get(quantity, {})
+    if not units or not ratio > 0.0:
+        return None
+    name, value = min(units.items(), key=lambda unit: abs(math.log(ratio / unit[1])))
+    return (value, name) if abs(math.log(ratio / value)) <= math.log(factor) else None

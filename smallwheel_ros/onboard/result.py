@@ -1,15 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came of the instant of one wheel."""
+"""What came of the instant of one wheel, and what of it is in the messages: node and replay write alike."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import WheelForces
 from smallwheel_ros.physics.wheel import Quantity
+
+STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
+# Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
+VALID = {
+    "load_valid": ("load",),
+    "slip_valid": ("slip",),
+    "sinkage_measured_valid": ("sinkage_measured",),
+    "prediction_valid": (
+        "sinkage_predicted",
+        "compaction_resistance",
+        "other_resistance",
+        "rolling_resistance_coefficient",
+    ),
+    "traction_valid": ("thrust", "drawbar_pull", "probability_drawbar_pull_positive"),
+    "margin_valid": ("mobility_margin", "steepest_slope"),
+    "energy_valid": ("energy_per_metre",),
+    "risk_valid": ("risk_of_getting_stuck",),
+}
+_UNKNOWN = Quantity(0.0, 0.0)
+# Quantities of the message that are called so in `WheelForces`, too.
+_OF_FORCES = (
+    "compaction_resistance",
+    "other_resistance",
+    "rolling_resistance_coefficient",
+    "thrust",
+    "drawbar_pull",
+    "steepest_slope",
+    "energy_per_metre",
+)
 
 
 class Status(IntEnum):
@@ -66,3 +96,64 @@ class Result:
     def wheel(self) -> str:
         """Name of the wheel."""
         return self.instant.wheel.name
+
+
+def mobility_fields(result: Result) -> dict[str, Any]:
+    """Return all fields of MobilityEstimate.msg but its header.
+
+    The header's stamp is the instant's (ns), its frame_id the wheel's name.
+    """
+    instant, forces, risk = result.instant, result.forces, result.risk
+    quantities: dict[str, Quantity | None] = {
+        "load": instant.load,
+        "slip": instant.slip,
+        "sinkage_measured": instant.sinkage,
+        "sinkage_predicted": result.sinkage_predicted,
+        "mobility_margin": None if forces is None else forces.margin,
+        **{name: getattr(forces, name, None) for name in _OF_FORCES},
+    }
+    positive = None if forces is None else forces.probability_drawbar_pull_positive
+    fields: dict[str, Any] = {
+        "status": int(result.status),
+        "status_text": result.status_text,
+        "probability_drawbar_pull_positive": 0.0 if positive is None else positive,
+        "digging_in": result.digging_in,
+        "risk_of_getting_stuck": risk or 0.0,
+    }
+    for flag, (first, *_) in VALID.items():
+        fields[flag] = (risk if flag == "risk_valid" else quantities[first]) is not None
+    for name, quantity in quantities.items():
+        known = quantity or _UNKNOWN
+        fields[name] = known.value
+        fields[f"{name}_standard_deviation"] = known.standard_deviation
+    return fields
+
+
+def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
+    """Return all fields of SoilEstimate.msg but its header; the covariance has shape (9,).
+
+    rejected: measurements that were not used, for any reason.
+    """
+    modulus, deviation = soil.effective_modulus()
+    known = soil.identifiable
+    return {
+        "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
+        "status_text": "; ".join(soil.status),
+        "k": float(soil.k),
+        "n": float(soil.n),
+        "m": float(soil.m),
+        "covariance": soil.covariance.ravel(),
+        "reference_diameter": soil.reference_diameter,
+        "reference_sinkage": soil.reference_sinkage,
+        "effective_modulus": modulus,
+        "effective_modulus_standard_deviation": deviation,
+        "reference_pressure": soil.reference_pressure,
+        "reference_pressure_standard_deviation": soil.reference_pressure_std,
+        "k_identifiable": known.k,
+        "n_identifiable": known.n,
+        "m_identifiable": known.m,
+        "effective_modulus_identifiable": known.effective_modulus,
+        "reference_pressure_identifiable": known.reference_pressure,
+        "measurements_accepted": soil.accepted,
+        "measurements_rejected": rejected,
+    }

@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.instant import Instant, Motion, drives_forward
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
@@ -44,9 +46,8 @@ class Stream(Series):
         fault = super().add(stamp, values)
         if fault is None and stamp == self.newest:
             # NaN, of what is not known, is the same as NaN.
-            if len(before) == len(values) and all(
-                a == b or (a != a and b != b) for a, b in zip(before, values, strict=True)
-            ):
+            unknown = math.isnan(sum(values))
+            if before == values or (unknown and np.array_equal(before, values, equal_nan=True)):
                 self.same += 1
             else:
                 self.same, self.same_since = 1, stamp

@@ -96,6 +96,8 @@ class OnboardSettings:
         kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength.
     gravity_height
         m, of the centre of gravity above ground, for static loads.
+    mobility_rate
+        Hz, estimates of each wheel at most; 0: one for each measured sinkage.
     """
 
     wheels: tuple[Wheel, ...]
@@ -118,6 +120,7 @@ class OnboardSettings:
     maximum_speed: float = _default("maximum_speed")
     mass: float = 0.0
     gravity_height: float = 0.0
+    mobility_rate: float = _default("mobility.rate")
 
     @property
     def streams(self) -> tuple[str, ...]:

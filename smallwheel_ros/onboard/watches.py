@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from smallwheel_ros.estimator.scatter import LARGEST
+from smallwheel_ros.estimator.law_model import LARGEST
 from smallwheel_ros.estimator.soil_estimator import Outcome, UpdateResult
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.settings import DiggingInRules

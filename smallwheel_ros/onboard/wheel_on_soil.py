@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sinkage and motion resistance of one wheel on the soil as it is estimated, and how sure they are.
 
-Without effects their slopes by the law are worked out by hand, since this runs for every measurement;
-with effects they are differences of the model itself.
+Without effects their slopes by the law are worked out by hand; with effects they are differences of the
+model itself. `mean_contact` is what the strength needs of all readings of a wheel on a step of the path:
+arrays, one solution for all of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +20,22 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.point_sinkage import Law, static_sinkage
-from smallwheel_ros.estimator.traction_samples import RollingContact
+from smallwheel_ros.estimator.path_steps import RollingContact
+from smallwheel_ros.estimator.sinkage_measurement import covariates_of
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.wheel_sinkage import (
+    NO_SINKAGE,
+    Law,
     LoadedWheel,
+    Shear,
     neighbours,
     slopes,
+    static_sinkage,
 )
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
+from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
@@ -169,39 +177,123 @@ def _by_hand(law: Law, at: LoadedWheel) -> _Found | None:
 def _by_differences(
     law: Law, at: LoadedWheel, effects: Sequence[Effect], strength: Strength | None
 ) -> _Found | None:
-    shear = (
-        ()
-        if strength is None
-        else (
-            strength.cohesion.value,
-            strength.friction_angle.value,
-            strength.shear_displacement.value,
-        )
-    )
-    found = neighbours(law, at, effects, shear)
-    if found.immobilised[0]:
+    rows = _of_model(np.array([law]), np.array([at.load]), at, at.known, effects, strength)
+    if rows.immobilised[0]:
         return None
-    compaction = found.compaction_resistance
-    table = np.stack([found.sinkage, compaction, found.true_resistance - compaction])
-    acting = 1.0, 1.0
-    if at.contact != ROLLING:
-        table[1:] = 0.0
-    elif strength is not None:
-        acting = _on_thrust(law, at, effects, strength, found.true_sinkage[:1])
-    by_law = np.array([*map(slopes, table), _BY_LOAD])
-    sinkage, resistance, other = table[:, 0].tolist()
+    by_law = np.vstack([rows.slopes[:, :, 0], _BY_LOAD])
+    sinkage, resistance, other = rows.values[:, 0].tolist()
+    acting = float(rows.reaching[0]) / at.load, float(rows.factor[0])
     return (sinkage, resistance, other), by_law, acting
 
 
-def _on_thrust(
-    law: Law, at: LoadedWheel, effects: Sequence[Effect], strength: Strength, sinkage: Array
-) -> tuple[float, float]:
-    """Share of the load that reaches the soil, and the factor of the effects on thrust."""
-    stages = Stages(effects, at.conditions(np.array([at.load])))
-    load, diameter, modulus, n = stages.loaded(law.k, law.n, law.m)
-    shear = np.array([[strength.cohesion.value], [strength.friction_angle.value]])
-    state = WheelState(load, diameter, stages.conditions.width, sinkage, modulus, n, *shear)
-    factor = np.ones(1)
-    for effect in stages.acting_at("thrust_factor"):
-        factor = factor * stages.call(effect, "thrust_factor", 1.0, state)
-    return float(load[0]) / at.load, float(factor[0])
+class _Rows(NamedTuple):
+    """Readings of a wheel: values of sinkage, compaction and other resistance, shape (3, rows).
+
+    slopes: of these by the law and ln load, (3, 4, rows). reaching: load on the soil, N. factor: on thrust.
+    """
+
+    values: Array
+    slopes: Array
+    reaching: Array
+    factor: Array
+    immobilised: NDArray[np.bool_]
+
+
+def _of_model(
+    laws: Array,
+    loads: Array,
+    at: LoadedWheel,
+    known: Mapping[str, Array | float],
+    effects: Sequence[Effect],
+    strength: Strength | None,
+) -> _Rows:
+    """What the model with its effects says; laws, loads, known: see `neighbours`."""
+    count = loads.size
+    shear: Shear = ()
+    if strength is not None:
+        cohesion, angle = strength.cohesion.value, strength.friction_angle.value
+        shear = cohesion, angle, strength.shear_displacement.value
+    found = neighbours(laws, loads, at, known, effects, shear)
+    compaction = found.compaction_resistance
+    table = np.stack([found.sinkage, compaction, found.true_resistance - compaction])
+    reaching, factor = loads, np.ones(count)
+    if at.contact != ROLLING:
+        table[1:] = 0.0
+    elif strength is not None:
+        stages = Stages(effects, at.conditions(loads, known))
+        k = np.exp(laws[:, 0] - laws[:, 2] * math.log(REFERENCE_DIAMETER))
+        reaching, diameter, modulus, n = stages.loaded(k, laws[:, 1], laws[:, 2])
+        width, sinkage = stages.conditions.width, found.true_sinkage[:count]
+        of_soil = modulus, n, np.full(count, cohesion), np.full(count, angle)
+        state = WheelState(reaching, diameter, width, sinkage, *of_soil)
+        for effect in stages.acting_at("thrust_factor"):
+            factor = factor * stages.call(effect, "thrust_factor", 1.0, state)
+    by_law = np.stack([slopes(column) for column in table])
+    return _Rows(table[:, :count], by_law, reaching, factor, found.immobilised[:count])
+
+
+class ContactReading(NamedTuple):
+    """One reading of a wheel: the law under it, its load as shown (N), slip and speed (m/s)."""
+
+    law: LocalLaw
+    load: Quantity
+    slip: float | None
+    speed: float | None
+
+
+def mean_contact(
+    wheel: Wheel,
+    readings: Sequence[ContactReading],
+    *,
+    scatter: float = 0.0,
+    effects: Sequence[Effect] = (),
+    strength: Strength | None = None,
+) -> RollingContact | None:
+    """Mean of the contacts of a rolling wheel's readings, as `WheelOnSoil.contact` has them.
+
+    None where the first has none: a wheel sunk to its axle, or one of which the effects do not know enough.
+    """
+    needs = covariates_of(effects)
+    if any(getattr(readings[0], name) is None for name in needs):
+        return None
+    readings = [one for one in readings if all(getattr(one, name) is not None for name in needs)]
+    loads, deviations = np.array(
+        [(q.value, q.standard_deviation) for q in (one.law.load(one.load) for one in readings)]
+    ).T
+    laws = np.array([one.law.law for one in readings])
+    laws[:, 0] -= laws[:, 1] * math.log(REFERENCE_SINKAGE)
+    try:
+        if effects:
+            at = LoadedWheel(0.0, wheel.diameter, wheel.width, wheel.contact)
+            known = {
+                name: np.array(column)
+                for name in ("slip", "speed")
+                if None not in (column := [getattr(one, name) for one in readings])
+            }
+            rows = _of_model(laws, loads, at, known, effects, strength)
+        else:
+            rows = _plain(wheel, laws, loads)
+    except NO_SINKAGE:
+        return None
+    good = ~rows.immobilised & np.isfinite(rows.values).all(axis=0)
+    if not good[0]:
+        return None
+    noise = (deviations / loads) ** 2
+    by_modulus, by_load = rows.slopes[0, 0], rows.slopes[0, 3]
+    own = by_modulus**2 * scatter**2 + by_load**2 * noise, by_load * noise, noise
+    columns = [rows.reaching, *rows.values[[0, 2]], rows.factor, *own]
+    load, sinkage, other, factor, *spread = np.mean(np.array(columns)[:, good], axis=1).tolist()
+    size, n = (wheel.diameter, wheel.width), float(laws[0, 1])
+    zz, zw, ww = spread
+    return RollingContact(load, sinkage, *size, n, other, factor, (zz, zw, ww))
+
+
+def _plain(wheel: Wheel, laws: Array, loads: Array) -> _Rows:
+    """Sinkage alone, without effects."""
+    modulus = np.exp(laws[:, 0] + laws[:, 2] * math.log(wheel.diameter / REFERENCE_DIAMETER))
+    found = contact_sinkage(loads, wheel.diameter, wheel.width, modulus, laws[:, 1])
+    values, by_law = np.zeros((3, loads.size)), np.zeros((3, 4, loads.size))
+    values[0] = found.sinkage
+    by_law[0, 3] = found.sinkage * found.slope_load
+    by_law[0, 0] = -by_law[0, 3]
+    return _Rows(values, by_law, loads, np.ones(loads.size), found.sunk_to_axle)

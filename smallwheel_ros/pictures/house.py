@@ -68,10 +68,11 @@ def band(
     axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0, label="its 95 % band")
 
 
-def key(axes: Axes, place: str = "lower left", columns: int = 4) -> None:
-    """The key of a panel, small, on a ground through which the data is seen."""
-    axes.legend(loc=place, fontsize=7.5, ncols=columns, frameon=True, framealpha=0.7,
-                edgecolor="none")  # fmt: skip
+def key(axes: Axes) -> None:
+    """The key of a panel in the line of its title, on the right: nothing is under it."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, fontsize=7.5, frameon=False,
+                borderpad=0.0, borderaxespad=0.3, columnspacing=1.1, handlelength=1.4,
+                handletextpad=0.5)  # fmt: skip
 
 
 def grid(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:

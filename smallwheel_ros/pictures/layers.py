@@ -152,7 +152,7 @@ def ratio_plot(measurements: Measurements) -> Plot | None:
                 "colour": f"--w{i % _WHEELS}",
                 "x": found.x[at],
                 "y": found.y[at],
-                "names": [f"run {run}, line {line}" for run, line in rows],
+                "names": [f"run {run}, {measurements.place} {line}" for run, line in rows],
             }
         )
     return {

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,7 @@ from smallwheel_ros.replay.many import (
     many_text,
     merge,
     merge_maps,
-    replay_on_cluster,
-    replay_on_processors,
-    replay_one_by_one,
+    replay_all,
     specs_of,
 )
 from smallwheel_ros.replay.one import replay as replay_bag
@@ -60,6 +58,9 @@ _PATH = click.Path(path_type=Path)
               "otherwise only by each other.")  # fmt: skip
 @click.option("--copy", type=click.Choice(COPIES), default="all", show_default=True,
               help="Topics that go into the new bag beside the estimates.")  # fmt: skip
+@click.option("--rate", type=click.FloatRange(0.0, 1000.0), metavar="HZ",
+              help="Estimates a second of each wheel at most, in place of the parameter mobility.rate; "
+              "0: one for each measured sinkage.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True,
               help="Bags at a time.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
@@ -76,6 +77,7 @@ def replay(
     only_topics: bool,
     clock: bool,
     copy: Copy,
+    rate: float | None,
     jobs: int,
     scheduler: str | None,
     one_map: bool,
@@ -99,7 +101,7 @@ def replay(
         return
     if output is None:
         raise click.UsageError("give -o FOLDER (or --topics)")
-    like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy)
+    like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy, rate)
     if config is None:
         like = with_assumed_config(like)
     for note in check_parameters(like):
@@ -150,12 +152,12 @@ def _many(
 ) -> None:
     if scheduler is not None:
         # Workers may stand elsewhere in the tree of folders than this process does.
-        specs = [_absolute(spec) for spec in specs]
-        source = replay_on_cluster(specs, scheduler, _write_report)
-    elif jobs > 1:
-        source = replay_on_processors(specs, jobs, _write_report)
-    else:
-        source = replay_one_by_one(specs, _write_report)
+        paths = ("bag", "config", "folder")
+        specs = [
+            replace(spec, **{name: getattr(spec, name).absolute() for name in paths})
+            for spec in specs
+        ]
+    source = replay_all(specs, _write_report, jobs=jobs, scheduler=scheduler)
     found: dict[str, Outcome] = {}
     stopped = False
     bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
@@ -165,9 +167,9 @@ def _many(
                 for outcome in source:
                     found[outcome.spec.name] = outcome
                     bar.update()
-                    if outcome.state == "failed":
-                        bar.clear()
-                        click.echo(f"{outcome.spec.bag}: {outcome.error}", err=True)
+                    said = outcome.error or outcome.state.replace("_", " ")
+                    with tqdm.external_write_mode():
+                        click.echo(f"{outcome.spec.bag}: {said}", err=True)
         except KeyboardInterrupt:
             stopped = True
         outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
@@ -199,12 +201,6 @@ def _say_how_it_ended(outcomes: list[Outcome], stopped: bool) -> None:
     if any(o.state != "complete" for o in outcomes):
         click.echo(f"{done} of {len(outcomes)} bags are done, see above for the others", err=True)
         raise SystemExit(1)
-
-
-def _absolute(spec: ReplaySpec) -> ReplaySpec:
-    return dataclasses.replace(
-        spec, bag=spec.bag.absolute(), config=spec.config.absolute(), folder=spec.folder.absolute()
-    )
 
 
 @contextmanager

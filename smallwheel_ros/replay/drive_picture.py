@@ -84,7 +84,8 @@ def draw_drive(
         if truth is not None:
             _draw_ground(axes, truth, limits[1])
     figure.suptitle(
-        "Played over DDS into the node mobility_estimator: what it was told, what it believes\n"
+        "Played over DDS into the node mobility_estimator: what it was told, what it believes; "
+        "soil: p = k zⁿ Dᵐ\n"
         "bands: 95 %; sinkage is predicted before the measurement of that instant is used"
         + ("; dashed: true values of the simulation, which the node never sees" if truth else ""),
         fontsize=11,
@@ -155,8 +156,8 @@ def _draw_slip(
         axes.plot(truth["rover"]["time"], true, "--", color=INK, linewidth=1.0, label="true")
     _draw_warnings(axes, warned)
     axes.set_ylim(-0.3, 1.05)
-    style(axes, _TIME, "slip", "slip of each wheel")
-    key(axes, "upper left", 3)
+    style(axes, _TIME, "slip", "slip")
+    key(axes)
 
 
 def _draw_margin(
@@ -179,8 +180,8 @@ def _draw_margin(
         climb = np.degrees(truth["rover"]["climb"])
         axes.plot(truth["rover"]["time"], climb, "--", color=INK, label="true slope here")
     _draw_warnings(axes, warned)
-    style(axes, _TIME, "slope [deg]", "steepest slope that the soil holds, and the slope")
-    key(axes, "upper left", 2)
+    style(axes, _TIME, "slope [deg]", "slope that holds")
+    key(axes)
 
 
 def _draw_parameter(
@@ -204,8 +205,8 @@ def _draw_parameter(
         times, index = stretch_of_time(truth)
         true = np.array([stretch[name] for stretch in truth["stretches"]])[index]
         axes.plot(times, true, "--", color=INK, linewidth=1.2, label="true")
-    unit = " [Pa/m^(n+m)]" if name == "k" else ""
-    style(axes, _TIME, f"{name}{unit}", f"{name} of the soil, p = k zⁿ Dᵐ")
+    unit = " [Pa/mⁿ⁺ᵐ]" if name == "k" else ""
+    style(axes, _TIME, f"{name}{unit}", f"{name} of the soil")
     key(axes)
 
 

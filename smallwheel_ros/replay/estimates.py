@@ -14,8 +14,7 @@ from typing import Any
 
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.files import write_bytes
-from smallwheel_ros.onboard.message_fields import VALID, mobility_fields, soil_fields
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.result import VALID, Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.spec import ReplayError
 

@@ -56,7 +56,7 @@ def draw_known(
         style(grid[2, j], "time [s]", "n of the soil" if j == 0 else "")
     for axes in grid.ravel():
         axes.set_xlim(0.0, end)
-        key(axes, "lower right", 3)
+        key(axes)
     # Bands of what is not known may be wider than what anybody wants to see.
     pulls = np.array(truth["wheels"][wheel]["drawbar_pull"])
     grid[0, 0].set_ylim(pulls.min() - 20.0, pulls.max() + 20.0)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import multiprocessing
 import signal
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -36,7 +37,6 @@ from smallwheel_ros.replay.result import SCHEMA, Replayed
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 
 Report = Callable[[Replayed, Path], None]
-_DIED = "the process that replayed it died (killed, or out of memory)"
 _PATIENCE = 60.0  # s that a worker has to put away what it has begun
 
 
@@ -102,45 +102,52 @@ def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
     return list(named.values())
 
 
-Outcomes = Generator[Outcome, None, None]
+def replay_all(
+    specs: Sequence[ReplaySpec], report: Report, *, jobs: int = 1, scheduler: str | None = None
+) -> Generator[Outcome, None, None]:
+    """Replay bag by bag; outcomes as they come.
 
+    With one job that is done in this process, and ends after a bag that somebody interrupted. A process
+    that dies costs only its own bag. KeyboardInterrupt ends all of them: what they had finished stays.
 
-def replay_one_by_one(specs: Sequence[ReplaySpec], report: Report) -> Outcomes:
-    """Replay in this process; ends after a bag that somebody interrupted."""
-    for spec in specs:
-        outcome = replay_or_say(spec, report)
-        yield outcome
-        if outcome.state == "interrupted":
-            return
+    Parameters
+    ----------
+    jobs
+        Processes at a time.
+    scheduler
+        Address of a Dask cluster, which gets one bag a task. The workers need this package, and the bags,
+        the parameter file and the output folder under the same paths as here.
 
-
-def replay_on_processors(specs: Sequence[ReplaySpec], jobs: int, report: Report) -> Outcomes:
-    """Replay in so many processes at a time; outcomes as they come.
-
-    A process that dies costs only its own bag. KeyboardInterrupt ends all of them: what they had
-    finished stays.
+    Raises
+    ------
+    ReplayError
+        If dask.distributed is not installed, or nobody answers at the address.
     """
+    if scheduler is None and jobs == 1:
+        for spec in specs:
+            outcome = replay_or_say(spec, report)
+            yield outcome
+            if outcome.state == "interrupted":
+                return
+        return
     lost = []
-    with _pool(min(jobs, len(specs))) as pool:
-        for outcome in _as_they_come(pool, specs, report):
-            if outcome.error == _DIED and len(specs) > 1:
-                lost.append(outcome.spec)
-            else:
-                yield outcome
+    with _pool(min(jobs, len(specs))) if scheduler is None else _cluster(scheduler) as workers:
+        futures = {workers.submit(replay_or_say, spec, report): spec for spec in specs}
+        for future in as_completed(futures):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                lost.append(futures[future])
+            except Exception as error:  # a worker of a cluster died, or has not this package
+                yield Outcome(futures[future], "failed", f"{type(error).__name__}: {error}")
     for spec in lost:
         # A process died, and took the others' bags with it: each alone, to see whose fault it was.
-        yield from replay_on_processors([spec], 1, report)
-
-
-def _as_they_come(executor: Executor, specs: Sequence[ReplaySpec], report: Report) -> Outcomes:
-    futures = {executor.submit(replay_or_say, spec, report): spec for spec in specs}
-    for future in as_completed(futures):
-        try:
-            yield future.result()
-        except BrokenProcessPool:
-            yield Outcome(futures[future], "failed", _DIED)
-        except Exception as error:  # a worker of a cluster died, or has not this package
-            yield Outcome(futures[future], "failed", f"{type(error).__name__}: {error}")
+        if len(specs) == 1:
+            yield Outcome(
+                spec, "failed", "the process that replayed it died (killed, or out of memory)"
+            )
+        else:
+            yield from replay_all([spec], report, jobs=jobs)
 
 
 @contextmanager
@@ -162,22 +169,17 @@ def _pool(jobs: int) -> Iterator[Executor]:
         children = multiprocessing.active_children()
         for child in children:
             child.terminate()  # those at work take it as a wish to stop
+        end = time.monotonic() + _PATIENCE
         for child in children:
-            child.join(_PATIENCE)
+            child.join(max(end - time.monotonic(), 0.0))
+            # Who was at work may now wait for ever, for a lock that an idle one has taken with it.
+            child.kill()
         raise
 
 
-def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report) -> Outcomes:
-    """Replay on an existing Dask cluster, one bag a task; outcomes as they come.
-
-    The workers need this package, and the bags, the parameter file and the output folder under
-    the same paths as here.
-
-    Raises
-    ------
-    ReplayError
-        If dask.distributed is not installed, or nobody answers at the address.
-    """
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster. Raises ReplayError."""
     try:
         from distributed import Client
     except ImportError:
@@ -188,11 +190,9 @@ def replay_on_cluster(specs: Sequence[ReplaySpec], address: str, report: Report)
         client = Client(address, timeout=5)
     except (OSError, ValueError) as error:
         raise ReplayError(f"no Dask scheduler answers at {address}: {error}") from error
-    try:
+    with client:
         # Not pure: the same bag may be replayed again by a later command.
-        yield from _as_they_come(client.get_executor(pure=False, retries=1), specs, report)
-    finally:
-        client.close()
+        yield client.get_executor(pure=False, retries=1)
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import SimpleNamespace as Message  # has a type's fields, as rosbags needs it
 
-from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.bags import BagReader, BagWriter, Message, header
 from smallwheel_ros.bags.files import RawMessage, Storage, storage_kind
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.costmap.grid import Grid
@@ -86,18 +85,17 @@ class NewBag(BagWriter):
     def write_grid(self, grid: Grid, stamp: int, log_time: int) -> None:
         """Write a cost grid; stamp and log_time in ns."""
         (x, y), (height, width) = grid.origin, grid.cells.shape
-        time = _time(stamp)
+        stamped = header(stamp, grid.frame)
         place = Message(x=x, y=y, z=0.0)
         origin = Message(position=place, orientation=Message(x=0.0, y=0.0, z=0.0, w=1.0))
         info = Message(
-            map_load_time=time,
+            map_load_time=stamped.stamp,
             resolution=grid.resolution,
             width=width,
             height=height,
             origin=origin,
         )
-        header = Message(stamp=time, frame_id=grid.frame)
-        message = Message(header=header, info=info, data=grid.cells.ravel())
+        message = Message(header=stamped, info=info, data=grid.cells.ravel())
         self.write(f"{self.prefix}/cost", _GRID, log_time, message)
 
     def write_pose(self, instant: Instant, log_time: int, frame: str) -> None:
@@ -112,8 +110,8 @@ class NewBag(BagWriter):
             x=0.0, y=0.0, z=math.sin(instant.heading / 2), w=math.cos(instant.heading / 2)
         )
         moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
-        header = Message(stamp=_time(instant.stamp), frame_id=frame)
-        link = Message(header=header, child_frame_id="base_link", transform=moved)
+        stamped = header(instant.stamp, frame)
+        link = Message(header=stamped, child_frame_id="base_link", transform=moved)
         self.write("/tf", _TF, log_time, Message(transforms=[link]))
 
     def finish(self) -> None:
@@ -122,7 +120,3 @@ class NewBag(BagWriter):
             log_time, estimate, frame = self._soil_waits
             self.write(f"{self.prefix}/soil", SOIL, log_time, estimate.soil(frame))
             self._soil_waits = None
-
-
-def _time(stamp: int) -> Message:
-    return Message(sec=stamp // SECOND, nanosec=stamp % SECOND)

@@ -17,6 +17,7 @@ from smallwheel_ros.costmap.layers import wide
 from smallwheel_ros.costmap.map_file import write_map
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
@@ -46,7 +47,7 @@ from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 from smallwheel_ros.replay.steady_segments import SteadySegments
 from smallwheel_ros.replay.summary import DriveSummary
 
-Handler = Callable[[Any, int | None], list[Result]]
+Handler = Callable[[Any, int | None], object]
 Progress = Callable[[int, int], None]
 AddRow = Callable[[list[Any]], None]
 _STEP = 256  # messages between two looks at signals, problems and progress
@@ -117,10 +118,12 @@ class _Session:
         if settings.soil_file:
             notes.append("soil_file is not read: a replay begins with the configured soil")
         notes = [*spec.notes, *notes]
-        self._reader, self._onboard = reader, Onboard(settings.onboard)
+        self._reader = reader
+        self._onboard = Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
         self._ground = GroundMapper(CostMap(settings.cost, settings.onboard.wheels))
         self._grid_due = 0
+        self._time = reader.start_time  # of recording, of the message that is worked on
         description = settings.robot_description_topic
         present = {(topic.name, topic.type) for topic in reader.topics}
         handlers: dict[Key, list[Handler]] = {}
@@ -167,38 +170,42 @@ class _Session:
 
     def run(self, add_row: AddRow, bag: NewBag, stop: Stop, progress: Progress) -> None:
         """Read the bag to its end, its damage, or a signal."""
-        result, total, time = self.result, self.result.message_count, self.result.start
+        result, total = self.result, self.result.message_count
+        self._add_row, self._bag = add_row, bag
+        self._onboard.on_result, self._onboard.on_reading = self._write, self._on_reading
         try:
             for raw in self._reader.raw_messages(self._read):
-                time = raw.log_time
+                self._time = raw.log_time
                 bag.copy(raw)
-                self._write(self._take(raw), time, add_row, bag)
+                self._take(raw)
                 result.messages_read += 1
                 if result.messages_read % _STEP == 0:
-                    result.summary.take_problems(time)
+                    result.summary.take_problems(self._time)
                     progress(result.messages_read, total)
                     if stop.asked:
-                        result.state, result.ended = "interrupted", self._stopped(stop, time)
+                        result.state, result.ended = "interrupted", self._stopped(stop)
                         break
         except BagError as error:
             if error.path != self._reader.path:
                 raise  # of the new bag
             result.state, result.ended = "ended_early", str(error)
-        self._write(self._onboard.flush(), time, add_row, bag)
+        self._onboard.flush()
+        # The result keeps the estimator, which would keep all of this.
+        self._onboard.on_result = self._onboard.on_reading = None
         if self._last is not None and self._ground.map.changed:
-            self._write_grid(bag, self._last.result.instant.stamp, time)
+            self._write_grid(self._last.result.instant.stamp)
         bag.finish()
         result.prefix, result.left_out = bag.prefix, bag.left_out
         if bag.damaged:
             result.notes.append(f"{bag.damaged} damaged messages are not in the new bag")
-        self._finish(time)
+        self._finish()
         progress(result.messages_read, total)
 
-    def _take(self, raw: RawMessage) -> list[Result]:
-        """Give a message to the estimator, if it is an input; return what it has made ready."""
+    def _take(self, raw: RawMessage) -> None:
+        """Give a message to the estimator, if it is an input; `_write` is given what it makes ready."""
         key = (raw.topic, raw.type)
         if key not in self._takers:
-            return []
+            return
         decode, handlers = self._takers[key]
         try:
             message = decode(raw.data)
@@ -207,36 +214,38 @@ class _Session:
             streams = (i.stream for i in self.result.inputs if (i.topic, i.type) == key)
             stream = next(streams, raw.topic)
             self._onboard.problems.add(stream, "undecodable", text, unused=False)
-            return []
+            return
         by_recording = self.result.spec.clock and not self._has_clock
         now = raw.log_time if by_recording else self._clock
-        return [found for handle in handlers for found in handle(message, now)]
+        for handle in handlers:
+            handle(message, now)
 
-    def _on_clock(self, message: Any, _: int | None) -> list[Result]:
+    def _on_clock(self, message: Any, _: int | None) -> None:
         self._clock = message.clock.sec * SECOND + message.clock.nanosec
-        return []
 
-    def _write(
-        self, results: Iterable[Result], log_time: int, add_row: AddRow, bag: NewBag
-    ) -> None:
-        for found in results:
-            self._last = estimate = Estimate(found, self._last)
-            add_row(estimate.row(self.result.start))
-            frame = self._feed.odometry_frame
-            bag.write_estimate(estimate, log_time, frame)
-            self._ground.add(found, frame)
-            bag.write_pose(found.instant, log_time, frame)
-            if self._ground.map.changed and log_time >= self._grid_due:
-                self._write_grid(bag, found.instant.stamp, log_time)
-            self.result.summary.add(found)
-            self.result.segments.add(found, self.result.summary.changing)
+    def _write(self, found: Result) -> None:
+        """Write an estimate into table and bag, and lay it down on the map."""
+        self._last = estimate = Estimate(found, self._last)
+        self._add_row(estimate.row(self.result.start))
+        bag, log_time, frame = self._bag, self._time, self._feed.odometry_frame
+        bag.write_estimate(estimate, log_time, frame)
+        self._ground.add(found, frame)
+        bag.write_pose(found.instant, log_time, frame)
+        if self._ground.map.changed and log_time >= self._grid_due:
+            self._write_grid(found.instant.stamp)
+        self.result.summary.add(found)
 
-    def _write_grid(self, bag: NewBag, stamp: int, log_time: int) -> None:
+    def _on_reading(self, instant: Instant) -> None:
+        """Every reading counts for the steady stretches, whether an estimate was due or not."""
+        way, changing = self._onboard.estimator.distance, self.result.summary.changing
+        self.result.segments.add(instant, way, changing)
+
+    def _write_grid(self, stamp: int) -> None:
         """Write the grid as the node would have published it, at its rate."""
         grid = self._ground.map.grid()
         if grid is not None:
-            bag.write_grid(grid, stamp, log_time)
-            self._grid_due = log_time + round(self.result.settings.cost.period * SECOND)
+            self._bag.write_grid(grid, stamp, self._time)
+            self._grid_due = self._time + round(self.result.settings.cost.period * SECOND)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""
@@ -245,22 +254,22 @@ class _Session:
         if whole is not None:
             write_map(path, wide(whole, found.spread))
 
-    def _stopped(self, stop: Stop, time: int) -> str:
+    def _stopped(self, stop: Stop) -> str:
         result = self.result
         return (
-            f"stopped by {stop.asked} {(time - result.start) / SECOND:.3f} s after the bag's"
+            f"stopped by {stop.asked} {(self._time - result.start) / SECOND:.3f} s after the bag's"
             f" beginning, after {result.messages_read} of {result.message_count} messages; the same"
             " command does all of it"
         )
 
-    def _finish(self, time: int) -> None:
+    def _finish(self) -> None:
         """Complete the result after the last message."""
         result, onboard = self.result, self._onboard
-        result.summary.take_problems(time)
+        result.summary.take_problems(self._time)
         result.summary.finish()
         result.segments.finish()
         if result.state != "complete":
-            result.end = max(time, result.start)
+            result.end = max(self._time, result.start)
         result.inputs = tuple(
             item
             if item.lacking or onboard.received[item.stream]

@@ -25,4 +25,4 @@ def draw_replay(axes: Axes, replayed: Replayed, quantity: str) -> None:
         name, colour = str(wheel).replace("_", " "), colours[str(wheel)]
         axes.plot(shown["time"], shown[quantity], color=colour, linewidth=1.0, label=name)
     style(axes, "time [s]", quantity.replace("_", " "))
-    key(axes, "best")
+    key(axes)

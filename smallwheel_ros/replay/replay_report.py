@@ -32,12 +32,12 @@ _REASONS = {
 }
 _MOST_EVENTS = 25
 _MAP = (
-    '<p><label>The way, coloured by <select name="colour"><option value="sinkage">sinkage, mean of the '
+    '<p><label>The path, coloured by <select name="colour"><option value="sinkage">sinkage, mean of the '
     'wheels</option><option value="margin">drawbar margin</option><option value="cost">cost</option>'
     "</select></label></p>"
 )
 _CAPTION = (
-    "The way is in the frame of the odometry. Drawbar margin: drawbar pull over load at the reference "
+    "The path is in the frame of the odometry. Drawbar margin: drawbar pull over load at the reference "
     "slip, of all wheels together; it is the tangent of the slope that could be climbed beyond the "
     "present one. Under 0 the wheels do not carry the vehicle on level ground. Cost: the risk, in per "
     "cent, that the margin is under the one required, as the node's cost map has it. The reference "
@@ -159,7 +159,7 @@ def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     )
     return [
         Text(
-            "Point at the way or at a line: all show the same time. Drag to zoom in, click twice to see "
+            "Point at the path or at a line: all show the same time. Drag to zoom in, click twice to see "
             "all. Sinkage is predicted before the measurement of that instant is used, drawbar pull is "
             f"at the slip of that instant; bands: 95 %.{thinned}"
         ),

@@ -66,6 +66,8 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
         settings = settings_from(values | found)
     except ParametersError as error:
         raise ParametersError("; ".join([str(error), *notes])) from None
+    if spec.rate is not None:
+        settings = replace(settings, onboard=replace(settings.onboard, mobility_rate=spec.rate))
     return settings, unknown_parameters(values, wheel_names(values["wheels"])) + notes
 
 

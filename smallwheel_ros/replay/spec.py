@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from smallwheel_ros import __version__
 from smallwheel_ros.bags.files import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.version import __version__
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
@@ -37,6 +37,8 @@ class ReplaySpec:
         use_sim_time; otherwise they are only compared with each other.
     copy
         Which of the bag's topics go into the new bag beside the estimates.
+    rate
+        Hz, in place of the parameter mobility.rate; None: as that is.
     notes
         What is to be said of it beforehand.
     """
@@ -47,6 +49,7 @@ class ReplaySpec:
     remaps: Mapping[str, str] = field(default_factory=dict)
     clock: bool = True
     copy: Copy = "all"
+    rate: float | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -73,6 +76,6 @@ class ReplaySpec:
             with file.open("rb") as stream:
                 digest.update(stream.read(_HASHED))
         digest.update(self.config.read_bytes())
-        options: Any = (sorted(self.remaps.items()), self.clock, self.copy)
+        options: Any = (sorted(self.remaps.items()), self.clock, self.copy, self.rate)
         digest.update(repr(options).encode())
         return digest.hexdigest()

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -54,7 +54,7 @@ class _Row(NamedTuple):
 
 
 class SteadySegments:
-    """Takes results as they come, and gives the rows of a section 5 table at the end.
+    """Takes readings as they come, and gives the rows of a section 5 table at the end.
 
     pulls: whether there are columns of measured drawbar pull.
     """
@@ -72,9 +72,11 @@ class SteadySegments:
         self.at_changes = 0
         self.unusable = 0
 
-    def add(self, result: Result, changing: bool) -> None:
-        """Take one result; changing: the soil is taken to change just now (`DriveSummary.changing`)."""
-        instant, way = result.instant, result.soil.distance
+    def add(self, instant: Instant, way: float, changing: bool) -> None:
+        """Take one reading; changing: the soil is taken to change just now (`DriveSummary.changing`).
+
+        way: m that the vehicle has travelled.
+        """
         passes = instant.pass_number
         forgotten = way < self._way - 1e-9  # time went back
         if forgotten or (changing and not self._changing):
@@ -83,7 +85,7 @@ class SteadySegments:
         if changing:
             self.at_changes += 1
             return
-        order = self._order[result.wheel]
+        order = self._order[instant.wheel.name]
         pressed = self._wheels[order].contact == PRESSED
         load, sinkage, slip, speed = instant.load, instant.sinkage, instant.slip, instant.speed
         still = not pressed and (slip is None or speed is None)

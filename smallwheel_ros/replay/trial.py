@@ -12,22 +12,26 @@ as that of the rig of Carnegie Mellon University (github.com/robomechanics/3d-te
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.bags import BagReader, BagWriter, Message, header
 from smallwheel_ros.bags.files import Storage
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.options import Option
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
 
 Array = NDArray[np.float64]
 
 _COLUMNS = 7
+_MOST_COLUMNS = 8  # later logs of that rig end with one more
 _Z, _UNIX_TIME = 4, 6
 _LOAD = "geometry_msgs/msg/WrenchStamped"
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -39,28 +43,31 @@ class TrialError(SmallwheelError):
 
 @dataclass(frozen=True)
 class TrialSettings:
-    """How the recordings of a trial belong together.
+    """How the recordings of a trial belong together: the options of `smallwheel convert-trial`.
 
-    Attributes
-    ----------
-    wheel
-        Name of the wheel; its topics are `/<wheel>/load` and `/<wheel>/sinkage`.
-    log_behind
-        s by which the clock of the axis's log is behind that of the bag.
-    start, end
-        s after the bag's first message: what is converted. The unloading must not be in it.
-    compliance
-        m/N by which rig and sensor give way; it is taken off the sinkage.
-    sinkage_std
-        m, of the measured sinkage; 0: left to the node's parameter noise.sinkage.
+    The wheel's topics are `/<wheel>/load` and `/<wheel>/sinkage`. From start to end, s after the bag's
+    first message, is what is converted: the unloading must not be in it. A sinkage_std of 0 leaves it
+    to the node's parameter noise.sinkage.
     """
 
-    wheel: str = "wheel"
-    log_behind: float = 0.0
-    start: float = 0.0
-    end: float = float("inf")
-    compliance: float = 0.0
-    sinkage_std: float = 0.0
+    wheel: Annotated[str, Option("Name of the wheel.")] = "wheel"
+    log_behind: Annotated[
+        float, Option("Seconds by which the log's clock is behind the bag's.")
+    ] = 0.0
+    start: Annotated[float, Option("s after the bag's begin.")] = 0.0
+    end: Annotated[float, Option("s after the bag's begin.", words={"show_default": False})] = (
+        math.inf
+    )
+    compliance: Annotated[
+        float, Option("m/N by which the rig gives way; taken off the sinkage.")
+    ] = 0.0
+    sinkage_std: Annotated[
+        float,
+        Option(
+            "Standard deviation of the sinkage, m; 0: left to the node's parameter.",
+            words={"type": click.FloatRange(0)},
+        ),
+    ] = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,7 +187,8 @@ def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
             values = [float(text) for text in line.split(",")]
         except ValueError:
             raise TrialError(f"log {path}, line {number}: not numbers: {line[:60]!r}") from None
-        if len(values) != _COLUMNS or not np.all(np.isfinite(values)):
+        enough = _COLUMNS <= len(values) <= _MOST_COLUMNS
+        if not enough or not np.all(np.isfinite(values)):
             raise TrialError(
                 f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS} finite"
                 " numbers (X, Vx, rim speed, slip angle, Z, controller clock, unix time)"
@@ -194,25 +202,12 @@ def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
 
 
 def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Any]]:
-    vector = message_type("geometry_msgs/msg/Vector3")
-    wrench, stamped = message_type("geometry_msgs/msg/Wrench"), message_type(_LOAD)
-    header, stamp_type = (
-        message_type("std_msgs/msg/Header"),
-        message_type("builtin_interfaces/msg/Time"),
-    )
-    measured = message_type(_SINKAGE)
-    wheel = settings.wheel
-
-    def head(time: int) -> Any:
-        stamp = stamp_type(sec=time // SECOND, nanosec=time % SECOND)
-        return header(stamp=stamp, frame_id=wheel)
-
-    nothing = vector(x=0.0, y=0.0, z=0.0)
+    wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
     for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
-        force = wrench(force=vector(x=0.0, y=0.0, z=load), torque=nothing)
-        yield time, f"/{wheel}/load", _LOAD, stamped(header=head(time), wrench=force)
+        wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
+        yield time, f"/{wheel}/load", _LOAD, Message(header=header(time, wheel), wrench=wrench)
     variance = settings.sinkage_std**2
     for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
         if sinkage >= 0:
-            message = measured(header=head(time), sinkage=sinkage, variance=variance)
+            message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
             yield time, f"/{wheel}/sinkage", _SINKAGE, message

@@ -16,6 +16,7 @@ from html import escape
 from typing import Any, Literal
 
 from smallwheel_ros.common.tables import each, text_table
+from smallwheel_ros.report.wording import in_words, inline
 
 _MOST_ROWS = 20  # of a table in a notebook
 _DIGITS = 4  # of a number that is drawn
@@ -30,8 +31,8 @@ class Text:
 
     def html(self) -> str:
         """The block as HTML."""
-        paragraph = f"<p>{escape(self.text)}</p>" if self.text else ""
-        items = "".join(f"<li>{escape(item)}</li>" for item in self.items)
+        paragraph = f"<p>{inline(self.text)}</p>" if self.text else ""
+        items = "".join(f"<li>{inline(item)}</li>" for item in self.items)
         return paragraph + (f"<ul>{items}</ul>" if items else "")
 
     def lines(self) -> list[str]:
@@ -50,8 +51,8 @@ class Callout:
 
     def html(self) -> str:
         """The block as HTML."""
-        body = "".join(f"<p>{escape(item)}</p>" for item in self.items)
-        head = f'<p class="headline">{escape(self.headline)}</p>'
+        body = "".join(f"<p>{inline(item)}</p>" for item in self.items)
+        head = f'<p class="headline">{inline(self.headline)}</p>'
         return f'<div class="callout {self.kind}">{head}{body}</div>'
 
     def lines(self) -> list[str]:
@@ -84,18 +85,19 @@ class Table:
             + "</tr>"
             for r, row in enumerate(self.rows)
         )
-        caption = f"<caption><span>{escape(self.caption)}</span></caption>" if self.caption else ""
-        label = escape(self.caption or next(iter(self.header), "table"), quote=True)
+        caption = f"<caption><span>{inline(self.caption)}</span></caption>" if self.caption else ""
+        label = escape(in_words(self.caption) or next(iter(self.header), "table"), quote=True)
         return (
-            f'<div class="scroll" tabindex="0" role="region" aria-label="{label}"><table>{caption}'
+            f'<div class="scroll" tabindex="0" role="group" aria-label="{label}"><table>{caption}'
             f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
         )
 
     def _cell(self, tag: str, column: int, text: str) -> str:
         kind = ' class="number"' if column in self.numbers else ""
+        tag = tag if text else "td"  # a header cell without a word is none
         kind += ' scope="col"' if tag == "th" else ""
-        shown = escape(text)
-        if tag == "td" and column == self.bars and text != "-":
+        shown = inline(text)
+        if tag == "td" and column == self.bars and text not in ("-", ""):
             shown = f'<b class="bar" style="--part:{100.0 * float(text):.0f}%">{shown}</b>'
         return f"<{tag}{kind}>{shown}</{tag}>"
 
@@ -131,7 +133,7 @@ class Drawing:
 
     def html(self) -> str:
         """The block as HTML."""
-        caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
+        caption = f"<figcaption>{inline(self.caption)}</figcaption>" if self.caption else ""
         tag = "div" if self.kind in ("effects", "drive") else "figure"
         return f'<{tag} data-{self.kind}="{self.key}">{self.inside}{caption}</{tag}>'
 
@@ -150,7 +152,7 @@ class Details:
     def html(self) -> str:
         """The block as HTML."""
         body = "".join(block.html() for block in self.blocks)
-        return f"<details><summary>{escape(self.summary)}</summary>{body}</details>"
+        return f"<details><summary>{inline(self.summary)}</summary>{body}</details>"
 
     def lines(self) -> list[str]:
         """The block as text."""

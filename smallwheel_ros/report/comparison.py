@@ -26,6 +26,7 @@ from smallwheel_ros.pictures.layers import ratio_plot
 from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.page import Page
 from smallwheel_ros.report.table_data import TableData
+from smallwheel_ros.report.wording import in_words
 
 _WORST = 8  # parts shown before the rest is folded away
 _SCORE_HEADER = ("model", "rows", "held-out RMSE", "± s.e.", "held-out bias", "in-sample RMSE",
@@ -125,7 +126,7 @@ def data_blocks(comparison: Comparison) -> list[Block]:
             numbers=range(1, 6),
         ),
     ]
-    odd = [f"{lines.size} rows left out: {why} (first in line {lines[0]})."
+    odd = [f"{lines.size} rows left out: {why} (first in {data.place} {lines[0]})."
            for why, lines in comparison.left_out]  # fmt: skip
     odd += data.warnings
     if odd:
@@ -175,9 +176,10 @@ def model_blocks(comparison: Comparison) -> list[Block]:
         blocks.append(Table(_SCORE_HEADER, rows, caption, range(1, 7), best))
     if comparison.channels:
         blocks.append(Text(items=_LEGEND))
-    line = comparison.measurements.line
+    table = comparison.measurements
     reasons = [
-        f"{m.contender.name}, {rows.size} rows not predicted (first in line {line[rows[0]]}): {why}."
+        f"{m.contender.name}, {rows.size} rows not predicted (first in {table.place} "
+        f"{table.line[rows[0]]}): {why}."
         for m in comparison.models
         for why, rows in m.not_predicted
     ]
@@ -231,7 +233,7 @@ def model_plots(comparison: Comparison) -> list[Block]:
     best = comparison.best(channel)
     at = next((i for i, m in enumerate(comparison.models) if m is best), 0)
     shown = len(errors) - (2 if at == len(errors) - 1 and at else 1)
-    names = [m.contender.name for m in comparison.models]
+    names = [in_words(m.contender.name) for m in comparison.models]
     models = "".join(
         f'<option value="{i}"{" selected" if i == shown else ""}>{escape(name)}</option>'
         for i, name in enumerate(names)

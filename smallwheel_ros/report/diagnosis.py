@@ -203,8 +203,10 @@ def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
         blocks.append(Table(header, shown, "Fitted parameters", numbers=(3, 4)))
     if others:
         title = f"{len(others)} others, each with a probability under {_SHOWN:g}"
-        fitted = Table(header, _parameters(others), "Fitted parameters", numbers=(3, 4))
-        blocks.append(Details(title, [_ranking(others, named), fitted]))
+        inside: list[Block] = [_ranking(others, named)]
+        if shown := _parameters(others):
+            inside.append(Table(header, shown, "Fitted parameters", numbers=(3, 4)))
+        blocks.append(Details(title, inside))
     return blocks
 
 

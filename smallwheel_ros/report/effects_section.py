@@ -13,6 +13,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.measurements.display import words
 from smallwheel_ros.report.blocks import Drawing
 from smallwheel_ros.report.drawings import drawing
+from smallwheel_ros.report.wording import inline
 
 _KINDS = {"soil": "Effects", "instrument": "Errors of the instrument"}
 _HINT = "The number: probability, from the diagnosis of this data, that the base model lacks the effect."
@@ -57,7 +58,7 @@ class Meaning:
             title = f"The {len(self.formulas)} forms that compete"
             formulas += f"<details><summary>{title}</summary><ul>{listed}</ul></details>"
         source = f'<p class="hint">{escape(self.source)}</p>' if self.source else ""
-        sure = f"<p>To be sure: {escape(self.next_step)}</p>" if self.next_step else ""
+        sure = f"<p>To be sure: {inline(self.next_step)}</p>" if self.next_step else ""
         copy = (
             f'<div class="copy"><code tabindex="0">{escape(self.command)}</code>'
             '<button type="button">copy</button></div>'
@@ -65,7 +66,7 @@ class Meaning:
         plain = "" if self.svg else " plain"
         return (
             f'<article class="means{plain}" data-index="{index}" hidden>{self.svg}<div>'
-            f"<h3>{escape(words(self.name))}</h3><p>{escape(self.summary)}</p>"
+            f"<h3>{escape(words(self.name))}</h3><p>{inline(self.summary)}</p>"
             f"{formulas}{source}{sure}{copy}</div></article>"
         )
 
@@ -159,7 +160,7 @@ class EffectsPage(NamedTuple):
         """The effects that cannot be set, each with the reason; those in the model are ticked."""
         lines = [
             f'<label class="off"><input type="checkbox" disabled{" checked" if there else ""}>'
-            f"<span>{escape(words(name))}<small>{escape(why)}</small></span></label>"
+            f"<span>{escape(words(name))}<small>{inline(why)}</small></span></label>"
             for name, why, there in self.blocked
         ]
         if not lines:

@@ -14,8 +14,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros import __version__
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.version import __version__
 from smallwheel_ros.report.blocks import Block, Details, Drawing, Section, drawn
 
 _ALWAYS = ("uPlot.iife.min.js", "elements.js", "plots.js", "figures.js")

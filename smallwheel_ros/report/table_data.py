@@ -46,7 +46,7 @@ class TableData:
         runs, run = np.unique(table.run[kept], return_inverse=True)
         texts = {"soil": table.soil, **table.labels}
         return {
-            "place": "line",
+            "place": table.place,
             "line": table.line[kept].tolist(),
             "run": run.reshape(-1).tolist(),
             "runs": [str(name) for name in runs],

@@ -15,8 +15,7 @@ from smallwheel_ros.costmap.grid import CostMapError, Grid, grid_of
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
-from smallwheel_ros.onboard.message_fields import mobility_fields, soil_fields
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.streams import SECOND
 
 

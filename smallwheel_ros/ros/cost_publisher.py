@@ -56,23 +56,12 @@ class CostPublisher:
         self._corrected = False
         self.received = 0
         self.published = 0
-        self._wheels = wheels
         self._ground = GroundMapper(CostMap(settings, wheels))
 
     @property
     def map(self) -> CostMap:
         """The cost map itself."""
         return self._ground.map
-
-    def apply(self, settings: CostSettings) -> bool:
-        """Go on with other settings; return whether the map starts over because of them."""
-        if settings == self.map.settings:
-            return False
-        classes = self.map.class_grid
-        self._ground = GroundMapper(CostMap(settings, self._wheels))
-        if classes is not None:
-            self.map.take_classes(classes)
-        return True
 
     def add(self, result: Result, frame: str) -> None:
         """Take a result of the estimate; frame is that of the odometry."""

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.estimator.strength_estimate import StrengthEstimate
+from smallwheel_ros.estimator.traction import StrengthEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, Status

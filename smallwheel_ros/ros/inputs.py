@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
@@ -24,14 +24,13 @@ from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
+from smallwheel_ros.ros.first_lines import estimates, input_lines
 
 try:
     from tf2_msgs.msg import TFMessage
 except ImportError:  # no package of PyPI; ROS installations have it
     TFMessage = None
 
-# A turn ends after so many messages of each topic: timers and services must have theirs too.
-_MOST_OF_A_TOPIC = 4
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
 _SILENT_AFTER = 2.0  # s without a message of a topic that had some
 
@@ -48,12 +47,17 @@ class _Stream:
     rate: float = 0.0  # Hz
 
 
+class _Missing(NamedTuple):
+    """A topic that has not given what is needed of it yet; details: which parts of its messages."""
+
+    topic: str
+    type: str
+    details: str
+    why: str
+
+
 class Inputs:
     """The subscriptions of a node, and what is known of them.
-
-    The executor waits for a message and hands it over; what other topics have by then is taken in
-    the same turn. The executor's own way, a wait and a task for each message, costs more processor
-    time than the message: vehicles send a dozen of them at one instant.
 
     take, take_classes, take_transforms: called with a topic, its message and what the clock says
     (ns), with a grid of terrain classes, and with what comes by /tf and tf where tf2_msgs is installed.
@@ -64,17 +68,26 @@ class Inputs:
         self,
         node: Node,
         onboard: Onboard,
+        topics: Sequence[Topic],
         take: Callable[[Topic, Any, int], None],
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
     ) -> None:
         self._node, self._onboard = node, onboard
         self._take, self._take_classes, self._take_transforms = take, take_classes, take_transforms
-        self._topics: tuple[Topic, ...] = ()
-        self._streams: dict[str, _Stream] = {}
-        self._subscribed: list[tuple[str, str]] = []  # name and type of each topic
+        self._topics = topics
+        now, received = time.monotonic(), onboard.received
+        self._streams = {
+            stream: _Stream(
+                node.resolve_topic_name(topic.name), topic.type, detail, received[stream], now
+            )
+            for topic in topics
+            for stream, detail in topic.streams.items()
+        }
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
+        self._said_missing: set[_Missing] = set()
+        self._all_here = False  # and said
         self._measured_at = time.monotonic()
 
     # --- Subscriptions
@@ -84,28 +97,12 @@ class Inputs:
         """Whether there is any subscription."""
         return bool(self._subscriptions)
 
-    def use(self, topics: Sequence[Topic]) -> None:
-        """Hand messages to these topics from now on."""
-        self._topics = tuple(topics)
-        now, received = time.monotonic(), self._onboard.received
-        self._streams = {
-            stream: _Stream(
-                self._node.resolve_topic_name(topic.name), topic.type, detail, received[stream], now
-            )
-            for topic in topics
-            for stream, detail in topic.streams.items()
-        }
-
-    def listen(self, topics: Sequence[Topic]) -> None:
-        """Subscribe to these topics in place of others. Where that fails, there is none."""
-        wanted = [(topic.name, topic.type) for topic in topics]
-        if self.on and wanted == self._subscribed:
-            return
-        self.stop()
+    def listen(self) -> None:
+        """Subscribe to the topics. Where that fails, to none."""
         try:
-            for i, (name, kind) in enumerate(wanted):
-                take_all = partial(self._take_all, i)
-                self._subscribe(message_class(kind), name, take_all, qos.INPUT)
+            for topic in self._topics:
+                take = partial(self._take_one, topic)
+                self._subscribe(message_class(topic.type), topic.name, take, qos.INPUT)
             # A classifier's grids come as they are made, a map server's was there before us.
             classes = self._take_classes
             self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
@@ -117,7 +114,6 @@ class Inputs:
         except Exception:
             self.stop()
             raise
-        self._subscribed = wanted
 
     def stop(self) -> None:
         """Listen no more."""
@@ -146,30 +142,14 @@ class Inputs:
             )
         )
 
-    def _take_all(self, first: int, message: Any) -> None:
-        """Handle a message of one topic, then what has come by any topic until then."""
-        clock = self._node.get_clock()
-        self._take(self._topics[first], message, clock.now().nanoseconds)
-        if clock.ros_time_is_active:
-            # /clock comes by the executor as well: what is taken before it looks like the future.
-            return
-        for _ in range(_MOST_OF_A_TOPIC):
-            more, now = False, clock.now().nanoseconds
-            for topic, subscription in zip(self._topics, self._subscriptions, strict=False):
-                with subscription.handle:
-                    taken = subscription.handle.take_message(
-                        subscription.msg_type, subscription.raw
-                    )
-                if taken is not None:
-                    self._take(topic, taken[0], now)
-                    more = True
-            if not more:
-                return
+    def _take_one(self, topic: Topic, message: Any) -> None:
+        self._take(topic, message, self._node.get_clock().now().nanoseconds)
 
     # --- What to say of them
 
     def log(self, problems: Iterable[Problem]) -> None:
-        """Log problems by topic, each kind once in 10 s."""
+        """Log problems by topic, each kind once in 10 s; what two streams of a topic share, once."""
+        shared = set()
         for problem in problems:
             key, now = (problem.stream, problem.reason), time.monotonic()
             said, held = self._said.get(key, (-_REPEAT_AFTER, 0))
@@ -178,24 +158,61 @@ class Inputs:
                 continue
             self._said[key] = (now, 0)
             more = f" ({held} more like this since)" if held else ""
-            topic = self._topic_of(problem.stream)
-            self._node.get_logger().warning(f"{topic}: {problem.text}{more}")
+            line = f"{self._topic_of(problem.stream)}: {problem.text}{more}"
+            if line not in shared:
+                self._node.get_logger().warning(line)
+            shared.add(line)
 
     def _topic_of(self, stream: str) -> str:
         found = self._streams.get(stream)
         return stream if found is None else found.topic
 
+    def say_what_is_expected(self) -> None:
+        """Log what is waited for, unless everything has come before."""
+        if not self._all_here:
+            for line in input_lines(self._topics, self._node.resolve_topic_name):
+                self._node.get_logger().info(line)
+
+    def say_when_all_are_here(self) -> None:
+        """Log, once, that each input has given something usable, and what is estimated now."""
+        if self._all_here or any(self._onboard.newest(name) is None for name in self._streams):
+            return
+        self._all_here = True
+        words = f"all {len(self._streams)} inputs are here: {estimates(self._onboard)}"
+        self._node.get_logger().info(words)
+
+    def say_what_is_missing(self) -> None:
+        """Log what is still waited for and why, in a line for all of one type and reason.
+
+        What has been said is not said again.
+        """
+        new = [one for one in self._missing() if one not in self._said_missing]
+        self._said_missing.update(new)
+        groups: dict[tuple[str, str, str], list[str]] = {}
+        for topic, kind, details, why in new:
+            groups.setdefault((kind, details, why), []).append(topic)
+        for (kind, details, why), topics in groups.items():
+            self._node.get_logger().warning(
+                f"still waiting for {', '.join(topics)} ({kind}{details}): {why}"
+            )
+
     def waiting(self) -> str:
         """Say of each topic that has not given what is needed of it yet, why that may be."""
+        return "; ".join(
+            f"still waiting for {topic} ({kind}{details}): {why}"
+            for topic, kind, details, why in self._missing()
+        )
+
+    def _missing(self) -> list[_Missing]:
         missing: dict[tuple[str, str], str] = {}
         for name, stream in self._streams.items():
             if self._onboard.received[name] == 0:
                 key = (stream.topic, stream.type)
                 missing[key] = missing.get(key, "") + stream.detail
-        return "; ".join(
-            f"still waiting for {topic} ({kind}{details}): {self._why(topic, kind)}"
+        return [
+            _Missing(topic, kind, details, self._why(topic, kind))
             for (topic, kind), details in missing.items()
-        )
+        ]
 
     def _why(self, topic: str, kind: str) -> str:
         publishers = self._node.get_publishers_info_by_topic(topic)

@@ -13,8 +13,8 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from functools import partial, wraps
+from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,19 +25,50 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
-from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.description import RobotDescription
+from smallwheel_ros.ros.described import RobotDescription, VelocityFrame
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
-from smallwheel_ros.ros.frames import VelocityFrame
-from smallwheel_ros.ros.guards import answers, says_why
-from smallwheel_ros.ros.namesakes import namesakes
+from smallwheel_ros.ros.first_lines import parameter_lines
 from smallwheel_ros.ros.parameters import NodeParameters
-from smallwheel_ros.ros.session import Session, check_topics
+from smallwheel_ros.ros.session import Session
 
 EXIT_BAD_INPUT = 2
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
+_Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
+
+_Call = TypeVar("_Call", bound=Callable[..., Any])
+
+
+def _says_why(transition: _Call) -> _Call:
+    """Log what a transition raises, which rclpy swallows: on_error is next."""
+
+    @wraps(transition)
+    def guarded(self: Any, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            return transition(self, state)
+        except Exception as error:
+            self.fail(f"{transition.__name__} failed: {' '.join(str(error).split())}")
+            return TransitionCallbackReturn.ERROR
+
+    return guarded  # type: ignore[return-value]  # the same signature, by construction
+
+
+def _answers(service: _Call) -> _Call:
+    """Answer with success=False what a service raises: nobody is to wait for an answer in vain."""
+
+    @wraps(service)
+    def guarded(self: Any, request: Any, response: Any) -> Any:
+        try:
+            return service(self, request, response)
+        except Exception as error:
+            self.get_logger().error(f"{service.__name__} failed:\n{traceback.format_exc()}")
+            response.success = False
+            if hasattr(response, "message"):
+                response.message = f"failed: {type(error).__name__}: {error}"
+            return response
+
+    return guarded  # type: ignore[return-value]  # the same signature, by construction
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
@@ -48,7 +79,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._session: Session | None = None
         self.problem = ""  # why it could not be configured, or is no more
         self._doubled = ""  # what was said of other nodes of its name
-        self._table = NodeParameters(self, partial(check_topics, self), self._apply)
+        self._table = NodeParameters(self, self._configure_anew)
         for text in self._table.unknown:
             self.get_logger().warning(text)
         self._description = RobotDescription(self, self._table)
@@ -62,9 +93,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_soil", self._on_save_soil)
         self.create_service(Trigger, "~/terrain_margins", self._on_terrain_margins)
-        # rclpy (#1209) lets a transition that does not fit the state end the node.
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        # rclpy (#1209) lets a transition that does not fit the state raise: nobody would be answered.
+        (service,) = (s for s in self.services if s.srv_type is ChangeState)
+        service.callback = partial(self._on_change_state, service.callback)
 
     @property
     def autostart(self) -> bool:
@@ -84,7 +115,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     # --- Transitions
 
-    @says_why
+    @_says_why
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters, and make everything but the subscriptions."""
         try:
@@ -96,39 +127,39 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
         self._session, self.problem = session, ""
-        self._table.in_use = True
-        values = self._table.values()
-        words = ", ".join(f"{k}={v}" for k, v in values.items() if v is not None)
-        self.get_logger().info(f"effective parameters: {words}")
+        for text in parameter_lines(self._table.changed()):
+            self.get_logger().info(text)
         for text in session.warnings:
             self.get_logger().warning(text)
         if session.restored:
             self.get_logger().info(session.restored)
         return super().on_configure(state)
 
-    @says_why
+    @_says_why
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and publish the soil as it is believed before any measurement."""
         result = super().on_activate(state)
         assert self._session is not None
         self._session.activate()
+        self._table.active = True
         return result
 
-    @says_why
+    @_says_why
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen no more; what was learnt is kept for the next activation."""
         assert self._session is not None
         self._session.deactivate()
+        self._table.active = False
         return super().on_deactivate(state)
 
-    @says_why
+    @_says_why
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         result = super().on_cleanup(state)
         self._forget()
         return result
 
-    @says_why
+    @_says_why
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End for good."""
         self._forget()
@@ -145,38 +176,37 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _forget(self) -> None:
         session, self._session = self._session, None
-        self._table.in_use = False
+        self._table.active = False
         if session is not None:
             session.destroy()
 
-    @answers
     def _on_change_state(
-        self, request: ChangeState.Request, response: ChangeState.Response
+        self, change: _Service, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
         try:
-            return self._change_state(request, response)
-        except rclpy._rclpy_pybind11.RCLError:
+            return change(request, response)
+        except Exception:  # rcl's, of which rclpy makes no type public
             asked = request.transition.label or request.transition.id
-            _, state = self._state_machine.current_state
+            state = "not configured" if self._session is None else "inactive"
+            state = "active" if self._table.active else state
             self.get_logger().warning(f"transition {asked} does not fit the state, {state}")
             response.success = False
             return response
 
-    # --- Parameters and services
+    def _configure_anew(self, changes: str) -> None:
+        """Go by what the robot description or tf has said after the configuration."""
+        if self._session is None:
+            return
+        self.get_logger().info(f"configured anew, the soil starts over: {changes}")
+        active = self._session.active
+        steps = [self.trigger_cleanup, self.trigger_configure]
+        if active:
+            steps = [self.trigger_deactivate, *steps, self.trigger_activate]
+        all(step() == _SUCCESS for step in steps)  # as far as it goes; it says why itself
 
-    def _apply(self, settings: NodeSettings, changes: str) -> None:
-        """Go by parameters that were changed while they are in use; they have been checked."""
-        assert self._session is not None
-        try:
-            self._session.apply(settings, changes)
-        except Exception as error:
-            self.fail(f"unconfigured: {changes} could not be applied: {error}")
-            if self._session.active:
-                self.trigger_deactivate()
-            if self._session is not None:  # a deactivation that fails has forgotten it
-                self.trigger_cleanup()
+    # --- Services
 
-    @answers
+    @_answers
     def _on_save_soil(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -187,7 +217,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.get_logger().info(f"save_soil: {response.message}")
         return response
 
-    @answers
+    @_answers
     def _on_terrain_margins(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -197,7 +227,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             response.success, response.message = True, self._session.terrain_margins()
         return response
 
-    @answers
+    @_answers
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._session is None:
             response.message = "not configured: there is nothing to reset"
@@ -237,6 +267,18 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._diagnostics.publish(array)
 
 
+def namesakes(node: LifecycleNode) -> str:
+    """Say that there are other nodes of this one's name, and what to do; empty: there is none."""
+    own = (node.get_name(), node.get_namespace())
+    if node.get_node_names_and_namespaces().count(own) < 2:
+        return ""
+    return (
+        f"another node is called {node.get_fully_qualified_name()} too: listeners get the answers of"
+        " both, a service reaches either, and both save to one soil.file; end one, or give it another"
+        " name (--ros-args -r __node:=NAME). One that was killed is taken for alive for 20 s"
+    )
+
+
 def _spin(
     node: MobilityEstimator, executor: SingleThreadedExecutor, goes_on: Callable[[], object]
 ) -> bool:
@@ -269,6 +311,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         # rcl explains what is wrong with ROS arguments or a parameter file, in several lines.
         reason = " ".join(str(error).split()) or type(error).__name__
+        if type(error).__name__ == "UnknownROSArgsError":  # rclpy makes the type not public
+            reason = f"arguments that ROS does not know: {reason}"
         print(f"{NODE_NAME}: cannot start: {reason}", file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT

@@ -23,12 +23,14 @@ class NodeProcessError(SmallwheelError):
 
 
 def check_ros() -> None:
-    """Raise NodeProcessError unless this Python has ROS."""
-    if importlib.util.find_spec("rclpy") is None:
-        raise NodeProcessError(
-            "this Python has no ROS 2 (rclpy): run `make demo` in a checkout, or source an"
-            " installation of ROS 2 Jazzy in which smallwheel_ros is built"
-        )
+    """Raise NodeProcessError unless this Python has ROS, and the messages of this package."""
+    lacking = {"rclpy": "no ROS 2 (rclpy)", "smallwheel_ros.msg": "no messages of smallwheel_ros"}
+    for module, words in lacking.items():
+        if importlib.util.find_spec(module) is None:
+            raise NodeProcessError(
+                f"this Python has {words}: run `make env` in a checkout, which puts both into its .venv, or"
+                " source an installation of ROS 2 Jazzy in which smallwheel_ros is built"
+            )
 
 
 def config_file(name: str) -> Path:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from the one table: declared with descriptors, checked, never silently ignored."""
+"""ROS parameters from the one table: declared with descriptors, checked, never silently ignored.
+
+They are read when the node is configured. While it is active none can be set: what the estimate goes by
+then is what its log says that it was configured with.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +24,6 @@ from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
-    StartingModels,
-    read_models,
     settings_from,
     unknown_parameters,
     wheel_names,
@@ -30,6 +32,10 @@ from smallwheel_ros.onboard.robot_description import silent_parameters
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros.qos import OVERRIDES
 
+_WHAT_TO_DO = (
+    "deactivate it, set the parameter, then clean up, configure and activate it (ros2 lifecycle set"
+    " /mobility_estimator deactivate, and so on), or start it again with the parameter in its file"
+)
 # Where the velocity sensor is and looks: tf may say so where nothing is given.
 VELOCITY_SENSOR = ("velocity_lateral_position", "velocity_yaw")
 
@@ -43,31 +49,21 @@ class NodeParameters:
 
     Parameters
     ----------
-    check
-        Called with settings before they are taken on; raises for those that the node cannot use.
-    apply
-        Called with settings after a change, with names and values in words.
+    filled
+        Called, with names and values in words, when parameters that nobody gave have got another value.
 
     Attributes
     ----------
-    in_use
-        Whether the node goes by the parameters now: then all of them together must make sense.
+    active
+        Whether the node works by the parameters now: then nobody can set one.
     unknown
         A sentence for each given parameter that nobody knows.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        check: Callable[[NodeSettings], object],
-        apply: Callable[[NodeSettings, str], None],
-    ) -> None:
+    def __init__(self, node: Node, filled: Callable[[str], None]) -> None:
         self._node = node
-        self._check = check
-        self._apply = apply
-        self.in_use = False
-        self._models = StartingModels()
-        self._checked: NodeSettings | None = None  # what the newest change makes
+        self._filled = filled
+        self.active = False
         given = {
             name: _plain(parameter.value)
             for name, parameter in node.get_parameters_by_prefix("").items()
@@ -89,7 +85,6 @@ class NodeParameters:
         self._silent = set(silent_parameters(given)) | (set(VELOCITY_SENSOR) - given.keys())
         self._filling = False
         node.add_on_set_parameters_callback(self._judge)
-        node.add_post_set_parameters_callback(self._after)
 
     def overrides(self) -> dict[str, object]:
         """Return the value of each parameter `qos_overrides.*` that was given at the start."""
@@ -99,19 +94,33 @@ class NodeParameters:
         """Return the value of each known parameter, None where there is none."""
         return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
 
+    def changed(self) -> dict[str, object]:
+        """Return the value of each known parameter that is not at its default."""
+        defaults = {name: parameter.default for name, parameter in self._table.items()}
+        return {name: v for name, v in self.values().items() if v != defaults[name]}
+
     def given(self) -> dict[str, object]:
         """Return the value of each known parameter that is not left to URDF or tf."""
         return {name: v for name, v in self.values().items() if name not in self._silent}
 
     def fill(self, values: Mapping[str, float | int]) -> str:
         """Take values for parameters that were not given; return why that is impossible, or ""."""
-        changes = [RosParameter(n, value=v) for n, v in values.items() if n in self._silent]
+        changes = [
+            RosParameter(name, value=value)
+            for name, value in values.items()
+            if name in self._silent and value != self._node.get_parameter(name).value
+        ]
+        if not changes:
+            return ""
         self._filling = True
         try:
             result = self._node.set_parameters_atomically(changes)
         finally:
             self._filling = False
-        return "" if result.successful else result.reason
+        if not result.successful:
+            return str(result.reason)
+        self._filled(", ".join(f"{change.name}={change.value}" for change in changes))
+        return ""
 
     @property
     def wrong(self) -> bool:
@@ -128,9 +137,7 @@ class NodeParameters:
         """
         if self._problems:
             raise ParametersError("; ".join(self._problems.values()))
-        values = self.values()
-        self._models = read_models(values)
-        return settings_from(values, self._models)
+        return settings_from(self.values())
 
     def _declare(self, parameter: Parameter, value: object) -> None:
         name = parameter.name
@@ -162,30 +169,21 @@ class NodeParameters:
             parameter = self._table[name]
             if value is None:
                 return f"parameter {name} cannot be deleted, expected {parameter.expected}"
-            if self.in_use and parameter.changes != "always":
-                return f"parameter {name} can only be changed while the node is not configured"
             problem = parameter.problem(value)
             if problem is not None:
                 return problem
+            if self.active and not self._filling:
+                return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
         for change in changes:
             # The first time it is rclpy that declares it, for a topic that is being made.
             overrides = change.name.startswith(OVERRIDES) and self._node.has_parameter(change.name)
-            if self.in_use and overrides:
+            if self.active and overrides:
                 return f"parameter {change.name} only counts at the start of the node"
-        if known and self.in_use:
-            self._checked = settings_from(self.values() | known, self._models)
-            self._check(self._checked)
         for name in known:
             self._problems.pop(name, None)
-        return None
-
-    def _after(self, changes: Sequence[RosParameter]) -> None:
-        words = ", ".join(f"{c.name}={_plain(c.value)}" for c in changes if c.name in self._table)
-        settings, self._checked = self._checked, None
         if not self._filling:
-            self._silent -= {change.name for change in changes}
-        if words and settings is not None and self.in_use:
-            self._apply(settings, words)
+            self._silent -= known.keys()
+        return None
 
 
 def _plain(value: object) -> object:
@@ -198,7 +196,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=parameter.name,
         description=f"{parameter.description}{unit}",
-        read_only=parameter.changes == "at start",
+        read_only=parameter.at_start,
         # Of another type rclpy says neither which parameter it is nor what to write: we do.
         dynamic_typing=True,
     )

@@ -41,7 +41,7 @@ _OF_ROS = {
 }
 
 
-def check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, ...]:
+def _check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, ...]:
     """Return the topics that settings make the node listen to.
 
     Raises
@@ -101,7 +101,7 @@ class Session:
     ) -> None:
         self._node, self._wall = node, wall
         self._settings = settings
-        topics = check_topics(node, settings)
+        topics = _check_topics(node, settings)
         wrong, self.unused = override_problems(
             overrides,
             [
@@ -117,9 +117,11 @@ class Session:
         self.restored = self._soil_file.restore(self._onboard)
         if self._soil_file.problem:
             self._onboard = Onboard(settings.onboard, on_result=self._answer)
+        self._feed = Feed(self._onboard, settings)
         self._inputs = Inputs(
             node,
             self._onboard,
+            self._feed.topics,
             self._take,
             lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
             lambda message: self._safely("/tf", self._outputs.cost.on_transforms, message),
@@ -129,7 +131,6 @@ class Session:
         self._time_jumps = 0
         self._alarm = NO_ALARM  # the newest, in words
         self._last_arrival = time.monotonic()
-        self._go_by(Feed(self._onboard, settings))
         self._outputs = Outputs(node, settings, self._report)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
         self.restored = "; ".join(filter(None, [self.restored, remembered]))
@@ -145,12 +146,13 @@ class Session:
         problem = [self._soil_file.problem] if self._soil_file.problem else []
         return [*self._onboard.undeterminable, *problem, *self.unused]
 
-    # --- Transitions, parameters, services
+    # --- Transitions, services
 
     def activate(self) -> None:
         """Listen, and publish the soil as it is believed before any measurement."""
         self._last_arrival = time.monotonic()
-        self._inputs.listen(self._feed.topics)
+        self._inputs.listen()
+        self._inputs.say_what_is_expected()
         self._start_timers()
         self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
 
@@ -165,30 +167,6 @@ class Session:
         self.deactivate()
         self._outputs.cost.empty()
         self._outputs.destroy()
-
-    def apply(self, settings: NodeSettings, changes: str) -> None:
-        """Go by other settings, which have been checked; changes says which, in words."""
-        if settings == self._settings:
-            return
-        topics = check_topics(self._node, settings)
-        if self.active:
-            self._keep(self._onboard.flush())
-            self._inputs.listen(topics)
-        before, self._settings = self._settings, settings
-        words = [f"parameters changed: {changes}"]
-        if before.onboard != settings.onboard and self._onboard.apply(settings.onboard):
-            words.append("the soil starts over")
-            if self.active:
-                self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
-        if before.soil_file != settings.soil_file:
-            self._soil_file = SoilFile(settings.soil_file)
-        self._go_by(Feed(self._onboard, settings, self._feed.odometry_frame))
-        if self._outputs.cost.apply(settings.cost):
-            words.append("the cost map starts over")
-        if self.active and before.cost.period != settings.cost.period:
-            self._stop_timers()
-            self._start_timers()
-        self._node.get_logger().info("; ".join(words))
 
     def save(self) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""
@@ -217,16 +195,12 @@ class Session:
         if self.active:
             self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
 
-    def _go_by(self, feed: Feed) -> None:
-        self._feed = feed
-        self._inputs.use(feed.topics)
-
     def _start_timers(self) -> None:
         self._timers = [
             self._node.create_timer(period, partial(self._safely, name, work), clock=self._wall)
             for name, period, work in (
                 ("flush", 0.5, self._flush),
-                ("inputs", _WAITING_EVERY, self._say_what_is_missing),
+                ("inputs", _WAITING_EVERY, self._inputs.say_what_is_missing),
                 ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
                 ("~/markers", _MARKERS_EVERY, self._publish_markers),
             )
@@ -287,11 +261,7 @@ class Session:
             self._keep(self._onboard.flush())
             self._log_problems()
         self._outputs.publish_waiting_soil(self._feed.odometry_frame)
-
-    def _say_what_is_missing(self) -> None:
-        missing = self._inputs.waiting()
-        if missing:
-            self._node.get_logger().warning(missing)
+        self._inputs.say_when_all_are_here()
 
     def _publish_markers(self) -> None:
         self._outputs.publish_markers(self._feed.odometry_frame)

@@ -11,8 +11,8 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.map_file import read_map, write_map
 from smallwheel_ros.estimator.saved_state import check_may_replace, remove_drafts
-from smallwheel_ros.onboard.message_fields import soil_fields
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.result import soil_fields
 
 
 class SoilFile:

@@ -5,19 +5,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
+    FRACTION,
+    FormOfHidden,
+    Hidden,
+    Seed,
+    Strength,
     check_form,
     check_hidden,
+    check_ranges,
     draw_effects,
     in_drives,
 )
-from smallwheel_ros.simulate.hidden_effects import Form, HiddenEffect
+from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.ride import WheelTruth, ride
-from smallwheel_ros.simulate.rover import ROVERS, Rover
+from smallwheel_ros.simulate.rover import ROVERS, Rover, travel
 from smallwheel_ros.simulate.sensors import (
     EPOCH,
     ImuReadings,
@@ -29,56 +36,42 @@ from smallwheel_ros.simulate.sensors import (
 )
 from smallwheel_ros.simulate.terrain import (
     FINISHES,
+    TERRAINS,
     Stretch,
     draw_finish,
     draw_ground,
     draw_stretches,
 )
-from smallwheel_ros.simulate.travel import travel
-from smallwheel_ros.simulate.truth import SimulationError, check_range
+from smallwheel_ros.simulate.truth import SimulationError
 
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """What drive to simulate.
+    """What drive to simulate: the options of `smallwheel simulate drive`.
 
-    Parameters
-    ----------
-    seed
-        The same seed gives the same drive, to the byte.
-    distance, speed
-        Way (m) and middle speed (m/s).
-    wheels
-        Name of a rover (`ROVERS`), or one of your own.
-    terrain
-        ``"mixed"`` or ``"single"`` soil; `stretches`, where given, is used instead.
-    finish
-        ``"none"``, or what the drive ends in after `distance`: a ``"slope"`` that steepens, or
-        ``"slippery"`` ground, until the rover is stuck.
-    hidden, strength, form
-        Effects in the truth, factor on their size, and their form (module `hidden`).
-    noise
-        Factor on the noise of every sensor.
-    outliers
-        Share of measured sinkages that are grossly wrong.
-    dropouts
-        Share of load and sinkage messages that are missing; above 0 one wheel's sinkage is also
-        missing for 1.5 s.
+    The same seed gives the same drive, to the byte. `wheels` may be a rover of your own, and `stretches`,
+    where given, are driven over instead of `terrain`. A `finish` is what the drive ends in after
+    `distance`, stuck: a slope that steepens, or slippery ground. With dropouts above 0 one wheel's
+    sinkage is also missing for 1.5 s.
     """
 
-    seed: int = 0
-    distance: float = 30.0
-    speed: float = 0.5
-    wheels: str | Rover = "four"
-    terrain: str = "mixed"
+    seed: Seed = 0
+    distance: Annotated[float, Option("Way, m.", (2.0, 20_000.0, "m"))] = 30.0
+    speed: Annotated[float, Option("Middle speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
+    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.")] = "four"
+    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.")] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
-    finish: str = "none"
-    hidden: tuple[str, ...] = ()
-    strength: float = 1.0
-    form: Form = "own"
-    noise: float = 1.0
-    outliers: float = 0.0
-    dropouts: float = 0.01
+    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.")] = "none"
+    hidden: Hidden = ()
+    strength: Strength = 1.0
+    form: FormOfHidden = "own"
+    noise: Annotated[float, Option("Factor on every sensor's noise.", (0.0, 20.0))] = 1.0
+    outliers: Annotated[
+        float, Option("Share of measured sinkages that are grossly wrong.", (0.0, 0.5), FRACTION)
+    ] = 0.0
+    dropouts: Annotated[
+        float, Option("Share of load and sinkage messages that are missing.", (0.0, 0.9), FRACTION)
+    ] = 0.01
 
     def rover(self) -> Rover:
         """Return the rover that drives."""
@@ -98,13 +91,7 @@ class DriveSettings:
         SimulationError
             Naming the setting, what it was, and what was expected.
         """
-        check_range("seed", self.seed, 0, 2**63 - 1)
-        check_range("distance", self.distance, 2.0, 20_000.0, "m")
-        check_range("speed", self.speed, 0.01, 3.0, "m/s")
-        check_range("strength", self.strength, 0.0, 10.0)
-        check_range("noise", self.noise, 0.0, 20.0)
-        check_range("outliers", self.outliers, 0.0, 0.5)
-        check_range("dropouts", self.dropouts, 0.0, 0.9)
+        check_ranges(self)
         check_form(self.form)
         if self.finish not in FINISHES:
             raise SimulationError(
@@ -226,14 +213,7 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     truth = ride(
         rover, ground, stretches, effects, travel(ground, settings.distance, settings.speed)
     )
-    sensors = Sensors(
-        truth,
-        rover,
-        settings.seed,
-        noise=settings.noise,
-        outliers=settings.outliers,
-        dropouts=settings.dropouts,
-    )
+    sensors = Sensors(truth, rover, settings)
     names = [wheel.name for wheel in rover.wheels]
     return Drive(
         settings=settings,

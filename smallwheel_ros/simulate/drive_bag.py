@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from smallwheel_ros.bags import BagWriter, message_type
+from smallwheel_ros.bags import BagWriter, Message, header
 from smallwheel_ros.bags.files import Storage
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.drive import Drive
@@ -27,6 +27,7 @@ from smallwheel_ros.simulate.sensors import (
     JointReadings,
     LoadReadings,
     OdometryReadings,
+    Readings,
     SinkageReadings,
 )
 
@@ -62,6 +63,11 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
     return len(messages)
 
 
+def _times(readings: Readings) -> Iterator[tuple[int, int]]:
+    """Give the stamp and the time of recording (ns) of each reading."""
+    return zip(readings.stamp.tolist(), readings.log_time.tolist(), strict=True)
+
+
 def _messages(drive: Drive) -> Iterator[_Recorded]:
     for wheel in drive.rover.wheels:
         yield from _loads(wheel.name, drive.load[wheel.name])
@@ -71,41 +77,32 @@ def _messages(drive: Drive) -> Iterator[_Recorded]:
     yield from _imu(drive.imu)
 
 
-def _header(stamp: int, frame: str) -> Any:
-    time = message_type("builtin_interfaces/msg/Time")
-    return message_type("std_msgs/msg/Header")(
-        stamp=time(sec=int(stamp // 10**9), nanosec=int(stamp % 10**9)), frame_id=frame
-    )
-
-
-def _vector(x: float, y: float, z: float) -> Any:
-    return message_type("geometry_msgs/msg/Vector3")(x=float(x), y=float(y), z=float(z))
+def _vector(x: float, y: float, z: float) -> Message:
+    return Message(x=float(x), y=float(y), z=float(z))
 
 
 def _loads(wheel: str, readings: LoadReadings) -> Iterator[_Recorded]:
-    wrench, stamped = message_type("geometry_msgs/msg/Wrench"), message_type(LOAD)
     torque = _vector(0.0, 0.0, 0.0)
-    for i, stamp in enumerate(readings.stamp):
-        force = _vector(readings.pull[i], 0.0, readings.normal[i])
-        message = stamped(header=_header(stamp, wheel), wrench=wrench(force=force, torque=torque))
-        yield _Recorded(int(readings.log_time[i]), f"/{wheel}/load", LOAD, message)
+    for i, (stamp, log_time) in enumerate(_times(readings)):
+        wrench = Message(force=_vector(readings.pull[i], 0.0, readings.normal[i]), torque=torque)
+        message = Message(header=header(stamp, wheel), wrench=wrench)
+        yield _Recorded(log_time, f"/{wheel}/load", LOAD, message)
 
 
 def _sinkages(wheel: str, readings: SinkageReadings) -> Iterator[_Recorded]:
-    kind = message_type(SINKAGE)
-    for i, stamp in enumerate(readings.stamp):
-        message = kind(
-            header=_header(stamp, wheel),
+    for i, (stamp, log_time) in enumerate(_times(readings)):
+        message = Message(
+            header=header(stamp, wheel),
             sinkage=float(readings.sinkage[i]),
             variance=float(readings.variance[i]),
         )
-        yield _Recorded(int(readings.log_time[i]), f"/{wheel}/sinkage", SINKAGE, message)
+        yield _Recorded(log_time, f"/{wheel}/sinkage", SINKAGE, message)
 
 
-def _quaternion(roll: float, pitch: float, yaw: float) -> Any:
+def _quaternion(roll: float, pitch: float, yaw: float) -> Message:
     """Orientation of REP 103's fixed-axis roll, pitch, yaw (rad)."""
     (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a / 2), np.cos(a / 2)) for a in (roll, pitch, yaw))
-    return message_type("geometry_msgs/msg/Quaternion")(
+    return Message(
         x=float(sr * cp * cy - cr * sp * sy),
         y=float(cr * sp * cy + sr * cp * sy),
         z=float(cr * cp * sy - sr * sp * cy),
@@ -113,55 +110,48 @@ def _quaternion(roll: float, pitch: float, yaw: float) -> Any:
     )
 
 
-def _covariance(linear: float, angular: float) -> Array:
-    """Row-major 6x6 with one standard deviation for positions (m) and one for angles (rad)."""
-    return np.diag([linear**2] * 3 + [angular**2] * 3).ravel()
+def _covariance(*deviations: float) -> Array:
+    """Row-major, three of each standard deviation: 6x6 of positions (m) and angles (rad), or 3x3."""
+    return np.diag(np.repeat(np.square(deviations), 3)).ravel()
 
 
 def _odometry(readings: OdometryReadings) -> Iterator[_Recorded]:
-    odometry = message_type(ODOMETRY)
-    point, pose = message_type("geometry_msgs/msg/Point"), message_type("geometry_msgs/msg/Pose")
-    with_covariance = message_type("geometry_msgs/msg/PoseWithCovariance")
-    twist = message_type("geometry_msgs/msg/Twist")
-    twist_with_covariance = message_type("geometry_msgs/msg/TwistWithCovariance")
     pose_covariance, twist_covariance = _covariance(0.02, 0.002), _covariance(0.008, 0.005)
-    for i, stamp in enumerate(readings.stamp):
-        place = point(x=float(readings.x[i]), y=float(readings.y[i]), z=float(readings.z[i]))
-        turned = _quaternion(readings.roll[i], readings.pitch[i], readings.yaw[i])
-        motion = twist(
+    for i, (stamp, log_time) in enumerate(_times(readings)):
+        pose = Message(
+            position=_vector(readings.x[i], readings.y[i], readings.z[i]),
+            orientation=_quaternion(readings.roll[i], readings.pitch[i], readings.yaw[i]),
+        )
+        twist = Message(
             linear=_vector(readings.forward_speed[i], 0.0, 0.0),
             angular=_vector(0.0, 0.0, readings.yaw_rate[i]),
         )
-        message = odometry(
-            header=_header(stamp, "odom"),
+        message = Message(
+            header=header(stamp, "odom"),
             child_frame_id="base_link",
-            pose=with_covariance(
-                pose=pose(position=place, orientation=turned), covariance=pose_covariance
-            ),
-            twist=twist_with_covariance(twist=motion, covariance=twist_covariance),
+            pose=Message(pose=pose, covariance=pose_covariance),
+            twist=Message(twist=twist, covariance=twist_covariance),
         )
-        yield _Recorded(int(readings.log_time[i]), "/odom", ODOMETRY, message)
+        yield _Recorded(log_time, "/odom", ODOMETRY, message)
 
 
 def _joints(names: list[str], readings: JointReadings) -> Iterator[_Recorded]:
-    kind = message_type(JOINTS)
-    for i, stamp in enumerate(readings.stamp):
-        message = kind(
-            header=_header(stamp, ""),
+    for i, (stamp, log_time) in enumerate(_times(readings)):
+        message = Message(
+            header=header(stamp, ""),
             name=names,
             position=readings.position[i],
             velocity=readings.velocity[i],
             effort=readings.effort[i],
         )
-        yield _Recorded(int(readings.log_time[i]), "/joint_states", JOINTS, message)
+        yield _Recorded(log_time, "/joint_states", JOINTS, message)
 
 
 def _imu(readings: ImuReadings) -> Iterator[_Recorded]:
-    kind = message_type(IMU)
-    angle, rate, felt = (np.diag([spread**2] * 3).ravel() for spread in (6e-3, 3e-3, 0.1))
-    for i, stamp in enumerate(readings.stamp):
-        message = kind(
-            header=_header(stamp, "base_link"),
+    angle, rate, felt = (_covariance(spread) for spread in (6e-3, 3e-3, 0.1))
+    for i, (stamp, log_time) in enumerate(_times(readings)):
+        message = Message(
+            header=header(stamp, "base_link"),
             orientation=_quaternion(readings.roll[i], readings.pitch[i], readings.yaw[i]),
             orientation_covariance=angle,
             angular_velocity=_vector(0.0, 0.0, readings.yaw_rate[i]),
@@ -169,4 +159,4 @@ def _imu(readings: ImuReadings) -> Iterator[_Recorded]:
             linear_acceleration=_vector(*readings.acceleration[i]),
             linear_acceleration_covariance=felt,
         )
-        yield _Recorded(int(readings.log_time[i]), "/imu", IMU, message)
+        yield _Recorded(log_time, "/imu", IMU, message)

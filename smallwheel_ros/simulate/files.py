@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write files whole or not at all."""
+"""Write tables and answers, whole or not at all."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from smallwheel_ros.common.files import OutputError
-from smallwheel_ros.common.files import write_whole as write_in_one_step
+from smallwheel_ros.common.files import json_text, write_bytes, write_whole
 from smallwheel_ros.simulate.truth import SimulationError
 
 SUFFIXES = (".csv", ".parquet")
@@ -28,29 +25,18 @@ def check_folder(path: Path) -> Path:
     return path
 
 
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Let `write` make a file beside `path`, then put it there in one step.
-
-    Raises
-    ------
-    SimulationError
-        If the file cannot be written; what was at `path` is still there then.
-    """
-    check_folder(path)
-    try:
-        write_in_one_step(path, write)
-    except OutputError as error:
-        raise SimulationError(str(error)) from error
+def check_suffix(path: Path) -> Path:
+    """Return the path; raise `SimulationError` unless it is that of a table."""
+    if path.suffix not in SUFFIXES:
+        raise SimulationError(
+            f"cannot write {path}: the suffix {path.suffix!r} is not {' or '.join(SUFFIXES)}"
+        )
+    return path
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON, refusing numbers that are not finite."""
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-
-    def write(part: Path) -> None:
-        part.write_text(text, encoding="utf-8")
-
-    write_whole(path, write)
+    """Write JSON, refusing numbers that are not finite. Raises SimulationError, OutputError."""
+    write_bytes(check_folder(path), json_text(content).encode())
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
@@ -58,10 +44,10 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
 
     Raises
     ------
-    SimulationError
+    SimulationError, OutputError
         If the suffix is another one or the file cannot be written.
     """
-    path = check_suffix(Path(path))
+    path = check_folder(check_suffix(Path(path)))
 
     def write(part: Path) -> None:
         if path.suffix == ".csv":
@@ -76,12 +62,3 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
             ) from error
 
     write_whole(path, write)
-
-
-def check_suffix(path: Path) -> Path:
-    """Return the path; raise `SimulationError` unless it is that of a table."""
-    if path.suffix not in SUFFIXES:
-        raise SimulationError(
-            f"cannot write {path}: the suffix {path.suffix!r} is not {' or '.join(SUFFIXES)}"
-        )
-    return path

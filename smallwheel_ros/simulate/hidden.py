@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hidden effects by name: what `--hidden` takes, and how their numbers are drawn for a seed.
+"""Settings that rigs and drives have alike: above all the hidden effects, and how they are drawn.
 
 A name may carry the size that the effect has, in SI units of its formula: `load_offset=-4`. Then
 nothing of it is drawn, and `strength` has no say in it.
@@ -11,66 +11,16 @@ import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Annotated, Any
 
+import click
 import numpy as np
 
-from smallwheel_ros.simulate.hidden_effects import (
-    FORMS,
-    Bulldozing,
-    ElasticRebound,
-    Form,
-    Grouser,
-    HiddenEffect,
-    Multipass,
-    SkidSinkage,
-    SlipAngleSinkage,
-    SlipSinkage,
-)
-from smallwheel_ros.simulate.hidden_faults import (
-    LoadGain,
-    LoadOffset,
-    ResistanceGain,
-    ResistanceOffset,
-    RigFriction,
-    SinkageGain,
-    SinkageOffset,
-    SlipResistance,
-)
-from smallwheel_ros.simulate.hidden_stiffness import (
-    ColumnEffect,
-    Hardpan,
-    LoadDependentModulus,
-    PenetrationRate,
-    Unrecorded,
-    WidthDependentModulus,
-)
-from smallwheel_ros.simulate.truth import SimulationError
+from smallwheel_ros.common.options import Option, options_of
+from smallwheel_ros.simulate.hidden_effects import FORMS, LAWS, Form, HiddenEffect
+from smallwheel_ros.simulate.truth import SimulationError, check_range
 
-EFFECTS: dict[str, type[HiddenEffect]] = {
-    kind.name: kind
-    for kind in (
-        SlipSinkage,
-        SkidSinkage,
-        SlipAngleSinkage,
-        Bulldozing,
-        PenetrationRate,
-        LoadDependentModulus,
-        WidthDependentModulus,
-        Multipass,
-        Hardpan,
-        Grouser,
-        ElasticRebound,
-        Unrecorded,
-        SinkageOffset,
-        SinkageGain,
-        LoadOffset,
-        LoadGain,
-        ResistanceOffset,
-        ResistanceGain,
-        RigFriction,
-        SlipResistance,
-    )
-}
+EFFECTS = {name: law for name, law in LAWS.items() if name != "column"}
 MOISTURE = "moisture"  # a column like any other, only better known
 _COLUMN = "column:"
 # Unit in the header, low, high. Others are pure numbers between 0.5 and 1.5.
@@ -80,34 +30,45 @@ KNOWN_COLUMNS: dict[str, tuple[str, float, float]] = {
     "temperature": ("K", 268.0, 308.0),
 }
 # Columns that a measurements table knows: no effect can be driven by an extra one of that name.
-_CONTRACT_COLUMNS = frozenset(
-    [
-        "load",
-        "diameter",
-        "width",
-        "sinkage",
-        "resistance",
-        "drawbar_pull",
-        "sinkage_std",
-        "resistance_std",
-        "drawbar_pull_std",
-        "slip",
-        "slip_angle",
-        "slope",
-        "speed",
-        "pass_number",
-        "grouser_height",
-        "contact",
-        "soil",
-        "run",
-        "wheel",
-    ]
-)
+_CONTRACT_COLUMNS = frozenset([
+    "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "sinkage_std",
+    "resistance_std", "drawbar_pull_std", "slip", "slip_angle", "slope", "speed", "pass_number",
+    "grouser_height", "contact", "soil", "run", "wheel",
+])  # fmt: skip
 
 
 def hidden_names() -> tuple[str, ...]:
     """Everything that `--hidden` takes."""
     return ("none", *EFFECTS, MOISTURE, f"{_COLUMN}NAME")
+
+
+Seed = Annotated[int, Option("Same seed, same data.", (0, 2**63 - 1))]
+Strength = Annotated[float, Option("Factor on the size of the hidden effects.", (0.0, 10.0))]
+Hidden = Annotated[
+    tuple[str, ...],
+    Option(
+        f"Effects and faults of instruments in the truth: {', '.join(hidden_names())}."
+        " With a size, that is its amplitude in SI units: load_offset=-4.",
+        words={"default": "none", "metavar": "EFFECT[=SIZE][,EFFECT]"},
+    ),
+]
+FormOfHidden = Annotated[
+    Form,
+    Option(
+        "Form of the hidden effects: the simulator's own, or one from the literature.",
+        words={"type": click.Choice(FORMS)},
+    ),
+]
+
+
+FRACTION = {"metavar": "FRACTION"}  # of options that are a share
+
+
+def check_ranges(settings: Any) -> None:
+    """Raise `SimulationError` for the first setting that is outside its range."""
+    for name, option in options_of(type(settings)).items():
+        if option.within:
+            check_range(name.replace("_", " "), getattr(settings, name), *option.within)
 
 
 def column_unit(column: str) -> str:
@@ -150,7 +111,7 @@ def hidden_column(text: str) -> str | None:
 def in_drives(text: str) -> bool:
     """Whether a drive can have this effect: its driver and its instrument are there."""
     name, _ = split_size(text)
-    return hidden_column(text) is None and EFFECTS[name].in_drives
+    return hidden_column(text) is None and LAWS[name].in_drives
 
 
 def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
@@ -192,11 +153,24 @@ def draw_effects(
         name, size = split_size(text)
         column = hidden_column(name)
         if column is None:
-            effect = EFFECTS[name].draw(rng, strength, form)
+            effect = _drawn(name, rng, strength, form)
         else:
             _, low, high = KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
-            amplitude = strength * ColumnEffect.typical[form] * rng.uniform(0.85, 1.15)
             middle, half = (low + high) / 2, (high - low) / 2
-            effect = ColumnEffect(form, amplitude, column, middle, half)
+            numbers = {"column": column, "centre": middle, "half_range": half}
+            effect = replace(_drawn("column", rng, strength, form), numbers=numbers)
         drawn.append(effect if size is None else replace(effect, amplitude=size))
     return tuple(drawn)
+
+
+def _drawn(name: str, rng: np.random.Generator, strength: float, form: Form) -> HiddenEffect:
+    """Draw an effect of about the typical size (within 15 %), or of that size and its numbers."""
+    law = LAWS[name]
+    amplitude = strength * law.forms[form].typical
+    between = {key: at for key, at in law.numbers.items() if isinstance(at, tuple)}
+    if law.either_sign and rng.uniform() >= 0.5:
+        amplitude = -amplitude
+    if not between:
+        amplitude *= rng.uniform(0.85, 1.15)
+    numbers = {key: rng.uniform(*ends) for key, ends in between.items()}
+    return HiddenEffect(name, form, amplitude, {**law.numbers, **numbers})

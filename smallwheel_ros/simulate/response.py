@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
-from smallwheel_ros.simulate.hidden_effects import HiddenEffect
+from smallwheel_ros.simulate.hidden_effects import HiddenEffect, acting
 from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, shear_stress
 
 
@@ -48,13 +48,13 @@ class Ground:
         soil, at = self.soil, self.at
         modulus = soil.k * at.diameter**soil.m * self.scatter
         pressed = contact.depth
-        for effect in self.effects:
-            modulus = modulus * effect.modulus(at)
-            pressed = pressed - effect.carried_away(contact, at)
+        for firmer in acting(self.effects, "modulus"):
+            modulus = modulus * firmer(at)
+        for carried_away in acting(self.effects, "carried_away"):
+            pressed = pressed - carried_away(contact, at)
         pressure = modulus[:, None] * np.maximum(pressed, 0.0) ** soil.n
-        for effect in self.effects:
-            pressure = pressure * effect.layering(contact.depth, soil)
-            pressure = pressure * effect.local(contact, at)
+        for more in acting(self.effects, "stress"):
+            pressure = pressure * more(contact, at, soil)
         return pressure
 
     def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
@@ -63,13 +63,11 @@ class Ground:
         contact = Contact.at(diameter, sinkage, rut)
         stress = self.stress(contact)
         load, resistance = contact.upward(stress, width), contact.backward(stress, width)
-        for effect in self.effects:
-            rise = effect.rebound(stress[:, -1])
-            if rise is None:
-                continue
+        for rebound in acting(self.effects, "rebound"):
+            rise, exponent = rebound(stress[:, -1])
             # Behind the lowest point the wheel unloads the soil, which pushes it up and on.
             rear = Contact.at(diameter, np.clip(rise, 1e-12, sinkage))
-            left = stress[:, -1:] * effect.unloading(rear.depth / rear.sinkage[:, None])
+            left = stress[:, -1:] * (rear.depth / rear.sinkage[:, None]) ** exponent
             load = load + np.where(rise > 0, rear.upward(left, width), 0.0)
             resistance = resistance - np.where(rise > 0, rear.backward(left, width), 0.0)
         return load, resistance
@@ -82,7 +80,7 @@ class Ground:
     def rut(self) -> Array:
         """Depth (m) of the rut that earlier passes of the same wheel under the same load left."""
         rut = np.zeros(self.at.load.shape)
-        if not any(effect.in_ruts for effect in self.effects):
+        if not any(effect.law.in_ruts for effect in self.effects):
             return rut
         passes = self.at.pass_number
         for earlier in range(1, int(np.max(passes))):
@@ -131,19 +129,18 @@ def wheel_response(
     ground = Ground(soil, effects, at, scatter)
     rut = ground.rut()
     depth = ground.depth(rut)
-    for effect in effects:
-        depth = effect.sinkage(depth, at)
+    for deeper in acting(effects, "sinkage"):
+        depth = deeper(depth, at)
     depth = np.where(depth < at.diameter / 2, depth, np.nan)
     _, resistance = ground.forces(depth, rut)
     contact = Contact.at(at.diameter, depth, rut)
     stress = ground.stress(contact)
     thrust, torque = _traction(stress, contact, soil, at)
     shown = depth
-    for effect in effects:
-        resistance = resistance + effect.added_resistance(depth, soil, at)
-        rise = effect.rebound(stress[:, -1])
-        if rise is not None:
-            shown = shown - rise
+    for pushed in acting(effects, "resistance"):
+        resistance = resistance + pushed(depth, soil, at)
+    for rebound in acting(effects, "rebound"):
+        shown = shown - rebound(stress[:, -1])[0]
     return Response(
         depth=depth,
         shown_sinkage=shown_by_instrument(effects, "sinkage", shown, at),
@@ -160,7 +157,7 @@ def firmness(soil: TruthSoil, effects: Sequence[HiddenEffect], at: Circumstances
     Taken at the sinkage without them, averaged over the rows.
     """
     plain = Ground(soil, (), at)
-    there = Ground(soil, [effect for effect in effects if effect.on_stiffness], at)
+    there = Ground(soil, [effect for effect in effects if effect.law.on_stiffness], at)
     fresh = np.zeros(at.load.shape)
     depth = plain.depth(fresh)
     return float(np.mean(there.forces(depth, fresh)[0] / at.load))
@@ -170,6 +167,6 @@ def shown_by_instrument(
     effects: Sequence[HiddenEffect], channel: str, value: Array, at: Circumstances
 ) -> Array:
     """Let the faults of instruments have their say about `sinkage`, `resistance` or `load`."""
-    for effect in effects:
-        value = effect.shown(channel, value, at)
+    for shows in acting(effects, f"shown_{channel}"):
+        value = shows(value, at)
     return value

@@ -10,9 +10,8 @@ import numpy as np
 from smallwheel_ros.simulate.contact import Array, bracketed_root
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.response import Response, traction_at, wheel_response
-from smallwheel_ros.simulate.rover import GRAVITY, Rover, wheel_loads
+from smallwheel_ros.simulate.rover import GRAVITY, STANDS, Rover, Travel, until_stuck, wheel_loads
 from smallwheel_ros.simulate.terrain import Ground, Stretch, grip, stretch_index, wave_value
-from smallwheel_ros.simulate.travel import STANDS, Travel, until_stuck
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     Places,

@@ -8,21 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
+    FRACTION,
+    FormOfHidden,
+    Hidden,
+    Seed,
+    Strength,
     check_form,
     check_hidden,
+    check_ranges,
     column_unit,
     draw_effects,
 )
-from smallwheel_ros.simulate.hidden_effects import Form, HiddenEffect
+from smallwheel_ros.simulate.hidden_effects import HiddenEffect
 from smallwheel_ros.simulate.response import shown_by_instrument, wheel_response
 from smallwheel_ros.simulate.rig_design import (
+    CONTINUOUS,
     RigDesign,
     RunSettings,
     check_tie,
@@ -49,41 +57,40 @@ _ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3, 
 
 @dataclass(frozen=True)
 class RigSettings:
-    """What table to simulate.
+    """What table to simulate: the options of `smallwheel simulate rig`.
 
-    Parameters
-    ----------
-    seed
-        The same seed gives the same table, to the byte.
-    hidden, strength, form
-        Effects in the truth, factor on their size, and their form (module `hidden`). A name can
-        carry its size: ``"load_offset=-4"``.
-    runs, rows_per_run
-        A run is one setting of everything; its rows are repeats of it.
-    noise
-        Relative noise (1 sigma) of the channels; their small absolute noise and the errors of
-        measured load, slip and speed grow with it.
-    soil_scatter
-        Standard deviation of ln k from run to run.
-    channels
-        Which of `CHANNELS` are measured.
-    tie
-        Two settings driven together (r about 0.99), or none.
-    outliers
-        Share of rows in which one channel is grossly wrong.
+    The same seed gives the same table, to the byte. A hidden effect can carry its size:
+    ``"load_offset=-4"``. A run is one setting of everything, its rows are repeats of it. Noise and
+    scatter are standard deviations: of the channels, relative (their small absolute noise and the
+    errors of measured load, slip and speed grow with it), and of ln k from run to run. A tie drives
+    two settings together, r about 0.99.
     """
 
-    seed: int = 0
-    hidden: tuple[str, ...] = ()
-    strength: float = 1.0
-    form: Form = "own"
-    runs: int = 32
-    rows_per_run: int = 3
-    noise: float = _TYPICAL_NOISE
-    soil_scatter: float = 0.05
-    channels: tuple[str, ...] = ("sinkage", "resistance")
-    tie: tuple[str, ...] = ()
-    outliers: float = 0.0
+    seed: Seed = 0
+    hidden: Hidden = ()
+    strength: Strength = 1.0
+    form: FormOfHidden = "own"
+    runs: Annotated[int, Option(within=(1, 100_000))] = 32
+    rows_per_run: Annotated[int, Option("Repeats of each run's setting.", (1, 1000))] = 3
+    noise: Annotated[float, Option("Relative noise of the channels.", (0.0, 0.5))] = _TYPICAL_NOISE
+    soil_scatter: Annotated[
+        float, Option("Relative scatter of the soil's k from run to run.", (0.0, 1.0))
+    ] = 0.05
+    channels: Annotated[
+        tuple[str, ...],
+        Option(f"What is measured: {', '.join(CHANNELS)}.", words={"metavar": "NAME[,NAME]"}),
+    ] = ("sinkage", "resistance")
+    tie: Annotated[
+        tuple[str, ...],
+        Option(
+            f"Two settings driven together: {', '.join(CONTINUOUS)}, an extra column.",
+            words={"metavar": "NAME,NAME", "show_default": False},
+        ),
+    ] = ()
+    outliers: Annotated[
+        float,
+        Option("Share of rows in which one channel is grossly wrong.", (0.0, 0.5), FRACTION),
+    ] = 0.0
 
     def check(self) -> RigSettings:
         """Return the settings without `none` among the hidden effects.
@@ -93,13 +100,7 @@ class RigSettings:
         SimulationError
             Naming the setting, what it was, and what was expected.
         """
-        check_range("seed", self.seed, 0, 2**63 - 1)
-        check_range("strength", self.strength, 0.0, 10.0)
-        check_range("runs", self.runs, 1, 100_000)
-        check_range("rows per run", self.rows_per_run, 1, 1000)
-        check_range("noise", self.noise, 0.0, 0.5)
-        check_range("soil scatter", self.soil_scatter, 0.0, 1.0)
-        check_range("outliers", self.outliers, 0.0, 0.5)
+        check_ranges(self)
         check_form(self.form)
         wrong = [name for name in self.channels if name not in CHANNELS]
         if wrong or not self.channels or len(set(self.channels)) < len(self.channels):

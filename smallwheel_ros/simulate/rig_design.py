@@ -11,7 +11,6 @@ import numpy as np
 
 from smallwheel_ros.simulate.hidden import hidden_column
 from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.hidden_stiffness import ColumnEffect
 from smallwheel_ros.simulate.response import firmness, wheel_response
 from smallwheel_ros.simulate.terrain import soil_of_pressure
 from smallwheel_ros.simulate.truth import Circumstances, SimulationError, TruthSoil
@@ -86,10 +85,13 @@ def draw_design(
     widths = np.array([0.04, 0.07, 0.11, 0.17]) * rng.uniform(0.9, 1.1, 4)
     ranges = {name: RANGES[name] for name in CONTINUOUS}
     for effect in effects:
-        ranges |= {name: RANGES[name] for name in effect.needs}
+        ranges |= {name: RANGES[name] for name in effect.law.needs}
         if effect.name == "skid_sinkage":
             ranges["slip"] = (-0.6, 0.6)
-    columns = {e.column: e.extent for e in effects if isinstance(e, ColumnEffect)}
+    columns = {}
+    for numbers in (effect.numbers for effect in effects if effect.name == "column"):
+        middle, half = numbers["centre"], numbers["half_range"]
+        columns[numbers["column"]] = (middle - half, middle + half)
     soil = soil_of_pressure(
         "rig_soil",
         np.exp(rng.uniform(np.log(12e3), np.log(32e3))),

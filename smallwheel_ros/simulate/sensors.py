@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.ride import WheelTruth
-from smallwheel_ros.simulate.rover import GRAVITY, Rover
-from smallwheel_ros.simulate.travel import STANDS
+from smallwheel_ros.simulate.rover import GRAVITY, STANDS, Rover
+
+if TYPE_CHECKING:
+    from smallwheel_ros.simulate.drive import DriveSettings
 
 Nanoseconds = NDArray[np.int64]
 
@@ -32,35 +35,37 @@ _GAP = 1.5  # s
 
 
 @dataclass(frozen=True)
-class LoadReadings:
+class Readings:
+    """When something was measured, and when it was recorded: ns since the epoch."""
+
+    stamp: Nanoseconds
+    log_time: Nanoseconds
+
+
+@dataclass(frozen=True)
+class LoadReadings(Readings):
     """Of one wheel, in its frame: `normal` positive when the soil pushes the wheel up, N.
 
     `pull` is what the soil pushes the wheel forward with, thrust less resistance, N.
     """
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     normal: Array
     pull: Array
 
 
 @dataclass(frozen=True)
-class SinkageReadings:
+class SinkageReadings(Readings):
     """Of one wheel; sinkage in m, positive down, variance in m^2; `outlier` marks gross errors."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     sinkage: Array
     variance: Array
     outlier: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class OdometryReadings:
+class OdometryReadings(Readings):
     """Of a source other than the wheels (visual and inertial): pose in odom, twist in base."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     x: Array
     y: Array
     z: Array
@@ -72,22 +77,18 @@ class OdometryReadings:
 
 
 @dataclass(frozen=True)
-class JointReadings:
+class JointReadings(Readings):
     """All wheels at once, shape (times, wheels): rad, rad/s and N m, positive forward."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     position: Array
     velocity: Array
     effort: Array
 
 
 @dataclass(frozen=True)
-class ImuReadings:
+class ImuReadings(Readings):
     """In base_link: angles of REP 103 (rad), and what is felt (m/s^2), shape (times, 3)."""
 
-    stamp: Nanoseconds
-    log_time: Nanoseconds
     roll: Array
     pitch: Array
     yaw: Array
@@ -96,29 +97,12 @@ class ImuReadings:
 
 
 class Sensors:
-    """Reads a truth; each kind of reading has a random stream of its own.
+    """Reads a truth; each kind of reading has a random stream of its own, by the drive's seed."""
 
-    Parameters
-    ----------
-    seed
-        Of the drive.
-    noise, outliers, dropouts
-        As in `DriveSettings`.
-    """
-
-    def __init__(
-        self,
-        truth: WheelTruth,
-        rover: Rover,
-        seed: int,
-        *,
-        noise: float,
-        outliers: float,
-        dropouts: float,
-    ) -> None:
-        self.truth, self.rover = truth, rover
-        self._seed = seed
-        self.noise, self.outliers, self.dropouts = noise, outliers, dropouts
+    def __init__(self, truth: WheelTruth, rover: Rover, settings: DriveSettings) -> None:
+        self.truth, self.rover, self._seed = truth, rover, settings.seed
+        self.noise, self.outliers = settings.noise, settings.outliers
+        self.dropouts = settings.dropouts
 
     def _stream(self, *purpose: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, *purpose])

@@ -39,7 +39,7 @@ class Drive {
     ], {down: true, height: 190}));
     const pulls = data.wheels.map(wheel => wheel.pull.y), room = span(pulls, 0.35, 0.99);
     if (pulls.flat().some(known)) {
-      data.wheels.forEach((wheel, i) => this.over(many, `${wheel.name}: net traction`, 'drawbar pull [N]', room, [
+      data.wheels.forEach((wheel, i) => this.over(many, `${wheel.name}: drawbar pull`, 'drawbar pull [N]', room, [
         {kind: 'line', x: wheel.time, ...wheel.pull, colour: this.shade(i), name: 'drawbar pull'},
       ], {height: 190}));
     }
@@ -108,7 +108,7 @@ class Drive {
     const tall = (Math.max(...way.y.filter(known)) - Math.min(...way.y.filter(known)))
       / Math.max(Math.max(...way.x.filter(known)) - Math.min(...way.x.filter(known)), 1e-9);
     this.panel = new Plot(box, {
-      label: `the way, coloured by ${kind}`, wide: true, equal: true,
+      label: `the path, coloured by ${kind}`, wide: true, equal: true,
       height: Math.round(Math.max(220, Math.min(520, 120 + tall * Math.min(box.clientWidth, 1000)))),
       x: {label: 'x [m]', range: span([way.x])}, y: {label: 'y [m]', range: span([way.y])},
       layers: [

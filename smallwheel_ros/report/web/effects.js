@@ -85,7 +85,7 @@ class Effects {
 
   callout({headline, items, kind}) {
     const made = el('div', {class: 'callout ' + kind}, el('p', {class: 'headline'}, headline),
-      ...items.map(item => el('p', {}, item)));
+      ...items.map(item => el('p', {}, ...prose(item))));
     this.parts.headline.replaceChildren(made);
   }
 
@@ -105,7 +105,7 @@ class Effects {
       el('ul', {}, ...view.soils.map(text => el('li', {}, text))));
     if (view.notes.length) {
       parts.parameters.append(el('details', {}, el('summary', {}, 'Notes on the fit'),
-        el('ul', {}, ...view.notes.map(text => el('li', {}, text)))));
+        el('ul', {}, ...view.notes.map(text => el('li', {}, ...prose(text))))));
     }
     for (const [index, formula] of Object.entries(view.formulas)) {
       this.box.querySelector(`.means[data-index="${index}"] .formula code`).textContent = formula;
@@ -135,7 +135,7 @@ class Effects {
     const name = this.data.table.runs[run], box = this.parts.point;
     const lines = found => {
       box.replaceChildren(el('div', {class: 'callout result'}, el('p', {class: 'headline'}, `Run ${name} is grey`),
-        ...found.map(text => el('p', {}, text)), el('p', {}, 'Click on one of its points again to have it back.')));
+        ...found.map(text => el('p', {}, ...prose(text))), el('p', {}, 'Click on one of its points again to have it back.')));
       say(found.join(' '));
     };
     if (!this.data.served) {

@@ -22,12 +22,24 @@ function el(tag, attributes = {}, ...inside) {
   return made;
 }
 
+/** A sentence whose `commands` are set as code. */
+function prose(text) {
+  return text.split('`').map((part, i) => (i % 2 ? el('code', {}, part) : part));
+}
+
+/** A number with an exponent as people write it: 1.1·10⁶. */
+function power(value, digits) {
+  const [size, exponent] = value.toExponential(digits).split('e');
+  const raised = String(Number(exponent)).replace(/./g, letter => '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'['-0123456789'.indexOf(letter)]);
+  return (Number(size) === 1 && !size.includes('.') ? '' : size + '·') + '10' + raised;
+}
+
 /** A number with that many digits, as the rest of the page shows them. */
 function number(value, digits = 3) {
   if (value === null || !Number.isFinite(value)) return '-';
   if (value === 0) return '0';
   const places = digits - 1 - Math.floor(Math.log10(Math.abs(Number(value.toPrecision(digits)))));
-  return places < -3 || places > 8 ? value.toExponential(digits - 1)
+  return places < -3 || places > 8 ? power(value, digits - 1)
     : Number(value.toPrecision(digits)).toFixed(Math.max(places, 0));
 }
 
@@ -67,8 +79,8 @@ function legend(entries) {
 
 function table(header, rows, caption, numbers = [], strong = []) {
   const cells = (tag, texts) => texts.map((text, i) =>
-    el(tag, {class: numbers.includes(i) ? 'number' : null, scope: tag === 'th' ? 'col' : null}, text));
-  return el('div', {class: 'scroll', tabindex: 0, role: 'region', 'aria-label': caption || header[0] || 'table'},
+    el(text ? tag : 'td', {class: numbers.includes(i) ? 'number' : null, scope: tag === 'th' && text ? 'col' : null}, text));
+  return el('div', {class: 'scroll', tabindex: 0, role: 'group', 'aria-label': caption || header[0] || 'table'},
     el('table', {}, caption ? el('caption', {}, el('span', {}, caption)) : null,
       el('thead', {}, el('tr', {}, ...cells('th', header))),
       el('tbody', {}, ...rows.map((row, r) =>

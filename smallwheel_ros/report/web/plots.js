@@ -4,6 +4,14 @@
 
 const plots = new Set();
 
+/** A number on an axis: 2000, 0.01, 1.1·10⁶, 10⁻⁵. */
+function tick(value) {
+  const short = Number(value.toPrecision(6)), size = Math.abs(short);
+  if (!size || (size >= 1e-4 && size < 1e6)) return String(short);
+  const digits = short.toExponential().split('e')[0].replace(/\D/g, '').length - 1;
+  return power(short, digits);
+}
+
 /**
  * A plot in `box`. spec: title, label (for those who cannot see it), height; x, y: {label, range, log,
  * down}; equal: one scale for both; layers, drawn in their order:
@@ -40,7 +48,7 @@ class Plot {
       labelFont: '12px system-ui, sans-serif', stroke: () => colour('--ink'),
       grid: {stroke: () => colour('--grid'), width: 1}, ticks: {show: false},
       values: (u, splits) => splits.map(value => (value === null ? ''
-        : Math.abs(value) < 1e5 ? String(Number(value.toPrecision(6))) : value.toExponential(1))),
+        : tick(value))),
       side,
     });
     const ranges = this.ranges(height);

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A command's options out of the fields of its settings: each is said once, with its default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar, get_type_hints
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Option(NamedTuple):
+    """What makes an option of a field of settings: ``rows: Annotated[int, Option("Repeats.")] = 3``.
+
+    within: its lowest and highest value, and their unit. words: what `click.option` cannot take from
+    the field's default.
+    """
+
+    text: str | None = None
+    within: tuple[Any, ...] = ()
+    words: Mapping[str, Any] = MappingProxyType({})
+
+
+def options_of(settings: type) -> dict[str, Option]:
+    """Return the options among the fields of settings (a dataclass), by name."""
+    hints = get_type_hints(settings, include_extras=True)
+    found = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
+    return {name: option for name, option in found.items() if isinstance(option, Option)}
+
+
+def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Command], Command]:
+    """Give a command the options of its settings, in their order but for those that come first."""
+    said = options_of(settings)
+    order = [*first, *(name for name in said if name not in first)]
+
+    def add(command: Command) -> Command:
+        for name in reversed(order):
+            default, option = getattr(settings, name), said[name]
+            words = {"type": type(default), "default": default}
+            if isinstance(default, tuple):
+                words = {"callback": _names, "default": ",".join(default)}
+            words = {"show_default": True, "help": option.text, **words, **option.words}
+            command = click.option(f"--{name.replace('_', '-')}", **words)(command)
+        return command
+
+    return add
+
+
+def _names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())

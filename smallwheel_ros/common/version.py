@@ -1,0 +1,6 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which version this is: pages and records of replays say it."""
+
+from __future__ import annotations
+
+__version__ = "0.2.0"

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One fitted number as people ask for it: `fit["n"]`, `fit.k`, with its deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.measurements.display import number
+from smallwheel_ros.model.derived import derived_numbers
+from smallwheel_ros.physics.soil import Soil
+
+Array = NDArray[np.float64]
+Status = Literal["determined", "at its bound", "not determined", "held"]
+
+_LARGE = 1e5  # from which a number is written with its power of ten
+_WORST_FIRST: tuple[Status, ...] = ("at its bound", "not determined", "held")
+
+
+@dataclass(frozen=True, repr=False)
+class FittedParameter:
+    """One parameter. owner: the soil or effect. std: None where it is held or at its bound.
+
+    remedy: what measurement would determine it, empty where it is determined.
+    """
+
+    owner: str
+    name: str
+    value: float
+    std: float | None
+    unit: str
+    bounds: tuple[float, float]
+    status: Status
+    remedy: str
+
+    @property
+    def full_name(self) -> str:
+        """`dry_sand.n`, `slip_sinkage.a`."""
+        return f"{self.owner}.{self.name}"
+
+    def __str__(self) -> str:
+        """Value, deviation and unit, and the status where it is not determined."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        large = abs(self.value) >= _LARGE
+        value = f"{self.value:.4g}" if large else number(self.value, 4)
+        std = ""
+        if self.std is not None:
+            std = f" +- {number(self.std, 2 if large else 3)}"
+        # What follows from a number that is held is known as far as the others are.
+        status = "with m held" if self.status == "held" and std else self.status
+        said = "" if status == "determined" else f"  ({status})"
+        return f"{value}{std}{unit}{said}"
+
+    def __repr__(self) -> str:
+        return f"<{self.full_name}: {self}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values, SI."""
+        return {
+            "value": self.value,
+            "std": self.std,
+            "unit": self.unit,
+            "status": self.status,
+            "remedy": self.remedy,
+        }
+
+
+def derived_parameters(
+    soils: Iterable[Soil],
+    parameters: Sequence[FittedParameter],
+    names: Sequence[str],
+    covariance: Array,
+) -> tuple[FittedParameter, ...]:
+    """What follows from the parameters, each no better known than the worst of these.
+
+    names, covariance: of the parameters, shape (names,) * 2.
+    """
+    known = {p.full_name: p for p in parameters}
+    found = []
+    for soil in soils:
+        for one in derived_numbers(soil, names, covariance):
+            if one.std is None:
+                continue
+            sources = [known[n] for p in one.follows if (n := f"{soil.name}.{p}") in known]
+            worst = min(sources, key=lambda p: [*_WORST_FIRST, "determined"].index(p.status))
+            std = None if worst.status == "at its bound" else one.std
+            found.append(
+                FittedParameter(soil.name, one.name, one.value, std, one.unit, (0.0, np.inf),
+                                worst.status, worst.remedy)
+            )  # fmt: skip
+    return tuple(found)
+
+
+class ParameterNameError(SmallwheelError, KeyError):
+    """A parameter that a fit does not have, or that several soils have."""
+
+    __str__ = Exception.__str__  # that of KeyError is in quotes
+
+
+class WithParameters:
+    """A result whose parameters are found by name.
+
+    `fit["dry_sand.n"]`, or `fit["n"]` and `fit.n` where one soil or effect has it.
+    """
+
+    def named(self) -> Mapping[str, FittedParameter]:
+        """Every parameter and what follows from them, by full name."""
+        raise NotImplementedError
+
+    def __getitem__(self, name: str) -> FittedParameter:
+        """The parameter of that name. Raises ParameterNameError that lists what there is."""
+        known = self.named()
+        if name in known:
+            return known[name]
+        mine = [full_name for full_name, p in known.items() if p.name == name]
+        if len(mine) == 1:
+            return known[mine[0]]
+        if mine:
+            raise ParameterNameError(
+                f"parameter '{name}': several have it, say which: {', '.join(mine)}"
+            )
+        short = [*known, *dict.fromkeys(p.name for p in known.values())]
+        close = nearest(str(name), short).partition("There is")[0]
+        raise ParameterNameError(f"no parameter '{name}': {close}There is: {', '.join(known)}")
+
+    __iter__ = None  # it is asked for names, not gone through
+
+    if not TYPE_CHECKING:  # mypy would take any other slip of the pen for a parameter
+
+        def __getattr__(self, name):
+            """The parameter of that name. Raises AttributeError that lists what there is."""
+            if name.startswith("_") or name in type(self).__dataclass_fields__:
+                raise AttributeError(f"a {type(self).__name__} has no '{name}'")
+            try:
+                return self[name]
+            except ParameterNameError as error:
+                raise AttributeError(str(error)) from None
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *(p.name for p in self.named().values())]

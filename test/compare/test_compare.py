@@ -1,0 +1,521 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from smallwheel_ros import fit
+from smallwheel_ros.compare.comparison import Comparison, compare
+from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.compare.shown import comparison_document
+from smallwheel_ros.diagnosis import diagnose
+from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.fitting import Base, FittingError, Problem
+from smallwheel_ros.fitting.held_out import folds_of
+from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil
+from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
+
+SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[3] / "shared"))
+RIG = SHARED / "data" / "cmu_wheel_rig"
+
+SAND = Soil("sand", 1.6e6, 0.8, 0.4)
+
+
+def table(rows: int = 12, **more: object) -> Measurements:
+    """Rows on which SAND without effects is exactly right."""
+    rng = np.random.default_rng(4)
+    run = np.repeat(np.arange(-(-rows // 2)), 2)[:rows]
+    conditions = Conditions.of(
+        rng.uniform(20, 90, run.max() + 1)[run],
+        rng.choice([0.15, 0.3], run.max() + 1)[run],
+        0.1,
+        slip=rng.uniform(0, 0.5, run.max() + 1)[run],
+    )
+    exact = predict(Model(SAND), conditions)
+    given: dict[str, object] = {
+        "conditions": conditions,
+        "channels": {"sinkage": exact.sinkage, "resistance": exact.resistance},
+        "run": np.char.add("r", run.astype(np.str_)),
+        "wheel": np.full(rows, "wheel"),
+        "line": np.arange(2, rows + 2),
+        "source": "made.csv",
+        "sha256": "abc",
+    }
+    return Measurements(**{**given, **more})  # type: ignore[arg-type]
+
+
+def standing(*contenders: Contender | Model, data: Measurements | None = None) -> Comparison:
+    """Compare only these."""
+    named = [
+        c if isinstance(c, Contender) else Contender(f"model {i}", "as it stands", c)
+        for i, c in enumerate(contenders)
+    ]
+    return compare(data or table(), named, standard=False)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
+    rig = simulate_rig(RigSettings(seed=11, runs=16, rows_per_run=3))
+    path = tmp_path_factory.mktemp("rig") / "rig.csv"
+    write_table(rig.table, path)
+    return read_measurements(path)
+
+
+@pytest.fixture(scope="module")
+def comparison(simulated: Measurements) -> Comparison:
+    return compare(simulated)
+
+
+def test_a_model_that_is_right_has_no_error() -> None:
+    found = standing(Model(SAND))
+    for channel in ("sinkage", "resistance"):
+        score = found.score(found.models[0], channel)
+        assert score is not None
+        assert score.rmse < 1e-12
+        assert (score.rows, score.runs) == (12, 6)
+
+
+def test_bias_is_positive_where_the_model_predicts_too_little() -> None:
+    stiff = Model(Soil("sand", 2 * SAND.k, SAND.n, SAND.m))
+    found = standing(stiff)
+    score = found.score(found.models[0], "sinkage")
+    assert score is not None
+    measured = found.measurements.channels["sinkage"]
+    predicted = predict(stiff, found.measurements.conditions).sinkage
+    assert score.bias == pytest.approx(np.mean(measured - predicted))
+    assert score.bias > 0
+    assert score.rmse == pytest.approx(np.sqrt(np.mean((measured - predicted) ** 2)))
+
+
+def test_no_run_is_predicted_by_a_model_that_saw_it() -> None:
+    data = table(22)
+    seen: list[set[int]] = []
+
+    class Spy(Base):
+        def vector(self, points: Points) -> ParameterVector:
+            seen.append(set(points.run.tolist()))
+            return super().vector(points)
+
+    found = compare(data, [Contender("spy", "", Spy())], standard=False)
+    everything, *folds = seen
+    assert everything == set(range(11))
+    assert len(folds) == found.folds
+    left_out = [everything - trained for trained in folds]
+    assert sorted(run for runs in left_out for run in runs) == sorted(everything)  # each once
+    # the folds are those of every other command
+    fold = folds_of(Problem.of(data).points)
+    assert left_out == [set(np.flatnonzero(fold == i).tolist()) for i in range(found.folds)]
+
+
+def test_progress_counts_every_fit() -> None:
+    told: list[tuple[int, int]] = []
+    fitted = Contender("a", "", Base())
+    found = compare(
+        table(22),
+        [fitted, Contender("b", "", Model(SAND))],
+        standard=False,
+        progress=lambda done, needed: told.append((done, needed)),
+    )
+    assert told == [(done, 1 + found.folds) for done in range(2 + found.folds)]
+
+
+def test_held_out_errors_are_those_of_a_diagnosis(simulated: Measurements) -> None:
+    """One definition: the base of a diagnosis leaves the error that the comparison says."""
+    found = compare(simulated)
+    score = found.score(found.models[-1], "sinkage", held_out=True)
+    assert score is not None
+    base = diagnose(simulated).document["steps"][0]
+    assert score.rmse == pytest.approx(base["held_out_rmse"]["sinkage"], rel=1e-5)
+
+
+def test_the_truth_without_hidden_effect_is_met_nearly_as_well_as_rows_repeat(
+    comparison: Comparison,
+) -> None:
+    """The simulated truth shares no code with the models; runs differ by more than repeats do."""
+    exact = comparison.models[-1]
+    assert exact.contender.name == "contact_integral"
+    for channel in ("sinkage", "resistance"):
+        score = comparison.score(exact, channel, held_out=True)
+        floor = comparison.noise[channel]
+        assert score is not None
+        assert floor.value is None  # for a diagnosis to say
+        assert floor.repeatability is not None
+        assert 0.5 * floor.repeatability < score.rmse < 3.0 * floor.repeatability
+
+
+def test_bekker_has_no_diameter_and_splits_the_modulus_over_widths(comparison: Comparison) -> None:
+    bekker = comparison.models[1]
+    assert bekker.contender.name == "bekker"
+    assert bekker.model.soils[0].m == 0.0
+    assert bekker.model.geometry == "closed_form"
+    assert [effect.id for effect in bekker.model.effects] == ["width_dependent_modulus"]
+    assert "kc and kphi of K" in bekker.contender.description
+    paper = comparison.models[2]
+    assert paper.contender.name == "meirion_griffith_spenko"
+    assert paper.model.geometry == "closed_form"
+    assert abs(paper.model.soils[0].m) > 1e-3
+
+
+def test_with_one_width_and_diameter_the_description_says_what_is_determined() -> None:
+    rng = np.random.default_rng(2)
+    conditions = Conditions.of(rng.uniform(20, 90, 8), 0.2, 0.1)
+    exact = predict(Model(SAND), conditions)
+    data = table(8, conditions=conditions, channels={"sinkage": exact.sinkage})
+    found = compare(data)
+    assert "not kc and kphi" in found.models[1].contender.description
+    assert "not m" in found.models[2].contender.description
+    assert found.models[1].model is not None
+    assert not found.models[1].model.effects
+
+
+# What cannot be predicted is said and counted, and never a NaN
+
+
+def document_of(found: Comparison) -> dict:
+    return json.loads(json.dumps(comparison_document(found), allow_nan=False))
+
+
+def test_rows_in_which_the_model_sinks_to_the_axle_are_said_and_count() -> None:
+    """A model is not better for having no number where it fails."""
+    soft = Model(Soil("mud", 3e4, 0.8, 0.4))
+    data = table()
+    sunk = predict(soft, data.conditions).immobilised
+    assert 0 < sunk.sum() < 12
+    found = standing(soft, data=data)
+    score = found.score(found.models[0], "sinkage")
+    assert score is not None
+    assert score.rows == 12
+    assert f"sinks to the axle in {sunk.sum()} rows" in found.text()
+
+
+def test_a_model_whose_column_is_missing_predicts_nothing_and_says_so() -> None:
+    data = table()
+    plain = Measurements(
+        Conditions(data.conditions.load, data.conditions.diameter, data.conditions.width,
+                   data.conditions.contact),
+        data.channels, data.run, data.wheel, data.line,
+    )  # fmt: skip
+    found = standing(Model(SAND) + Exponential(), Model(SAND), data=plain)
+    assert found.score(found.models[0], "sinkage") is None
+    (why, rows), *_ = found.models[0].not_predicted
+    assert "effect 'slip_sinkage' needs the column 'slip'. There is: load" in why
+    assert rows.size == 12
+    assert "12 rows not predicted" in found.text()
+    assert found.score(found.models[1], "sinkage") is not None
+    scores = document_of(found)["models"][0]["channels"]["sinkage"]
+    assert scores == {"in_sample": None, "held_out": None}
+
+
+def test_bodies_that_do_not_roll_have_no_resistance_to_predict() -> None:
+    conditions = Conditions.of(
+        [30.0, 40.0, 50.0, 60.0], 0.2, 0.1, contact=["rolling", "pressed", "plate", "rolling"]
+    )
+    values = {"sinkage": np.full(4, 0.01), "resistance": np.array([5.0, 5.0, 5.0, np.nan])}
+    run = np.array(["a", "b", "c", "d"])
+    found = standing(Model(SAND), data=table(4, conditions=conditions, channels=values, run=run))
+    score = found.score(found.models[0], "resistance")
+    assert score is not None
+    assert score.rows == 1
+    assert "resistance of rows that do not roll is not used: no model predicts it" in found.notes
+
+
+@pytest.mark.parametrize("channel", ["drawbar_pull", "torque"])
+def test_what_needs_slip_is_said_to_where_there_is_none(channel: str) -> None:
+    """In the text of every command, with the line: nobody should think that it was used."""
+    load = np.linspace(30.0, 80.0, 8)
+    conditions = Conditions.of(load, 0.2, 0.1)
+    values = {
+        "sinkage": predict(Model(SAND), conditions).sinkage,
+        channel: np.r_[np.nan, np.full(7, 2.0)],
+    }
+    run = np.array([f"r{i}" for i in range(8)])
+    data = table(8, conditions=conditions, channels=values, run=run)
+    found = standing(Model(SAND), data=data)
+    assert channel not in found.channels
+    for text in (
+        found.text(),
+        compare(data).text(),
+        diagnose(data).text(),
+        fit(data).text(),
+    ):
+        said = f"{channel} (from line 3) is not used: the table has no slip, which it needs"
+        assert said in text.lower()
+
+
+def test_a_soil_that_the_model_does_not_have_is_reported() -> None:
+    data = table()
+    soil = np.where(np.arange(12) < 4, "loam", "sand")
+    conditions = Conditions(data.conditions.load, data.conditions.diameter, data.conditions.width,
+                            data.conditions.contact, soil, data.conditions.covariates)  # fmt: skip
+    model = Model([SAND, Soil("snow", 2e5, 1.6)])
+    found = standing(model, data=table(12, conditions=conditions))
+    (why, rows), *_ = found.models[0].not_predicted
+    assert why == "the model has no soil 'loam'"
+    assert rows.tolist() == [0, 1, 2, 3]
+
+
+def test_rows_without_a_soil_are_no_rows_of_a_model_of_several() -> None:
+    found = standing(Model([SAND, Soil("snow", 2e5, 1.6)]))
+    (why, rows), *_ = found.models[0].not_predicted
+    assert why == "the rows name no soil, expected one of sand, snow"
+    assert rows.size == 12
+    assert found.channels == ()
+    assert "No model could predict" in found.text()
+
+
+def test_wheels_measured_below_their_axle_are_left_out_with_their_lines() -> None:
+    data = table()
+    data.channels["sinkage"][3] = 0.9 * data.conditions.diameter[3]  # type: ignore[index]
+    found = standing(Model(SAND), data=data)
+    score = found.score(found.models[0], "sinkage")
+    assert score is not None
+    assert score.rows == 11
+    (why, lines), = found.left_out  # fmt: skip
+    assert "deeper than its axle" in why
+    assert lines.tolist() == [5]
+    document = document_of(found)["data"]
+    assert document["rows"] == 12
+    assert document["left_out"][0]["lines"] == [5]
+    assert found.text().count("deeper than its axle") == 1
+
+
+def test_no_row_to_compare_is_an_error_that_says_what_to_measure() -> None:
+    data = table()
+    data.channels["sinkage"][:] = data.conditions.diameter  # type: ignore[index]
+    data.channels["resistance"][:] = np.nan  # type: ignore[index]
+    with pytest.raises(FittingError, match=r"made.csv: no row has a usable sinkage"):
+        standing(Model(SAND), data=data)
+
+
+def test_one_run_holds_nothing_out_and_says_so() -> None:
+    data = table(12)
+    found = compare(replace(data, run=np.full(12, "only")))
+    assert found.folds == 0
+    assert all(m.held_out is None for m in found.models)
+    assert any("nothing can be held out" in note for note in found.notes)
+    document = document_of(found)
+    assert document["models"][0]["channels"]["sinkage"]["held_out"] is None
+    assert found.best("sinkage") is not None  # of the errors in sample
+
+
+def test_without_repeats_no_noise_floor_is_known() -> None:
+    found = compare(table(8, run=np.array([f"r{i}" for i in range(8)])))
+    floor = found.noise["sinkage"]
+    assert (floor.value, floor.source, floor.repeatability) == (None, None, None)
+    assert "repeat a few runs, or state sinkage_std" in floor.reason
+    assert "repeatability unknown" in found.text()
+
+
+def test_each_of_several_soils_is_fitted_and_one_with_a_single_run_is_told_of() -> None:
+    data = table(24)
+    soil = np.where(data.run == "r3", "loam", np.where(data.conditions.load > 50, "clay", "sand"))
+    conditions = replace(data.conditions, soil=soil)
+    found = compare(table(24, conditions=conditions))
+    assert [s.name for s in found.models[-1].model.soils] == ["clay", "loam", "sand"]
+    assert {part.label for part in found.parts if part.by == "soil"} == {"clay", "loam", "sand"}
+    (note,) = [note for note in found.notes if "nothing is known of that soil" in note]
+    assert note.startswith("soil 'loam' has one run")
+
+
+@pytest.mark.parametrize(
+    ("fitted_to", "words", "unseen"),
+    [
+        ("abc", "this very file", False),
+        ("def", "another file", True),
+        ("", "is not known", False),
+    ],
+)
+def test_a_standing_model_says_whether_it_saw_the_data(
+    fitted_to: str, words: str, unseen: bool
+) -> None:
+    """Only a model that did not see the data is held against others that did not."""
+    found = standing(Contender("m", "", Model(SAND), "m.yaml", fitted_to))
+    assert words in found.models[0].notes[0]
+    assert found.models[0].held_out is None
+    assert (found.models[0].unseen is not None) == unseen
+
+
+def test_a_model_that_saw_the_data_is_not_held_against_others(
+    simulated: Measurements, comparison: Comparison
+) -> None:
+    fitted = comparison.models[-1].model
+    own = [
+        Contender("same", "", fitted, "same.yaml", simulated.sha256),
+        Contender("other", "", fitted, "other.yaml", "of another file"),
+    ]
+    found = compare(simulated, own)
+    best = found.best("sinkage")
+    assert best is not None
+    judged = {best.contender.name, *found.differences("sinkage")}
+    assert judged == {"constant", "bekker", "meirion_griffith_spenko", "contact_integral", "other"}
+
+
+# A constant, and the law of Wong and Reece
+
+
+def pulls(pull: object, **more: object) -> Measurements:
+    """Wheels whose pull is given, as a function of their slip."""
+    slip = np.tile(np.linspace(0.0, 0.8, 6), 2)
+    conditions = Conditions.of(np.repeat([40.0, 80.0], 6), 0.2, 0.1, slip=slip)
+    measured = np.asarray(pull(conditions.load, slip), dtype=float)  # type: ignore[operator]
+    run = np.array([f"r{i}" for i in range(12)])
+    return table(12, conditions=conditions, channels={"drawbar_pull": measured}, run=run, **more)
+
+
+def test_the_constant_is_the_mean_of_the_runs_that_it_may_see() -> None:
+    found = compare(table(12))
+    constant = found.models[0]
+    assert (constant.contender.name, constant.model) == ("constant", None)
+    value = found.measurements.channels["sinkage"]
+    inside = found.residual(constant, "sinkage")
+    assert inside == pytest.approx(value - value.mean())
+    # each run has a fold of its own here
+    others = [value[found.measurements.run != run].mean() for run in found.measurements.run]
+    held_out = found.residual(constant, "sinkage", held_out=True)
+    assert held_out == pytest.approx(value - np.array(others))
+
+
+def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
+    """A pull that follows neither load nor slip: there is nothing for a law to say."""
+    found = compare(pulls(lambda load, slip: 5.0 + 0.1 * np.sin(40.0 * slip + load)))
+    best, law = found.best("drawbar_pull"), found.best("drawbar_pull", laws=True)
+    assert best is found.models[0]
+    assert law is not None
+    assert law is not best
+    for said in (found.text(), found.headline()):
+        assert "o law has less error than a constant" in said
+        assert law.contender.name in said
+
+
+def test_a_law_that_holds_is_said_to_be_best() -> None:
+    model = Model(SAND)
+    found = compare(
+        pulls(
+            lambda load, slip: predict(model, Conditions.of(load, 0.2, 0.1, slip=slip)).drawbar_pull
+        )
+    )
+    best = found.best("drawbar_pull")
+    assert best is not None
+    assert best.contender.name == "contact_integral"
+    assert found.useless("drawbar_pull") == ""
+    assert "than a constant" not in found.headline()
+
+
+def test_wong_and_reece_stand_beside_ours_where_pull_or_torque_was_measured(
+    comparison: Comparison,
+) -> None:
+    assert "wong_reece" not in [m.contender.name for m in comparison.models]
+    found = compare(pulls(lambda load, slip: load * (0.4 * slip - 0.1)))
+    forms = {m.contender.name: m.model.thrust_form for m in found.models if m.model is not None}
+    assert forms == {
+        "bekker": "integrated",
+        "meirion_griffith_spenko": "integrated",
+        "wong_reece": "wong_reece",
+        "contact_integral": "stress_integral",
+    }
+    for model in found.models:
+        assert found.score(model, "drawbar_pull", held_out=True) is not None
+    assert "peak moves with slip" in found.text()
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no measurements at {SHARED}")
+def test_on_wheels_of_two_labs_the_balance_of_stresses_beats_the_published_laws() -> None:
+    """Ding 2011 and KLS-1, each measured value left out in turn."""
+    for file in ("ding2011.csv", "kls1.csv"):
+        found = compare(read_measurements(SHARED / "data" / "published_wheels" / file))
+        assert found.channels == ("sinkage", "drawbar_pull", "torque")
+        error = {}
+        for model in found.models:
+            score = found.score(model, "drawbar_pull", held_out=True)
+            assert score is not None
+            error[model.contender.name] = score.rmse
+        assert error["contact_integral"] < min(
+            e for n, e in error.items() if n != "contact_integral"
+        )
+
+
+# The document
+
+
+def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurements) -> None:
+    def text() -> str:
+        found = compare(simulated, [Contender("own", "", Model(SAND))])
+        return json.dumps(comparison_document(found), allow_nan=False)
+
+    first = text()
+    assert first == text()
+    document = json.loads(first)
+    assert document["schema"] == 1
+    assert document["data"]["rows"] == 48
+    assert document["data"]["runs"] == 16
+    assert [m["name"] for m in document["models"]] == [
+        "constant",
+        "bekker",
+        "meirion_griffith_spenko",
+        "contact_integral",
+        "own",
+    ]
+    for model in document["models"]:
+        for scores in model["channels"].values():
+            assert scores["in_sample"]["rmse"] > 0
+            assert (scores["held_out"] is not None) == model["fitted"]
+        assert {part["by"] for part in model["parts"]} >= {"load", "slip", "diameter", "wheel"}
+        if model["name"] == "constant":
+            assert (model["geometry"], model["soils"], model["effects"]) == (None, [], [])
+        else:
+            assert model["soils"][0]["k"] > 0
+    assert set(document["noise_floor"]["sinkage"]) == {"value", "source", "reason", "repeatability"}
+    judged = [d for d in document["differences"] if d["channel"] == "sinkage"]
+    assert {judged[0]["best"], *(d["other"] for d in judged)} == {
+        "constant", "bekker", "meirion_griffith_spenko", "contact_integral"}  # fmt: skip
+
+
+def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> None:
+    text = comparison.text()
+    for name in ("constant", "bekker", "meirion_griffith_spenko", "contact_integral"):
+        assert text.count(name) >= 2
+    lines = [line.split() for line in text.splitlines()]
+    assert sum(cells[-1:] == ["best"] and cells[0] != "model" for cells in lines) == 2
+    within = [
+        name not in change.worse
+        for name in comparison.channels
+        for change in comparison.differences(name).values()
+    ]
+    alike = [line for line in text.splitlines() if line.endswith("within s.e.")]
+    assert len(alike) == sum(within)
+    assert "repeats of one run differ by" in text
+    assert "nan" not in text.lower()
+
+
+# Real measurements
+
+
+@pytest.mark.skipif(not RIG.is_dir(), reason=f"the rig's measurements are not at {RIG}")
+def test_on_the_rig_every_base_model_leaves_an_error_that_follows_slip() -> None:
+    data = read_measurements(RIG / "rolling_smooth_wheel.csv")
+    data = data.take(data.conditions["slip_angle"] == 0)
+    data = Measurements(data.conditions, {"sinkage": data.channels["sinkage"]}, data.run,
+                        data.wheel, data.line, units=data.units)  # fmt: skip
+    found = compare(data)
+    slip = np.abs(data.conditions["slip"])
+    repeats = found.noise["sinkage"].repeatability
+    assert repeats is not None
+    for result in found.models[1:]:  # the first is a constant
+        far = found.score(result, "sinkage", rows=slip > 0.6)
+        near = found.score(result, "sinkage", rows=slip <= 0.3)
+        assert far is not None
+        assert near is not None
+        assert far.bias > 5e-3  # a wheel that slips digs itself in
+        assert near.bias < -3 * repeats
+        assert far.rmse > 10 * repeats

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`smallwheel init`: what it finds in a bag or a robot description, and what it leaves to people."""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+
+from smallwheel_ros.bags import BagReader, BagWriter, message_type
+from smallwheel_ros.cli import main
+from smallwheel_ros.init.names import usual_names, wheels_named_by
+from smallwheel_ros.init.rover import FILL_IN
+from smallwheel_ros.onboard.parameter_files import read_parameters
+from smallwheel_ros.onboard.parameters import ParametersError, settings_from
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+PLACES = {"front_left": (0.35, 0.28), "front_right": (0.35, -0.28),
+          "rear_left": (-0.35, 0.28), "rear_right": (-0.35, -0.28)}  # fmt: skip
+
+
+def description(joint: str = "{}_joint", body: str = "cylinder radius='0.125' length='0.1'") -> str:
+    """A URDF of four wheels, and an arm that turns and is none."""
+    parts = ["<link name='base_link'/>", "<link name='arm'/>",
+             "<joint name='elbow' type='continuous'><parent link='base_link'/>"
+             "<child link='arm'/></joint>"]  # fmt: skip
+    for name, (x, y) in PLACES.items():
+        parts.append(
+            f"<link name='{name}'><collision><origin rpy='1.5707963 0 0'/><geometry><{body}/></geometry>"
+            f"</collision></link><joint name='{joint.format(name)}' type='continuous'>"
+            f"<origin xyz='{x} {y} 0'/><axis xyz='0 1 0'/><parent link='base_link'/>"
+            f"<child link='{name}'/></joint>"
+        )
+    return f"<robot name='rover'>{''.join(parts)}</robot>"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("drive") / "drive"
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=2.0)), path)
+    return path
+
+
+def standing() -> object:
+    """A message of a radar on a vehicle that stands."""
+    stamp = message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=0)
+    header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="radar")
+    still = message_type("geometry_msgs/msg/Vector3")(x=0.0, y=0.0, z=0.0)
+    twist = message_type("geometry_msgs/msg/Twist")(linear=still, angular=still)
+    return message_type("geometry_msgs/msg/TwistStamped")(header=header, twist=twist)
+
+
+def rewritten(
+    bag: Path,
+    target: Path,
+    names: Mapping[str, str | None],
+    urdf: str | None = None,
+    radar: bool = False,
+) -> Path:
+    """A copy with topics of other names (None: without them), a robot description, a radar."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        if urdf is not None:
+            kind = "std_msgs/msg/String"
+            text = message_type(kind)(data=urdf)
+            writer.write("/robot_description", kind, reader.start_time or 0, text)
+        if radar:
+            kind = "geometry_msgs/msg/TwistStamped"
+            writer.write("/radar", kind, reader.start_time or 0, standing())
+        for name, kind, time, message in reader.messages():
+            new = names.get(name, name)
+            if new is not None:
+                writer.write(new, kind, time, message)
+    return target
+
+
+def run(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert result.exit_code == code, (result.output, result.exception)
+    return result
+
+
+def found(path: Path) -> dict[str, object]:
+    return dict(read_parameters(path))
+
+
+def found_in(text: str) -> dict[str, object]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rover.yaml"
+        path.write_text(text)
+        return found(path)
+
+
+def test_a_bag_with_a_description_needs_nothing_more(bag: Path, tmp_path: Path) -> None:
+    other = rewritten(bag, tmp_path / "drive", {}, description())
+    run("init", other, "-o", tmp_path / "rover.yaml")
+    values = found(tmp_path / "rover.yaml")
+    assert values["wheels"] == list(PLACES)
+    assert values["front_right.diameter"] == 0.25
+    assert values["front_right.width"] == 0.1
+    assert values["front_right.lateral_position"] == -0.28
+    assert "front_left.load_topic" not in values  # as the node expects it
+    settings_from(values)  # the node takes it
+    assert FILL_IN not in (tmp_path / "rover.yaml").read_text()
+
+
+def test_replay_goes_by_what_the_bag_tells_and_says_so(bag: Path, tmp_path: Path) -> None:
+    names = {"/odom": "/rover/odometry", "/front_left/load": "/ft/fl/wrench"}
+    other = rewritten(bag, tmp_path / "drive", names, description())
+    text = run("replay", other, "-o", tmp_path / "out").stdout
+    assert f"no parameter file was given: {tmp_path / 'out' / 'rover.yaml'}" in text
+    assert "assumed: /rover/odometry is odom" in text
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert summary["missing"] == []
+    assert summary["estimates"] > 0
+    assert found(tmp_path / "out" / "rover.yaml")["front_left.load_topic"] == "/ft/fl/wrench"
+    (tmp_path / "out" / "rover.yaml").write_text("mine")
+    refused = run("replay", other, "-o", tmp_path / "out", code=2)
+    assert "is not what the bag tells" in refused.stderr
+
+
+def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_path: Path) -> None:
+    said = run("init", bag, "-o", tmp_path / "rover.yaml", "--json", tmp_path / "found.json").stdout
+    assert "to be filled in: front_left.diameter, front_left.width" in said
+    text = (tmp_path / "rover.yaml").read_text()
+    assert text.count(FILL_IN) == 8 + 1  # and where it is explained
+    assert json.loads((tmp_path / "found.json").read_text())["missing"][0] == "front_left.diameter"
+    refused = run("replay", bag, "-o", tmp_path / "out", code=2).stderr
+    assert "does not tell front_left.diameter" in refused
+    assert f"smallwheel init {bag} -o rover.yaml" in refused
+    assert not (tmp_path / "out").exists()
+    half = run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out", code=2)
+    assert "front_left.diameter is string 'FILL_IN'" in half.stderr
+    assert "from 0.005 to 5 m: write the number in its place" in half.stderr
+    sizes = text.replace(f"diameter: {FILL_IN}", "diameter: 0.25").replace(f": {FILL_IN}", ": 0.1")
+    (tmp_path / "rover.yaml").write_text(sizes)
+    run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out")
+
+
+def test_other_names_of_topics_and_joints_are_found(bag: Path, tmp_path: Path) -> None:
+    names = {f"/{w}/load": f"/ft/{w[0]}{w.split('_')[1][0]}/wrench" for w in PLACES}
+    names |= {"/joint_states": "/drive/joints", "/front_left/sinkage": None}
+    other = rewritten(bag, tmp_path / "drive", names, description("wheel_{}_drive"))
+    said = run("init", other, "-o", tmp_path / "rover.yaml").stdout
+    values = found(tmp_path / "rover.yaml")
+    assert values["wheels"] == list(PLACES)
+    assert values["rear_right.load_topic"] == "/ft/rr/wrench"
+    assert values["rear_right.joint"] == "wheel_rear_right_drive"
+    assert values["rear_right.diameter"] == 0.25
+    assert values["front_left.sinkage_topic"] == ""
+    assert "--remap joint_states:=/drive/joints" in said
+    assert "--remap joint_states:=/drive/joints" in (tmp_path / "rover.yaml").read_text()
+
+
+def test_a_robot_description_alone(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(description("{}_wheel"))
+    run("init", tmp_path / "robot.urdf", "-o", tmp_path / "a.yaml")
+    run("init", "--urdf", tmp_path / "robot.urdf", "-o", tmp_path / "b.yaml")
+    values = found(tmp_path / "a.yaml")
+    assert values == found(tmp_path / "b.yaml")
+    assert values["wheels"] == list(PLACES)  # the arm that turns is none
+    assert values["rear_left.joint"] == "rear_left_wheel"
+    settings_from(values)
+    (tmp_path / "mesh.urdf").write_text(description(body="mesh filename='a.stl'"))
+    refused = run("init", tmp_path / "mesh.urdf", "-o", tmp_path / "c.yaml", code=2).stderr
+    assert "expected one for each wheel" in refused
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 20])
+def test_so_many_wheels(count: int, tmp_path: Path) -> None:
+    run("init", "--wheels", count, "-o", tmp_path / "rover.yaml")
+    (section,) = yaml.safe_load((tmp_path / "rover.yaml").read_text()).values()
+    values = section["ros__parameters"]
+    assert values["wheels"] == usual_names(count)
+    assert len({*values["wheels"]}) == count
+    assert all(
+        values[wheel] == {"diameter": FILL_IN, "width": FILL_IN} for wheel in values["wheels"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "wheels"),
+    [
+        (["/fl/load", "/fr/load", "/rl/load"], ["front_left", "front_right", "rear_left"]),
+        (["/rear/ft", "/front/ft"], ["front", "rear"]),
+        (["/cell_1/force", "/cell_2/force"], ["wheel_1", "wheel_2"]),
+        (["/scale/alpha", "/scale/beta"], ["alpha", "beta"]),
+        (["/force"], ["wheel"]),
+    ],
+)
+def test_wheels_are_called_by_what_tells_them_apart(names: list[str], wheels: list[str]) -> None:
+    assert list(wheels_named_by(names)) == wheels
+    assert sorted(wheels_named_by(names).values()) == sorted(names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "give one of: a BAG, a URDF (--urdf FILE), or --wheels N"),
+        (["--wheels", "4", "drive"], "give one of"),
+        (["--wheels", "0"], "0 wheels, expected 1 to 20"),
+        (["--wheels", "99"], "99 wheels, expected 1 to 20"),
+        (["nowhere"], "nowhere"),
+        (["nowhere.urdf"], "nowhere.urdf: cannot be read: No such file"),
+        (["text.urdf"], "text.urdf: it is no XML"),
+        (["binary.urdf"], "binary.urdf: cannot be read: it is no text in UTF-8"),
+        (["--wheels", "4", "-o", "taken.yaml"], "taken.yaml: is there already: give another name"),
+    ],
+)
+def test_a_bad_question_is_answered_in_words(
+    arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("text.urdf").write_text("hello")
+    Path("binary.urdf").write_bytes(b"\xff\xfe\x00")
+    Path("taken.yaml").write_text("mine")
+    result = run("init", "-o", "rover.yaml", *arguments, code=2)
+    assert words in result.stderr
+    assert not Path("rover.yaml").exists()
+    assert Path("taken.yaml").read_text() == "mine"
+    run("init", "--wheels", 4, "-o", "taken.yaml", "--force")
+    assert FILL_IN in Path("taken.yaml").read_text()
+
+
+def test_a_bag_without_wheels_says_what_it_looked_for(bag: Path, tmp_path: Path) -> None:
+    gone = dict.fromkeys(f"/{wheel}/{what}" for wheel in PLACES for what in ("load", "sinkage"))
+    refused = run(
+        "init", rewritten(bag, tmp_path / "drive", gone), "-o", tmp_path / "r.yaml", code=2
+    )
+    assert "no topic of a wheel's load (geometry_msgs/msg/WrenchStamped)" in refused.stderr
+    assert "smallwheel init --wheels N" in refused.stderr
+
+
+# --- What is left out
+
+
+def with_all_that_is_left_out(text: str) -> str:
+    """The file with each such line taken in, and the mass written."""
+    lines = text.replace("# vehicle:", "vehicle:").replace("#   mass: 0.0", "  mass: 24.0")
+    return re.sub(r"^    # (\w+: \S+)$", r"    \1", lines, flags=re.MULTILINE)
+
+
+def left_out(text: str) -> dict[str, tuple[str, str]]:
+    """By parameter that is left out: the words on it, and the line below them."""
+    found = {}
+    for block in re.findall(r"(?:^ +## .*\n)+(?: +# .*\n)+", text, re.MULTILINE):
+        words = " ".join(line.strip(" #") for line in block.splitlines() if "##" in line)
+        name = words.split(" is left out: ")[0]
+        found[name] = (words, block.splitlines()[-1].strip(" #"))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("origin", "names"),
+    [
+        ("bag", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("bag with a description", {"imu_topic", "vehicle.mass"}),
+        ("bag without imu", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("bag with radar", {"velocity_topic", "imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("urdf", {"imu_topic", "vehicle.mass"}),
+        ("wheels", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
+    ],
+)  # fmt: skip
+def test_each_line_that_is_left_out_says_why_and_what_it_brings(
+    origin: str, names: set[str], bag: Path, tmp_path: Path
+) -> None:
+    sources: dict[str, list[object]] = {"wheels": ["--wheels", 3], "urdf": [tmp_path / "r.urdf"]}
+    (tmp_path / "r.urdf").write_text(description())
+    other: dict[str, str | None] = {"/imu": None if "without" in origin else "/imu"}
+    if origin.startswith("bag"):
+        urdf = description() if "description" in origin else None
+        drive = rewritten(bag, tmp_path / "drive", other, urdf, radar="radar" in origin)
+        sources[origin] = [drive]
+    run("init", *sources[origin], "-o", tmp_path / "rover.yaml")
+    text = (tmp_path / "rover.yaml").read_text()
+    found = left_out(text)
+    assert set(found) == names
+    for name, (words, line) in found.items():
+        assert re.fullmatch(rf"{name} is left out: \S.+\. Brings\b.+\.", words)
+        assert line.startswith(f"{name.rpartition('.')[2]}: ")
+    topic = (
+        "imu_topic: /imu"
+        if origin.startswith("bag") and "without" not in origin
+        else "imu_topic: imu"
+    )
+    assert found["imu_topic"][1] == topic
+
+    # Nothing of it counts as it is; taken in, the node and replay understand it.
+    assert not names & set(found_in(text))
+    whole = with_all_that_is_left_out(text).replace(FILL_IN, "0.2")
+    values = found_in(whole)
+    assert names <= set(values)
+    settings = settings_from(values)
+    assert settings.onboard.mass == 24.0
+    assert settings.onboard.with_imu
+    assert (settings.onboard.velocity == "topic") == ("velocity_topic" in names)
+
+
+def test_a_mass_that_nobody_wrote_is_refused(tmp_path: Path) -> None:
+    run("init", "--wheels", 2, "-o", tmp_path / "rover.yaml")
+    text = (tmp_path / "rover.yaml").read_text().replace(FILL_IN, "0.2")
+    taken = text.replace("# vehicle:", "vehicle:").replace("#   mass: 0.0", "  mass: 0.0")
+    with pytest.raises(
+        ParametersError, match=r"vehicle\.mass is 0\.0, expected a double from 0\.01"
+    ):
+        settings_from(found_in(taken))

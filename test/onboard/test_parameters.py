@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import yaml
+
+from docs.parameter_pages import reference, template
+from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.effects.registry import effect_class
+from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.estimator.settings import EstimatorSettings
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.onboard.parameter_files import read_parameters
+from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
+from smallwheel_ros.onboard.parameters import (
+    ParametersError,
+    problems,
+    read_models,
+    settings_from,
+    unknown_parameters,
+)
+from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing
+from smallwheel_ros.physics.soil import soil
+
+ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
+
+
+class TestTable:
+    def test_every_default_is_allowed(self) -> None:
+        for parameter in parameters_for(["front"]):
+            if parameter.default is not None:
+                assert parameter.problem(parameter.default) is None, parameter.name
+
+    def test_every_number_has_a_range_and_every_parameter_words(self) -> None:
+        for parameter in GENERAL + PER_WHEEL:
+            assert parameter.description.endswith("."), parameter.name
+            if parameter.kind == "double":
+                assert parameter.unit, parameter.name
+                assert parameter.low is not None, parameter.name
+                assert parameter.high is not None, parameter.name
+
+    def test_names_are_unique(self) -> None:
+        names = [p.name for p in parameters_for(["a", "b"])]
+        assert len(set(names)) == len(names)
+
+    @pytest.mark.parametrize(
+        ("group", "kind", "elsewhere"),
+        [
+            # Two of a fault's deviations are the same on every vehicle; load.source says whether loads
+            # are measured.
+            (
+                "estimator",
+                EstimatorSettings,
+                {"sinkage_std", "slip_sinkage_std", "pitch_std", "loads_measured"},
+            ),
+            ("noise", SensorNoise, set()),
+            ("timing", Timing, set()),
+            ("digging_in", DiggingInRules, set()),
+            ("cost", CostSettings, {"rules"}),
+            ("cost", CostRules, set()),
+        ],
+    )
+    def test_every_setting_has_its_parameter(
+        self, group: str, kind: type, elsewhere: set[str]
+    ) -> None:
+        names = {p.name for p in GENERAL}
+        for field in fields(kind):
+            if field.name not in elsewhere:
+                assert {f"{group}.{field.name}", field.name} & names
+
+
+class TestSettings:
+    def test_defaults(self) -> None:
+        made = settings_from(ONE_WHEEL)
+        assert made.onboard.estimator == EstimatorSettings()
+        assert made.onboard.noise == SensorNoise()
+        assert made.onboard.timing == Timing()
+        wheel = made.onboard.wheels[0]
+        assert (wheel.name, wheel.diameter, wheel.width) == ("front", 0.25, 0.1)
+        assert made.inputs["front"].load_topic == "front/load"
+        assert made.inputs["front"].sinkage_topic == "front/sinkage"
+        assert made.inputs["front"].joint == "front_joint"
+        assert made.autostart
+        assert made.onboard.prior.soil.name == "dry_sand"
+        assert made.onboard.effects == ()
+        assert made.onboard.static_loads == {}
+        assert made.onboard.velocity == "odometry"
+        assert made.load_source == "wrench"
+        assert made.cost == CostSettings()
+
+    def test_values_arrive(self) -> None:
+        made = settings_from(
+            {
+                **ONE_WHEEL,
+                "soil.name": "moist_earth",
+                "soil.n": 1.1,
+                "soil.cohesion": 1234.0,
+                "soil.cohesion_std": 56.0,
+                "noise.sinkage": 0.002,
+                "noise.load": 3.0,
+                "timing.maximum_gap": 0.5,
+                "estimator.process_noise": 0.07,
+                "front.contact": "pressed",
+                "front.sinkage_topic": "",
+                "load_sign": -1,
+            }
+        )
+        onboard = made.onboard
+        assert onboard.prior.n == 1.1
+        assert onboard.prior.m == -0.49  # of that soil
+        assert onboard.strength.cohesion.value == 1234.0
+        assert onboard.strength.cohesion.standard_deviation == 56.0
+        assert onboard.estimator.sinkage_std == 0.002
+        assert onboard.estimator.process_noise == 0.07
+        assert onboard.noise.load == 3.0
+        assert onboard.timing.maximum_gap == 0.5
+        assert onboard.wheels[0].contact == "pressed"
+        assert onboard.without_sinkage == {"front"}
+        assert made.inputs["front"].load_sign == -1
+
+    def test_signs_are_of_each_wheel(self) -> None:
+        two = {
+            "wheels": ["a", "b"],
+            **{f"{name}.{key}": 0.2 for name in "ab" for key in ("diameter", "width")},
+            "load_sign": -1,
+            "b.load_sign": 1,
+            "b.joint_sign": -1,
+        }
+        inputs = settings_from(two).inputs
+        assert (inputs["a"].load_sign, inputs["a"].joint_sign) == (-1, 1)
+        assert (inputs["b"].load_sign, inputs["b"].joint_sign) == (1, -1)
+
+    def test_what_is_known_of_the_sensors_arrives(self) -> None:
+        values = {
+            "sinkage_zero_std": 3e-4,
+            "pass_std": 0.1,
+            "load_scale_std": 0.02,
+            "delay_std": 0.01,
+            "maximum_speed": 2.0,
+            "velocity_lateral_position": -0.3,
+        }
+        onboard = settings_from({**ONE_WHEEL, **values}).onboard
+        for name, value in values.items():
+            place = onboard.estimator if name.endswith("_std") else onboard
+            assert getattr(place, name) == value
+
+    def test_static_loads_are_the_weight_split_over_the_wheels(self) -> None:
+        two = {
+            "wheels": ["a", "b"],
+            **{f"{name}.{key}": 0.2 for name in "ab" for key in ("diameter", "width")},
+            "load.source": "static",
+            "load.mass": 20.0,
+        }
+        loads = settings_from(two).onboard.static_loads
+        assert loads["a"].value == loads["b"].value == pytest.approx(98.0665)
+        assert loads["a"].standard_deviation == pytest.approx(0.3 * 98.0665)
+        shared = {**two, "a.load_share": 0.6, "b.load_share": 0.4, "load.static_std": 0.1}
+        loads = settings_from(shared).onboard.static_loads
+        assert loads["b"].value == pytest.approx(0.4 * 196.133)
+        assert loads["b"].standard_deviation == pytest.approx(0.04 * 196.133)
+
+    @pytest.mark.parametrize("name", ["load", "/a/b_1", "~/load", "A/b/c"])
+    def test_names_of_topics(self, name: str) -> None:
+        made = settings_from({**ONE_WHEEL, "front.load_topic": name})
+        assert made.inputs["front"].load_topic == name
+
+    def test_velocity_sources(self) -> None:
+        def source(**changes: object) -> str:
+            return settings_from({**ONE_WHEEL, **changes}).onboard.velocity
+
+        assert source(velocity_topic="radar") == "topic"
+        assert source(odometry_from_wheels=True) == "none"
+        assert source(odometry_from_wheels=True, velocity_topic="r") == "topic"
+
+    def test_a_range_sensor_has_its_height(self) -> None:
+        made = settings_from(
+            {**ONE_WHEEL, "front.sinkage_source": "Range", "front.range_height": 0.31}
+        )
+        assert made.inputs["front"].sinkage_source == "Range"
+        assert made.inputs["front"].range_height == 0.31
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"front.diameter": 0.0}, "front.diameter is 0.0, expected a double from 0.005 to 5 m"),
+            ({"front.diameter": 1}, "front.diameter is integer 1, .*: write 1.0"),
+            ({"front.diameter": "0.2"}, "front.diameter is string '0.2', .*without quotes"),
+            ({"front.diameter": float("nan")}, "front.diameter is nan"),
+            ({"front.diameter": None}, "front.diameter is missing, expected a double"),
+            ({"front.width": -0.1}, r"front.width is -0\.1"),
+            (
+                {"front.contact": "plate"},
+                "front.contact is 'plate', expected 'rolling' or 'pressed'",
+            ),
+            (
+                {"front.joint": 5},
+                "front.joint is integer 5, expected a string: write '5' in quotes",
+            ),
+            ({"load_sign": 0}, "load_sign is 0, expected 1 or -1"),
+            ({"load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
+            ({"front.joint_sign": 0}, "front.joint_sign is 0, expected 1 or -1"),
+            ({"maximum_speed": 0.0}, r"maximum_speed is 0\.0, expected a double from 0\.01"),
+            ({"sinkage_zero_std": -0.001}, r"sinkage_zero_std is -0\.001"),
+            ({"autostart": 1}, "autostart is integer 1, expected a bool"),
+            ({"soil.name": "dry_snad"}, "soil.name: no soil 'dry_snad': did you mean 'dry_sand'"),
+            ({"load.source": "static"}, "load.mass is missing: load.source static needs"),
+            ({"load.source": "scale"}, "load.source is 'scale', expected 'wrench' or 'joint_st"),
+            (
+                {"load.source": "static", "load.mass": 9.0, "front.load_share": 0.5},
+                "1 of 1 wheels have one, with a sum of 0.5",
+            ),
+            ({"front.sinkage_source": "Range"}, "front.range_height is missing: sinkage_source R"),
+            ({"cost.size": 400.0, "cost.resolution": 0.01}, "cells, expected at most 4000000"),
+            ({"effects_file": "mine.py"}, "effects_file is given without model_file"),
+            ({"model_file": "none.yaml"}, "none.yaml: cannot be read"),
+            ({"model_file": "/dev/zero"}, "/dev/zero: cannot be read: it is a device or a pipe"),
+            ({"model_file": "a\0b"}, "the name is not possible"),
+            ({"soil.file": "~nouser/x"}, "soil.file is '~nouser/x', expected the path of a file"),
+            ({"soil.file": "x" * 5000}, "File name too long"),
+            ({"front.load_topic": "a b"}, "'a b', expected the name of a topic"),
+            ({"front.load_topic": "a/"}, "'a/', expected the name of a topic"),
+            ({"front.load_topic": "//a"}, "'//a', expected the name of a topic"),
+            ({"front.load_topic": "a~"}, "'a~', expected the name of a topic"),
+            ({"front.load_topic": "läst"}, "expected the name of a topic"),
+            ({"velocity_topic": "v" * 201}, "expected the name of a topic, at most 200 letters"),
+            ({"soil.n": 3.5}, r"soil.n is 3\.5, expected a double from 0.04 to 2.9"),
+            ({"wheels": []}, r"wheels is missing: name the wheels, for example wheels: \["),
+            ({"wheels": "front"}, r"wheels is string 'front', .*: write \[front\]"),
+            ({"wheels": ["front", "front"]}, "'front': it is there twice"),
+            ({"wheels": ["soil"]}, "'soil': there is a group of parameters of that name"),
+            ({"wheels": ["front left"]}, "'front left': expected letters, digits and _"),
+        ],
+    )
+    def test_refusals_name_parameter_and_mend(self, changes: dict[str, object], words: str) -> None:
+        with pytest.raises(ParametersError, match=words):
+            settings_from({**ONE_WHEEL, **changes})
+
+    def test_all_problems_are_said_at_once(self) -> None:
+        found = problems({"wheels": ["a", "b"], "a.diameter": 0.0, "a.width": 0.1, "b.width": 1})
+        assert len(found) == 3
+        assert "a.diameter" in found[0]
+        assert "b.diameter" in found[1]
+        assert "b.width" in found[2]
+
+    def test_unknown_parameters_are_named_with_the_nearest(self) -> None:
+        values = {
+            **ONE_WHEEL,
+            "front.widht": 0.1,
+            "timing.reorder": 1.0,
+            "bananas": True,
+            "use_sim_time": True,
+            "qos_overrides./odom.subscription.depth": 5,
+        }
+        found = unknown_parameters(values, ["front"])
+        assert len(found) == 3
+        assert "front.widht is unknown and not used: did you mean 'front.width'?" in found[0]
+        assert "did you mean 'timing.reorder_time'?" in found[1]
+        assert "bananas is unknown and not used" in found[2]
+
+
+class TestModelFile:
+    @pytest.fixture
+    def model(self, tmp_path: Path) -> Path:
+        path = tmp_path / "model.yaml"
+        soils = [soil("moist_earth"), soil("dry_sand")]
+        write_model(path, CalibratedModel(Model(soils, effects=[Exponential(a=1.3)])))
+        return path
+
+    def given(self, **changes: object) -> dict[str, object]:
+        return {**ONE_WHEEL, **changes}
+
+    def test_soil_and_effects_are_those_of_the_file(self, model: Path) -> None:
+        values = self.given(model_file=str(model), **{"soil.name": "moist_earth"})
+        made = settings_from(values).onboard
+        assert made.effects == (Exponential(a=1.3),)
+        assert made.prior.m == -0.49
+        # What is given beside it counts.
+        assert settings_from({**values, "soil.m": 0.1}).onboard.prior.m == 0.1
+
+    def test_several_soils_need_a_name(self, model: Path) -> None:
+        with pytest.raises(ParametersError, match=r"model.yaml has several soils, parameter soil"):
+            settings_from(self.given(model_file=str(model)))
+        with pytest.raises(ParametersError, match=r"has no soil 'clay'.*There is: dry_sand, moist"):
+            settings_from(self.given(model_file=str(model), **{"soil.name": "clay"}))
+
+    def test_one_soil_needs_none(self, tmp_path: Path) -> None:
+        path = tmp_path / "model.yaml"
+        write_model(path, CalibratedModel(Model(soil("moist_earth"))))
+        made = settings_from(self.given(model_file=str(path))).onboard
+        assert made.prior.soil.name == "moist_earth"
+
+    def test_files_are_read_once(self, tmp_path: Path) -> None:
+        model, effects, proof = (tmp_path / name for name in ("m.yaml", "e.py", "runs"))
+        effects.write_text(
+            "from smallwheel_ros.effects.slip import Exponential\n"
+            f"open({str(proof)!r}, 'a').write('x')\n"
+            "from dataclasses import dataclass\n"
+            "@dataclass(frozen=True)\nclass Mine(Exponential):\n    id = 'mine'\n"
+        )
+        write_model(model, CalibratedModel(Model([soil("dry_sand"), soil("moist_earth")])))
+        values = self.given(model_file=str(model), effects_file=str(effects))
+        models = read_models(values)
+        model.unlink()
+        for name in ("dry_sand", "moist_earth"):
+            made = settings_from({**values, "soil.name": name}, models)
+            assert made.onboard.prior.soil.name == name
+        assert proof.read_text() == "x"
+
+    def test_closed_form_and_missing_covariates_are_refused(self, tmp_path: Path) -> None:
+        path = tmp_path / "model.yaml"
+        write_model(path, CalibratedModel(Model(soil("dry_sand"), geometry="closed_form")))
+        with pytest.raises(ParametersError, match="geometry is closed_form, expected contact_int"):
+            settings_from(self.given(model_file=str(path)))
+        effects = [effect_class("moisture", None)()]
+        write_model(path, CalibratedModel(Model(soil("dry_sand"), effects=effects)))
+        with pytest.raises(ParametersError, match="effect 'moisture' needs 'moisture'"):
+            settings_from(self.given(model_file=str(path)))
+
+
+class TestFiles:
+    @pytest.mark.parametrize(("name", "text"), [("config/template.yaml", template())])
+    def test_template_is_up_to_date(self, repository: Path, name: str, text: str) -> None:
+        assert (repository / name).read_text() == text, "run python docs/parameter_pages.py"
+
+    def test_reference_is_up_to_date(self, repository: Path) -> None:
+        written = (repository / "docs" / "parameters.md").read_text()
+        assert written == reference(), "run python docs/parameter_pages.py"
+
+    def test_template_gives_the_defaults(self, tmp_path: Path) -> None:
+        path = tmp_path / "template.yaml"
+        path.write_text(template())
+        assert settings_from(read_parameters(path)).onboard.timing == Timing()
+        # With every comment sign taken off, the defaults are all spelled out.
+        lines = []
+        for line in template().splitlines():
+            bare = line.strip().lstrip("# ")
+            default = line.strip().startswith("# ") and bare.split(":")[0] in {
+                p.name.split(".")[-1] for p in (*GENERAL, *PER_WHEEL)
+            } | {p.name.split(".")[0] for p in GENERAL}
+            empty_optional = bare.endswith(":") and not bare.startswith(
+                (
+                    "soil:",
+                    "noise:",
+                    "timing:",
+                    "estimator:",
+                    "load:",
+                    "digging_in:",
+                    "cost:",
+                    "mobility:",
+                )
+            )
+            if default and not empty_optional:
+                line = line.replace("# ", "", 1)
+            lines.append(line)
+        path.write_text("\n".join(lines))
+        values = read_parameters(path)
+        table = {p.name: p.default for p in parameters_for(["front_left"])}
+        given = {name: value for name, value in values.items() if table[name] is not None}
+        expected = {name: value for name, value in table.items() if value is not None}
+        assert given == expected
+
+    def test_shipped_files_are_good(self, repository: Path) -> None:
+        paths = sorted((repository / "config").glob("*.yaml"))
+        found = 0
+        for path in paths:
+            if "ros__parameters" not in path.read_text() or "\n    wheels:" not in path.read_text():
+                continue
+            found += 1
+            values = read_parameters(path)
+            assert settings_from(values).onboard.wheels
+            assert unknown_parameters(values, values["wheels"]) == [], path
+        assert found >= 4
+
+    def test_sections(self, tmp_path: Path) -> None:
+        path = tmp_path / "rover.yaml"
+        path.write_text(
+            "/**:\n  ros__parameters:\n    standstill_speed: 2e-2\n    noise: {load: 1.5}\n"
+            "other_node:\n  ros__parameters:\n    load_sign: -1\n"
+            "/ns/mobility_estimator:\n  ros__parameters:\n    noise:\n      load: 2.5\n"
+        )
+        assert read_parameters(path) == {"standstill_speed": 0.02, "noise.load": 2.5}
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("other:\n  ros__parameters: {a: 1}\n", "found other, expected a section /\\*\\*:"),
+            ("", "found nothing"),
+            ("/**:\n  wheels: [a]\n", "section /\\*\\* has no ros__parameters"),
+            ("/**: [", "not YAML text: line 1: "),
+            ("a\x00b", "not YAML text"),
+        ],
+    )
+    def test_bad_files(self, tmp_path: Path, text: str, words: str) -> None:
+        path = tmp_path / "rover.yaml"
+        path.write_text(text)
+        with pytest.raises(ParametersError, match=words) as caught:
+            read_parameters(path)
+        assert str(path) in str(caught.value)
+
+    def test_missing_file(self, tmp_path: Path) -> None:
+        with pytest.raises(ParametersError, match=r"no\.yaml: cannot be read: No such file"):
+            read_parameters(tmp_path / "no.yaml")
+
+    def test_template_is_plain_yaml_too(self) -> None:
+        assert yaml.safe_load(template())["/**"]["ros__parameters"]["wheels"] == ["front_left"]

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many bags, interruptions, a full disk, a cluster."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from bag_kinds import beginning
+from click.testing import CliRunner
+
+from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.cli import main
+from smallwheel_ros.costmap.map_file import read_map
+from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]
+MOBILITY = "/mobility_estimator/mobility"
+
+
+@pytest.fixture(scope="module")
+def rover(repository) -> Path:
+    return repository / "config" / "two_wheel_sizes.yaml"
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory) -> list[Path]:
+    """The beginnings of three drives on one soil each, as single files."""
+    folder = tmp_path_factory.mktemp("bags")
+    files = []
+    for seed in (1, 2, 3):
+        drive = DriveSettings(seed=seed, distance=3.0, wheels="two_sizes", terrain="single")
+        write_drive_bag(simulate_drive(drive), folder / f"whole_{seed}")
+        beginning(folder / f"whole_{seed}", folder / f"drive_{seed}", 8.0)
+        files.append(folder / f"drive_{seed}.mcap")
+        (folder / f"drive_{seed}" / f"drive_{seed}.mcap").rename(files[-1])
+    return files
+
+
+@pytest.fixture(scope="module")
+def long_bag(bags, tmp_path_factory) -> Path:
+    """One drive that takes some seconds to replay: a short one, again and again on its way."""
+    path = tmp_path_factory.mktemp("long") / "long"
+    with BagReader(bags[0]) as reader, BagWriter(path) as writer:
+        messages = list(reader.messages())
+        length = reader.end_time - reader.start_time + 10**7
+        for turn in range(15):
+            for topic, kind, log_time, message in messages:
+                stamp = message.header.stamp
+                total = stamp.sec * 10**9 + stamp.nanosec + (length if turn else 0)
+                message.header.stamp = type(stamp)(sec=total // 10**9, nanosec=total % 10**9)
+                writer.write(topic, kind, log_time + turn * length, message)
+    return path
+
+
+def smallwheel(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert result.exit_code == code, (result.output, result.exception)
+    return result
+
+
+def states(folder: Path) -> dict[str, str]:
+    content = json.loads((folder / "replays.json").read_text())
+    return {Path(entry["bag"]).name: entry["state"] for entry in content["bags"]}
+
+
+def assert_merged(folder: Path, names: list[str]) -> None:
+    """The merged tables are those of the single bags, one after the other."""
+    merged = pd.read_csv(folder / "estimates.csv", float_precision="round_trip")
+    assert list(merged["bag"].unique()) == names
+    for name, rows in merged.groupby("bag"):
+        single = pd.read_csv(folder / name / "estimates.csv", float_precision="round_trip")
+        pd.testing.assert_frame_equal(
+            rows.drop(columns="bag").reset_index(drop=True), single, check_dtype=False
+        )
+    read_measurements(folder / "measurements.csv")
+    measured = pd.read_csv(folder / "measurements.csv")
+    assert {run.split()[0] for run in measured["run"]} <= set(names)
+    sizes = [len(pd.read_csv(folder / n / "measurements.csv")) for n in names
+             if (folder / n / "measurements.csv").exists()]  # fmt: skip
+    assert len(measured) == sum(sizes)
+
+
+# --- Many bags
+
+
+def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, tmp_path):
+    out = tmp_path / "out"
+    printed = smallwheel("replay", *bags, "--config", rover, "-o", out, "--map").output
+    assert "cost_map.yaml" in printed
+    assert json.loads((out / "replays.json").read_text())["files"]["cost_map"] == "cost_map.yaml"
+    folders = [out / f"drive_{i}" for i in (1, 2, 3)]
+    folders.sort(key=lambda folder: json.loads((folder / "replay.json").read_text())["start"])
+    parts = [read_map(folder / "cost_map.yaml") for folder in folders]
+    whole = read_map(out / "cost_map.yaml")
+    assert whole.frame == "odom"
+    for part in parts:
+        known = np.argwhere(part.cells >= 0)
+        for row, column in known[:: max(len(known) // 50, 1)]:
+            x = part.origin[0] + (column + 0.5) * part.resolution
+            y = part.origin[1] + (row + 0.5) * part.resolution
+            cell = whole.cells[whole.cell(x, y)]
+            assert cell >= 0
+            assert cell == 100 or part is not parts[-1] or cell == part.cells[row, column]
+    # Another frame: said, and what there was stays.
+    path = out / "drive_1" / "cost_map.yaml"
+    path.write_text(path.read_text().replace("frame: odom", "frame: map"))
+    arguments = ("replay", *bags, "--config", rover, "-o", out, "--map")
+    found = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert found.exit_code == 2
+    assert "expected maps in one frame, found map" in found.output
+    assert (out / "drive_3" / "cost_map.yaml").exists()
+
+
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, jobs):
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(b"no bag at all")
+    out = tmp_path / "out"
+    arguments = ("replay", bags[0], bad, bags[1], "--config", rover, "-o", out, "--jobs", jobs)
+    result = smallwheel(*arguments, code=1)
+    assert "bad.mcap: cannot be read" in result.stderr
+    assert "2 of 3 bags are done" in result.stderr
+    assert all(f"{bag}: complete" in result.stderr for bag in bags[:2])  # each when it is done
+    expected = {bag.name: "complete" for bag in bags[:2]} | {"bad.mcap": "failed"}
+    assert states(out) == expected
+    assert_merged(out, ["drive_1", "drive_2"])
+
+    # What is done is not done again, and a bag that is mended meanwhile is.
+    before = (out / "drive_1" / "estimates.csv").stat().st_mtime_ns
+    bad.write_bytes(bags[0].read_bytes())
+    result = smallwheel(*arguments)
+    assert (out / "drive_1" / "estimates.csv").stat().st_mtime_ns == before
+    assert result.stdout.count("(before)") == 2
+    assert set(states(out).values()) == {"complete"}
+
+
+def test_other_parameters_are_another_replay(bags, rover, tmp_path):
+    out, other = tmp_path / "out", tmp_path / "other.yaml"
+    smallwheel("replay", *bags[:2], "--config", rover, "-o", out)
+    first = pd.read_csv(out / "estimates.csv")
+    other.write_text(rover.read_text().replace("name: dry_sand", "name: wong_snow"))
+    result = smallwheel("replay", *bags[:2], "--config", other, "-o", out)
+    assert "(before)" not in result.stdout
+    assert not first["soil_k"].equals(pd.read_csv(out / "estimates.csv")["soil_k"])
+
+
+def test_bags_of_one_name_are_refused(bags, rover, tmp_path):
+    (tmp_path / "drive_1.mcap").write_bytes(bags[0].read_bytes())
+    arguments = (bags[0], tmp_path / "drive_1.mcap", "--config", rover, "-o", tmp_path / "out")
+    assert "have one name, drive_1" in smallwheel("replay", *arguments, code=2).stderr
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_costs_only_its_own_bag(bags, rover, tmp_path):
+    """A bag on which the interpreter itself is killed, as by a lack of memory."""
+    out = tmp_path / "out"
+    script = tmp_path / "run.py"
+    script.write_text(
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from smallwheel_ros.replay.many import replay_all\n"
+        "from smallwheel_ros.replay.spec import ReplaySpec\n"
+        "def dies(result, path):\n"
+        "    if 'drive_2' in str(path):\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+        "if __name__ == '__main__':\n"
+        "    rover, out, *bags = map(Path, sys.argv[1:])\n"
+        "    specs = [ReplaySpec(bag, rover, out / bag.stem) for bag in bags]\n"
+        "    for outcome in replay_all(specs, dies, jobs=2):\n"
+        "        print(outcome.spec.bag.stem, outcome.state, outcome.error)\n"
+    )
+    command = [sys.executable, str(script), str(rover), str(out), *map(str, bags)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    lines = sorted(done.stdout.splitlines())
+    assert [line.split()[:2] for line in lines] == [
+        ["drive_1", "complete"], ["drive_2", "failed"], ["drive_3", "complete"],
+    ], done.stderr  # fmt: skip
+    assert "died" in lines[1]
+
+
+# --- Interruptions
+
+
+def started(*arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for(path: Path, size: int, process: subprocess.Popen[str]) -> None:
+    """Wait until a file has grown so far: the work is in its midst."""
+    end = time.monotonic() + 120
+    while not (path.exists() and path.stat().st_size > size):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
+def test_interrupted_leaves_what_was_finished(long_bag, rover, tmp_path, number):
+    out = tmp_path / "out"
+    process = started(long_bag, "--config", rover, "-o", out, "--copy", "none")
+    wait_for(out / "estimates.csv.part", 100_000, process)
+    process.send_signal(number)
+    _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 1, stderr
+    assert "the same command does all of it" in stderr
+    assert "Traceback" not in stderr
+    summary = json.loads((out / "replay.json").read_text())
+    assert summary["state"] == "interrupted"
+    table = pd.read_csv(out / "estimates.csv")
+    assert 0 < len(table) == summary["estimates"]
+    with BagReader(out / "bag") as reader:
+        assert sum(1 for _ in reader.messages({MOBILITY})) == len(table)
+    assert "interrupted" in (out / "report.html").read_text()
+
+
+def test_killed_leaves_a_readable_table_and_the_same_command_does_all(bags, rover, tmp_path):
+    long = tmp_path / "long.mcap"
+    long.write_bytes(bags[0].read_bytes())
+    out = tmp_path / "out"
+    process = started(long, "--config", rover, "-o", out)
+    wait_for(out / "replay.json", 10, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait(30)
+    assert json.loads((out / "replay.json").read_text())["state"] == "running"
+    if (out / "estimates.csv.part").exists():
+        lines = (out / "estimates.csv.part").read_text().splitlines()
+        assert all(line.count(",") >= lines[0].count(",") for line in lines)
+    result = smallwheel("replay", long, "--config", rover, "-o", out)
+    assert "an earlier replay into this folder was not finished" in result.stdout
+    assert json.loads((out / "replay.json").read_text())["state"] == "complete"
+    assert not list(out.glob(".*"))
+    assert not list(out.glob("*.part"))
+
+
+@pytest.mark.slow
+def test_many_interrupted_are_resumed(bags, long_bag, rover, tmp_path):
+    out = tmp_path / "out"
+    arguments = (bags[0], long_bag, bags[1], "--config", rover, "-o", out, "--jobs", 2)
+    process = started(*arguments, "--copy", "none")
+    wait_for(out / "long" / "estimates.csv.part", 100_000, process)
+    wait_for(out / "drive_1" / "replay.json", 2000, process)
+    os.killpg(process.pid, signal.SIGINT)  # Ctrl-C goes to all processes of the terminal
+    _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 1, stderr
+    assert "the same command does the rest" in stderr
+    assert "Traceback" not in stderr
+    found = states(out)
+    assert found["drive_1.mcap"] == "complete"
+    assert found["long"] in ("interrupted", "not_begun")
+    result = smallwheel("replay", *arguments, "--copy", "none")
+    assert "complete (before)" in result.stdout
+    assert set(states(out).values()) == {"complete"}
+
+
+def test_a_full_disk_is_one_message(bags, rover, tmp_path):
+    def little_room() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+    command = [*COMMAND, str(bags[0]), "--config", str(rover), "-o", str(tmp_path / "out")]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, preexec_fn=little_room
+    )
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "cannot be written" in done.stderr
+    assert json.loads((tmp_path / "out" / "replay.json").read_text())["state"] == "running"
+
+
+# --- A cluster
+
+NO_DASK = importlib.util.find_spec("distributed") is None
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(NO_DASK, reason="needs dask.distributed: pip install distributed")
+def test_a_cluster_of_two_processes(bags, rover, tmp_path):
+    from distributed import LocalCluster
+
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(b"no bag at all")
+    out = tmp_path / "out"
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        arguments = ("replay", bad, *bags[:2], "--config", rover, "-o", out,
+                     "--scheduler", cluster.scheduler_address)  # fmt: skip
+        result = smallwheel(*arguments, code=1)
+        assert "bad.mcap: cannot be read" in result.stderr
+        assert states(out) == {bag.name: "complete" for bag in bags[:2]} | {"bad.mcap": "failed"}
+        assert_merged(out, ["drive_1", "drive_2"])
+    # The same as on this machine alone.
+    smallwheel("replay", bags[0], "--config", rover, "-o", tmp_path / "alone")
+    one = (tmp_path / "alone" / "estimates.csv").read_text()
+    assert (out / "drive_1" / "estimates.csv").read_text() == one
+
+
+def test_no_cluster_is_one_message(bags, rover, tmp_path):
+    arguments = ("replay", bags[0], "--config", rover, "-o", tmp_path / "out")
+    result = smallwheel(*arguments, "--scheduler", "tcp://127.0.0.1:9", code=2)
+    expected = "dask.distributed" if NO_DASK else "no Dask scheduler answers at tcp://127.0.0.1:9"
+    assert expected in result.stderr

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shipped configuration and launch files: what can be checked of them without Nav2, RViz, launch."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import json
+import re
+import runpy
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from smallwheel_ros.bags.types import message_definitions
+
+NODE = "/mobility_estimator"
+OUTPUTS = {
+    f"{NODE}/mobility": "MobilityEstimate",
+    f"{NODE}/soil": "SoilEstimate",
+    f"{NODE}/cost": "",
+    f"{NODE}/markers": "",
+    "/diagnostics": "",
+}
+INPUTS = {"/odom", "/terrain_classes"}
+LAUNCH_FILES = ["mobility_estimator", "nav2_cost", "replay"]
+
+
+def load(path: Path) -> Any:
+    return yaml.safe_load(path.read_text())
+
+
+class TestNav2:
+    def test_both_costmaps_have_the_filter_that_the_server_feeds(self, repository: Path) -> None:
+        server = load(repository / "config" / "nav2_filter_info.yaml")["/**"]["ros__parameters"]
+        assert server == {
+            "type": 0,
+            # Relative: the launch file gives the server a namespace.
+            "filter_info_topic": "soil_filter_info",
+            # Full: a costmap would look for a relative name below itself.
+            "mask_topic": f"{NODE}/cost",
+            "base": 0.0,
+            "multiplier": 1.0,
+        }
+        assert isinstance(server["base"], float)
+        assert isinstance(server["multiplier"], float)
+        costmaps = load(repository / "config" / "nav2_costmaps.yaml")
+        assert set(costmaps) == {"local_costmap", "global_costmap"}
+        for name, above in costmaps.items():
+            parameters = above[name]["ros__parameters"]
+            # Only a window that rolls is recomputed whole (navigation2 #5410).
+            if name == "global_costmap":
+                assert parameters["rolling_window"] is True
+                assert parameters["width"] == parameters["height"] == 60
+            (filter_name,) = parameters["filters"]
+            soil = parameters[filter_name]
+            assert soil["plugin"] == "nav2_costmap_2d::KeepoutFilter"
+            assert soil["enabled"] is True
+            assert soil["filter_info_topic"] == f"/{server['filter_info_topic']}"
+            assert isinstance(soil["transform_tolerance"], float)
+
+
+def paths_in(layout: Any) -> Iterator[str]:
+    for panel in layout["configById"].values():
+        yield from (path["value"] for path in panel.get("paths", ()))
+        yield from (panel[key] for key in ("topicPath", "topicToRender") if key in panel)
+        yield from panel.get("topics", ())
+
+
+def panels_in(tree: Any) -> Iterator[str]:
+    if isinstance(tree, str):
+        yield tree
+    else:
+        assert tree["direction"] in ("row", "column")
+        yield from panels_in(tree["first"])
+        yield from panels_in(tree["second"])
+
+
+class TestPictures:
+    def test_rviz_looks_at_what_the_node_publishes(self, repository: Path) -> None:
+        displays = load(repository / "config" / "mobility.rviz")["Visualization Manager"][
+            "Displays"
+        ]
+        topics = {d["Topic"]["Value"]: d["Topic"] for d in displays if "Topic" in d}
+        assert set(topics) <= set(OUTPUTS) | INPUTS
+        assert f"{NODE}/markers" in topics
+        # In the palette "costmap" the dearest ground has the colour of obstacles.
+        assert {d["Color Scheme"] for d in displays if d["Name"] == "Cost of the ground"} == {"map"}
+        # A grid that is published once in a while is missed without this.
+        assert topics[f"{NODE}/cost"]["Durability Policy"] == "Transient Local"
+
+    def test_foxglove_paths_are_fields_of_the_messages(self, repository: Path) -> None:
+        layout = json.loads((repository / "config" / "foxglove_layout.json").read_text())
+        assert sorted(panels_in(layout["layout"])) == sorted(layout["configById"])
+        panels = layout["configById"]
+        assert all("foxglovePanelTitle" in panels[n] for n in panels if n.startswith("Plot!"))
+        assert "/odom" not in panels["3D!ground"]["topics"]
+        definitions = message_definitions()
+        found = 0
+        for path in paths_in(layout):
+            topic, _, rest = re.sub(r"\{.*?\}", "", path).partition(".")
+            assert topic in OUTPUTS or topic in INPUTS, path
+            for flag in re.findall(r"\{(\w+)==true\}", path):
+                definition = definitions[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
+                assert re.search(rf"^bool {flag}\b", definition, re.MULTILINE), path
+            # What is not valid is 0 in the message, and no point in the plot.
+            assert "_valid==true" in path or topic != f"{NODE}/mobility", path
+            if rest:
+                definition = definitions[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
+                assert re.search(rf"^\w+ {rest}\b", definition, re.MULTILINE), path
+                found += 1
+        assert found > 10
+
+    def test_plotjuggler_curves_are_fields_of_the_messages(self, repository: Path) -> None:
+        layout = ElementTree.parse(repository / "config" / "plotjuggler_layout.xml")
+        curves = [curve.attrib["name"] for curve in layout.iter("curve")]
+        assert len(curves) > 10
+        for curve in curves:
+            topic, _, field = curve.rpartition("/")
+            definition = message_definitions()[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
+            assert re.search(rf"^\w+ {field}\b", definition, re.MULTILINE), curve
+        # All wheels come by one topic: a line would join one wheel to the next.
+        for plot in layout.iter("plot"):
+            names = {curve.attrib["name"].split("/")[2] for curve in plot.iter("curve")}
+            assert plot.attrib["style"] == ("Dots" if names == {"mobility"} else "Lines")
+        # As many places as it says there are, and shares of one whole.
+        for splitter in layout.iter("DockSplitter"):
+            sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+            assert len(splitter) == int(splitter.attrib["count"]) == len(sizes)
+            assert sum(sizes) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", LAUNCH_FILES)
+class TestLaunch:
+    def source(self, repository: Path, name: str) -> str:
+        return (repository / "launch" / f"{name}.launch.py").read_text()
+
+    def calls(self, text: str, function: str) -> list[ast.Call]:
+        return [
+            node
+            for node in ast.walk(ast.parse(text))
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == function
+        ]
+
+    def texts(self, call: ast.Call) -> list[str]:
+        return [n.value for n in ast.walk(call) if isinstance(n, ast.Constant) and n.value]
+
+    def declared(self, repository: Path, name: str) -> set[str]:
+        calls = self.calls(self.source(repository, name), "DeclareLaunchArgument")
+        return {ast.literal_eval(call.args[0]) for call in calls}
+
+    def test_every_argument_that_is_used_is_declared(self, repository: Path, name: str) -> None:
+        used = self.calls(self.source(repository, name), "LaunchConfiguration")
+        declared = self.declared(repository, name)
+        assert {ast.literal_eval(call.args[0]) for call in used} == declared
+        assert "params_file" in declared
+        assert "namespace" in declared or name == "replay"
+
+    def test_files_and_executables_exist(self, repository: Path, name: str) -> None:
+        text = self.source(repository, name)
+        for call in self.calls(text, "PathJoinSubstitution"):
+            parts = [part for part in self.texts(call) if part != "smallwheel_ros"]
+            if parts[0] in ("config", "launch"):
+                assert repository.joinpath(*parts).is_file(), parts
+        build = (repository / "CMakeLists.txt").read_text()
+        for call in self.calls(text, "Node"):
+            values = {
+                k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)
+            }
+            if values["package"] == "smallwheel_ros":
+                assert re.search(rf"foreach\(name [^)]*{values['executable']}", build)
+
+    def test_included_files_get_arguments_that_they_have(self, repository: Path, name: str) -> None:
+        for call in self.calls(self.source(repository, name), "IncludeLaunchDescription"):
+            (file,) = [text for text in self.texts(call) if text.endswith(".launch.py")]
+            (given,) = [n for n in ast.walk(call) if isinstance(n, ast.Dict)]
+            keys = {ast.literal_eval(key) for key in given.keys if key is not None}
+            assert keys <= self.declared(repository, file.removesuffix(".launch.py"))
+
+    def test_it_makes_a_description(self, repository: Path, name: str) -> None:
+        """Where launch is installed (Ubuntu): the file runs."""
+        if importlib.util.find_spec("launch_ros") is None:
+            pytest.skip("needs launch_ros")
+        module = runpy.run_path(str(repository / "launch" / f"{name}.launch.py"))
+        assert module["generate_launch_description"]().entities
+
+
+def test_installed_files_are_those_of_the_checkout(repository: Path) -> None:
+    """CMake installs the two folders whole."""
+    build = (repository / "CMakeLists.txt").read_text()
+    assert re.search(r"install\(\s*DIRECTORY config launch\s", build)
+    assert {p.name.removesuffix(".launch.py") for p in (repository / "launch").glob("*.py")} == set(
+        LAUNCH_FILES
+    )

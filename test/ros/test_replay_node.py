@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replay against the node over real DDS, on the same bag with the same parameters."""
+
+from __future__ import annotations
+
+import importlib.util
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from drawbar_drives import with_pulls
+
+from smallwheel_ros.bags import BagMessage, BagReader, BagWriter
+from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+
+pytestmark = pytest.mark.dds
+
+SECOND = 10**9
+MOBILITY = "/mobility_estimator/mobility"
+
+_kinds = importlib.util.spec_from_file_location(
+    "bag_kinds", Path(__file__).parents[1] / "bag_kinds.py"
+)
+assert _kinds is not None
+assert _kinds.loader is not None
+bag_kinds = importlib.util.module_from_spec(_kinds)
+_kinds.loader.exec_module(bag_kinds)
+
+
+def messages_of(bag: Path, topic: str | None) -> Iterator[BagMessage]:
+    with BagReader(bag) as reader:
+        yield from reader.messages(None if topic is None else {topic})
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive onto softer soil, with outliers and messages that are missing."""
+    path = tmp_path_factory.mktemp("bags") / "drive"
+    stretches = [
+        Stretch(start, soil_of_pressure("sand", pressure, 0.85, 0.35, friction_angle=0.5))
+        for start, pressure in ((0.0, 19e3), (3.5, 7e3))
+    ]
+    settings = DriveSettings(
+        seed=11,
+        distance=6.0,
+        speed=0.7,
+        wheels="two_sizes",
+        stretches=tuple(stretches),
+        outliers=0.02,
+        dropouts=0.02,
+    )
+    write_drive_bag(simulate_drive(settings), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def short(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its first five seconds."""
+    return bag_kinds.beginning(bag, tmp_path_factory.mktemp("bags") / "short", 5.0)
+
+
+def fields(message: Any) -> dict[str, Any]:
+    """A message of a bag as a row with the names of `drive_through`'s."""
+    stamp = message.header.stamp
+    row = {"stamp": stamp.sec * SECOND + stamp.nanosec, "frame_id": message.header.frame_id}
+    names = message.__dataclass_fields__
+    return row | {n: getattr(message, n) for n in names if n not in ("header", "__msgtype__")}
+
+
+def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    for name, value in found.items():
+        other = expected[name]
+        if isinstance(value, float | np.ndarray):
+            np.testing.assert_allclose(value, other, rtol=1e-9, atol=1e-15, err_msg=name)
+        else:
+            assert value == other, name
+
+
+@pytest.mark.parametrize(
+    "pulls",
+    [pytest.param(False, id="sinkage", marks=pytest.mark.slow), pytest.param(True, id="and pull")],
+)
+def test_replay_and_node_agree_to_a_billionth(
+    bag: Path, repository: Path, tmp_path: Path, pulls: bool
+) -> None:
+    from smallwheel_ros.ros.drive_through import drive_through
+
+    rover = repository / "config" / "two_wheel_sizes.yaml"
+    rover = with_pulls(rover, tmp_path) if pulls else rover
+    result = replay(ReplaySpec(bag, rover, tmp_path / "out", copy="none"))
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        mobility = [fields(m.message) for m in reader.messages({"/mobility_estimator/mobility"})]
+        soils = [fields(m.message) for m in reader.messages({"/mobility_estimator/soil"})]
+    assert result.onboard.soil.soil_changes > 0
+    assert (result.onboard.strength.sources == {"pull"}) == pulls
+    assert {row["status"] for row in mobility} >= {0, 2, 3}  # OK, slip unknown, rejected
+
+    log = tmp_path / "node.log"
+    with NodeProcess([rover], log, {"use_sim_time": "true"}) as node:
+        recording = drive_through(bag, rate=16.0, alive=node.death)
+    assert len(recording.mobility) == len(mobility)
+    for row, expected in zip(recording.mobility, mobility, strict=True):
+        assert_same(row, expected)
+    assert_same(recording.soil[-1], soils[-1])
+
+
+def test_a_bag_of_ros1_is_played_into_the_node(
+    short: Path, repository: Path, tmp_path: Path
+) -> None:
+    from smallwheel_ros.ros.drive_through import drive_through
+
+    rover = repository / "config" / "two_wheel_sizes.yaml"
+    old = bag_kinds.ros1_copy(short, tmp_path / "old.bag")
+    replay(ReplaySpec(old, rover, tmp_path / "out", copy="none"))
+    expected = [fields(m.message) for m in messages_of(tmp_path / "out" / "bag", MOBILITY)]
+    with NodeProcess([rover], tmp_path / "node.log", {"use_sim_time": "true"}) as node:
+        recording = drive_through(old, rate=16.0, alive=node.death)
+    assert len(recording.mobility) == len(expected) > 100
+    for row, other in zip(recording.mobility, expected, strict=True):
+        assert_same(row, other)
+
+
+def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(short: Path, tmp_path: Path) -> None:
+    import rclpy
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from rosgraph_msgs.msg import Clock
+    from smallwheel_ros.msg import SoilEstimate
+
+    start = next(iter(messages_of(short, None))).log_time
+    with BagWriter(tmp_path / "short") as writer, BagReader(short) as reader:
+        writer.add("/latched", "smallwheel_ros/msg/SoilEstimate", keeps_last=True)
+        for raw in reader.raw_messages(stop=start + 4 * SECOND):
+            writer.write_raw(*raw)
+    clocks: list[float] = []
+    rclpy.init(args=[])
+    command = [sys.executable, "-m", "smallwheel_ros.cli", "play", str(tmp_path / "short")]
+    process = subprocess.Popen(
+        [*command, "--rate", "4", "--start", "2", "--loop"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    node = Node("listener")
+    try:
+        node.create_subscription(
+            Clock,
+            "/clock",
+            lambda m: clocks.append((m.clock.sec * SECOND + m.clock.nanosec - start) / SECOND),
+            QoSProfile(depth=5000),
+        )
+        node.create_subscription(SoilEstimate, "/latched", lambda _: None, 1)
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end and sum(a > b for a, b in pairwise(clocks)) < 2:
+            rclpy.spin_once(node, timeout_sec=0.05)
+            assert process.poll() is None, process.communicate()
+        offered = node.get_publishers_info_by_topic("/latched")[0].qos_profile
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=120)
+    finally:
+        process.kill()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert sum(a > b for a, b in pairwise(clocks)) >= 2  # it went back twice
+    assert 2.0 <= min(clocks) < 2.2
+    assert 3.8 < max(clocks) <= 4.0
+    assert offered.durability.name == "TRANSIENT_LOCAL"
+    assert "Traceback" not in errors
+
+
+def test_what_replay_writes_is_read_by_ros_itself(
+    short: Path, repository: Path, tmp_path: Path
+) -> None:
+    from rclpy.serialization import deserialize_message
+    from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
+
+    rover = repository / "config" / "two_wheel_sizes.yaml"
+    replay(ReplaySpec(short, rover, tmp_path / "out", copy="none"))
+    classes = {
+        "/mobility_estimator/mobility": MobilityEstimate,
+        "/mobility_estimator/soil": SoilEstimate,
+    }
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        raw, known = list(reader.raw_messages(classes)), list(reader.messages(classes))
+    for data, message in zip(raw, known, strict=True):
+        read = deserialize_message(bytes(data.data), classes[data.topic])
+        for name, value in fields(message.message).items():
+            if name not in ("stamp", "frame_id"):
+                np.testing.assert_array_equal(getattr(read, name), value, err_msg=name)
