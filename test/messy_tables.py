@@ -41,6 +41,7 @@ FRENCH = [
     "Glissement (%)",
     "Enfoncement (mm)",
 ]
+JAPANESE = ["試験", "荷重（N）", "直径（mm）", "幅（mm）", "スリップ率（％）", "沈下量（mm）"]
 BARE = ["run", "load", "diameter", "width", "slip", "sinkage"]
 UNITS = ["", "N", "mm", "mm", "%", "mm"]
 
@@ -137,6 +138,16 @@ def _with_a_logo(book: openpyxl.Workbook) -> None:
             sheet.cell(5 + i, 3 + j, cell)
 
 
+def _with_merged_cells(book: openpyxl.Workbook) -> None:
+    """Runs, loads and sizes in merged ranges; the header is merged with the empty row of units."""
+    sheet = book.active
+    for i, row in enumerate([ENGLISH, [None] * 6, *_cells(ENGLISH)[1:]], start=1):
+        for j, cell in enumerate(row, start=1):
+            sheet.cell(i, j, cell)
+    for cells in ("A1:A2", "A3:A4", "A5:A6", "B3:B4", "B5:B6", "C3:C6", "D3:D6"):
+        sheet.merge_cells(cells)
+
+
 def _with_a_hidden_sheet(book: openpyxl.Workbook) -> None:
     for row in _cells(ENGLISH):
         book.active.append(row)
@@ -192,6 +203,16 @@ GOOD: dict[str, bytes] = {
     "ends of lines of old": text(ENGLISH, end="\r").replace("\n", "").encode(),
     "xlsx, a logo above and beside": workbook(_with_a_logo),
     "xlsx, a hidden sheet": workbook(_with_a_hidden_sheet),
+    "Spanish": text(["Ensayo", "Carga (N)", "Diámetro (mm)", "Ancho (mm)", "Deslizamiento (%)", "Hundimiento (mm)"], ";", ",").encode("cp1252"),
+    "Italian": text(["Prova", "Carico [N]", "Diametro [mm]", "Larghezza [mm]", "Slittamento [%]", "Affondamento [mm]"], ";", ",").encode(),
+    "Portuguese": text(["Ensaio", "Carga (N)", "Diâmetro (mm)", "Largura (mm)", "Patinagem (%)", "Afundamento (mm)"], ";", ",").encode("cp1252"),
+    "Polish": text(["Próba", "Obciążenie [N]", "Średnica [mm]", "Szerokość [mm]", "Poślizg [%]", "Zagłębienie [mm]"], ";", ",").encode(),
+    "Japanese, Shift-JIS": text(JAPANESE).encode("cp932"),
+    "Japanese": text(JAPANESE).encode(),
+    "Chinese": text(["试验", "载荷 [N]", "直径 [mm]", "宽度 [mm]", "滑转率 [%]", "沉陷量 [mm]"]).encode(),
+    "runs typed once": text(ENGLISH, rows=[TRUTH[0], ("", *TRUTH[1][1:]), TRUTH[2], ("", *TRUTH[3][1:])]).encode(),
+    "soils and runs typed once, and a mean": text(["Soil", *ENGLISH], rows=[("dry", *TRUTH[0]), ("", "", *TRUTH[1][1:]), ("wet", *TRUTH[2]), ("", "", *TRUTH[3][1:]), ("Keskiarvo", "", *MEAN[1:])]).encode(),
+    "xlsx, merged cells": workbook(_with_merged_cells),
     "a remark below": text(ENGLISH, after="Source: notebook 7\n").encode(),
     "empty columns and rows": text([*ENGLISH, "", ""], rows=[(*r, "", "") for r in [*TRUTH[:2], ("",) * 6, *TRUTH[2:]]], after=",,,,,,,\n").encode(),
     "units in cells of per cent": text([*ENGLISH[:4], "Slip", ENGLISH[5]], rows=[(*r[:4], f"{r[4]:g} %", r[5]) for r in TRUTH]).encode(),
@@ -228,7 +249,7 @@ BAD: dict[str, tuple[bytes, list[str]]] = {
         ["mend the formula", "(and 1 more like it: line 7)", "a limit is no measurement", "'locked' found", "sinkage_std [mm]"]),
     "a second table of other columns": (text(ENGLISH, after="\nSieve (mm),Passing (%)\n0.1,20\n").encode(), ["line 8: 2 cells, expected 6"]),
     "a table that lies": (b"Run,a,b\nLoad (N),60,70\nDiameter (mm),275,275\nWidth (mm),100,100\nSinkage (mm),8.5,9.5\n", ["in the first column", "transpose"]),
-    "merged cells of soils": (text(["Soil", *ENGLISH], rows=[("dry", *TRUTH[0]), ("", *TRUTH[1])]).encode(), ["line 3, column 'Soil'", "merged cells have to be filled"]),
+    "names of soils that are scattered": (text(["Soil", *ENGLISH], rows=[("dry", *TRUTH[0]), ("dry", *TRUTH[1]), ("", *TRUTH[2]), ("wet", *TRUTH[3])]).encode(), ["line 4, column 'Soil'", "merged cells have to be filled"]),
     "sinkage counted upwards": (text(ENGLISH, rows=[(*r[:5], -r[5]) for r in TRUTH]).encode(), ["sinkage is -8.5 mm", "turn the sign"]),
     "xlsx, two tables": (xlsx(A=_cells(ENGLISH), B=_cells(ENGLISH)), ["several sheets have tables", "--sheet", "'A', 'B'"]),
     "xlsx, no table": (xlsx(A=[["x", 1.0]], B=[["y", 2.0]]), ["no sheet has a header that is known"]),

@@ -41,6 +41,7 @@ class Grid:
 
     numbers: each row's line or row in the file. place: "line" of a text file, "row" of any other.
     header: names that the file keeps apart from its rows. comma: a comma can only be a decimal mark.
+    merged: ranges of one column whose first cell stands for all: column from 0, first and last row.
     """
 
     rows: list[Sequence[Cell]]
@@ -51,6 +52,7 @@ class Grid:
     said: list[str] = field(default_factory=list)
     source: str = "data frame"
     sha256: str = ""
+    merged: list[tuple[int, int, int]] = field(default_factory=list)
 
 
 @contextmanager

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from smallwheel_ros.measurements.cells import Cell, clipped, is_blank, shown
-from smallwheel_ros.measurements.columns import COLUMNS, TEXTS
+from smallwheel_ros.measurements.cells import clipped, is_blank, shown
+from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.layout import Layout
 from smallwheel_ros.measurements.numbers import Numbers
 from smallwheel_ros.measurements.summaries import Sheet, computed_rows
@@ -90,9 +90,8 @@ def _sheet(layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Nu
     }
     titles = {i: named[i].name for i in numeric}
     texts = {named[i].name: layout.columns[i] for i in named if i not in numeric}
-    names: Sequence[Cell] | None = texts.get("run")
-    if names is None:  # the first of the table, before soils and remarks
-        names = next((cells for name, cells in texts.items() if name not in TEXTS), None)
+    wanted = [name for name in ("run", *texts) if name in texts]
+    names = [texts[name] for name in dict.fromkeys(wanted)]
     needed = frozenset(i for i, name in titles.items() if name in _NEEDED)
     return Sheet(numeric, layout.columns, names, titles, needed, layout.numbers)
 

@@ -33,6 +33,7 @@ from smallwheel_ros.measurements.columns import (
     Texts,
 )
 from smallwheel_ros.measurements.layout import Layout, find_layout, listed, match_columns
+from smallwheel_ros.measurements.merged import fill_down
 from smallwheel_ros.measurements.not_measured import is_label, lines_left_out, rows_not_measured
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.units import (
@@ -191,7 +192,8 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
         if not columns.lines.size:
             columns.add("no rows of measurements are left")
             columns.raise_any()
-        parsed = _numbers(layout, named, grid.comma)
+    columns.understood += fill_down(layout, named, grid.merged)
+    parsed = _numbers(layout, named, grid.comma)
     for position, heading in named.items():
         columns.headings[heading.name] = heading
         columns.cells[heading.name] = layout.columns[position]

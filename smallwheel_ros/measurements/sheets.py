@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import os
+import re
 import stat
 from contextlib import suppress
 from itertools import islice
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 _SAMPLE = 100_000  # characters in which the header must stand
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+_KANA = re.compile("[\u3041-\u30fe]{2}")
 _MARKS = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig"))
 _MOST_UNPACKED = 4 * MOST_CHARACTERS  # bytes of all columns, as the footer states them
 _TEXTS = ("string", "large_string", "string_view", "binary", "large_binary", "binary_view")
@@ -110,7 +112,7 @@ def _bytes(source: str) -> bytes:
 
 
 def text_grid(data: bytes) -> Grid:
-    """Read comma, semicolon, tab or bar separated text in UTF-8, UTF-16 or Windows-1252."""
+    """Read comma, semicolon, tab or bar separated text in UTF-8, UTF-16, Windows-1252 or Shift-JIS."""
     text, said = _decoded(data)
     start = text[:200].lstrip()[:1]
     if start in ("{", "<") or (start == "[" and "\n" not in text.strip()):
@@ -165,12 +167,24 @@ def _decoded(data: bytes) -> tuple[str, list[str]]:
     except UnicodeDecodeError as error:
         bad = error.start
     with suppress(UnicodeDecodeError):
+        # nearly any bytes are Windows-1252: two kana in a row, or words that are known, are Shift-JIS
+        japanese = data.decode("cp932")
+        western = data.decode("cp1252", errors="replace")
+        if _KANA.search(japanese) or _known(japanese) > _known(western):
+            return japanese, ["text in Shift-JIS, as it is not UTF-8"]
+    with suppress(UnicodeDecodeError):
         return data.decode("cp1252"), ["text in Windows-1252, as it is not UTF-8"]
     line = data.count(b"\n", 0, bad) + 1
     raise MeasurementsError(
         f"line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
         f"{EXPECTED} (save it as CSV UTF-8)"
     )
+
+
+def _known(text: str) -> int:
+    """Most cells of a row that name a quantity, in a text whose separator is not known yet."""
+    lines = text[:_SAMPLE].splitlines()[:SEARCHED]
+    return max((known_cells(re.split("[,;\\t|]", line)) for line in lines), default=0)
 
 
 def _separator(text: str) -> str:

@@ -98,14 +98,14 @@ def statistics(x: Array) -> list[Statistic]:
 
 
 class Sheet(NamedTuple):
-    """A table as it is searched. names: how the rows are called, None where nothing calls them.
+    """A table as it is searched. names: the columns that say how the rows are called, the surest first.
 
     needed: columns without which a row is no measurement. lines: of the file.
     """
 
     parsed: Mapping[int, Numbers]
     columns: Sequence[Sequence[Cell]]
-    names: Sequence[Cell] | None
+    names: Sequence[Sequence[Cell]]
     titles: Mapping[int, str]
     needed: frozenset[int]
     lines: Index
@@ -152,8 +152,8 @@ def _ends(sheet: Sheet, known: Mapping[int, str], gaps: Index) -> list[int]:
         return [len(sheet.lines)]
     texts = {row for numbers in sheet.parsed.values() for row in [*numbers.faults][:_MOST_ENDS]}
     ends |= {row + 1 for row in texts if _speaks(sheet, row)}
-    if sheet.names is not None:
-        ends |= {row + 1 for row in _odd_names(sheet.names)}
+    for names in sheet.names:
+        ends |= {row + 1 for row in _odd_names(names)}
     ordered = sorted(end for end in ends if end > 1)
     return [*ordered[:_MOST_ENDS], *([len(sheet.lines)] if len(ordered) > _MOST_ENDS else [])]
 
@@ -293,10 +293,11 @@ def _label(sheet: Sheet, row: int, block: _Block) -> float:
     blanks = _blanks(sheet, row, block)
     if _speaks(sheet, row):
         return blanks + _OTHER_KIND
-    if sheet.names is None:
+    if not sheet.names:
         return blanks
-    above = [shown(sheet.names[i]).strip() for i in block.rows]
-    return blanks + name_evidence(shown(sheet.names[row]).strip(), above)
+    names = next((names for names in sheet.names if not is_blank(names[row])), sheet.names[0])
+    above = [shown(names[i]).strip() for i in block.rows]
+    return blanks + name_evidence(shown(names[row]).strip(), above)
 
 
 def _speaks(sheet: Sheet, row: int) -> bool:
@@ -332,7 +333,7 @@ def name_evidence(name: str, above: Sequence[str]) -> float:
     codes = all(len(text) <= _SHORT and text.isascii() for text in different)
     if codes:
         return _OTHER_KIND if len(name) > _SHORT or not name.isascii() else _OWN_KIND
-    repeated = len(filled) >= 2 * len(different)
+    repeated = len(above) >= 2 * len(different)  # or typed once, with blanks below
     return _NEW_NAME if repeated else 0.0
 
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a column is, from what stands above it: `sinkage [mm]`, `Einsinkung (mm)`, `z_mm`, `Fz, N`.
 
-This is the one place for words: English, German, French, and the symbols of the field. A line more
+This is the one place for words: English, German, French, Spanish, Italian, Portuguese, Polish, Japanese,
+Chinese, and the symbols of the field. A line more
 in `WORDS` makes a word known; a quantity of its own also needs its line in `columns.COLUMNS` (unit
 and range) if it has to be checked. Case, accents, hyphens, underscores and blanks do not matter in
 words; in symbols (after the bar) case does.
@@ -20,34 +21,46 @@ from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, i
 
 WORDS: dict[str, str] = {
     "load": "normal load, vertical load, axle load per wheel, normal force, vertical force, weight, "
-    "Last, Radlast, Normallast, Vertikallast, Auflast, Normalkraft, Vertikalkraft, Aufstandskraft, "
-    "Gewichtskraft, Gewicht, Belastung, charge, charge verticale, charge normale, force verticale, "
-    "force normale, effort normal, effort vertical, poids | W Fz Fn",
+    "Last, Radlast, Normallast, Vertikallast, Auflast, Normalkraft, Vertikalkraft, "
+    "Aufstandskraft, Gewichtskraft, Gewicht, Belastung, charge, charge verticale, charge "
+    "normale, force verticale, force normale, effort normal, effort vertical, poids, carga, "
+    "carga normal, carga vertical, fuerza normal, fuerza vertical, carico, carico normale, "
+    "carico verticale, forza normale, forza verticale, força normal, força vertical, "
+    "obciążenie, obciążenie pionowe, siła normalna, siła pionowa, 荷重, 垂直荷重, 鉛直荷重, 輪荷重, 载荷, "
+    "荷载, 垂直载荷, 法向载荷, 轮载 | W Fz Fn",
     "diameter": "dia, diam, outer diameter, plate diameter, Plattendurchmesser, Durchmesser, "
-    "Raddurchmesser, Reifendurchmesser, "
-    "Außendurchmesser, diamètre, "
-    "diamètre extérieur | D Ø",
-    "radius": "Radradius, Halbmesser, rayon | r",
-    "width": "plate width, Plattenbreite, Breite, Radbreite, Reifenbreite, largeur | b B",
-    "sinkage": "sinkage depth, plate sinkage, settlement, Setzung, tassement, "
-    "Einsinkung, Einsinktiefe, Einsenkung, Einsenktiefe, enfoncement, "
-    "profondeur d'enfoncement | z",
+    "Raddurchmesser, Reifendurchmesser, Außendurchmesser, diamètre, diamètre extérieur, "
+    "diámetro, diámetro de rueda, diametro, diametro ruota, diâmetro, średnica, średnica "
+    "koła, 直径, 車輪直径, 车轮直径 | D Ø",
+    "radius": "Radradius, Halbmesser, rayon, radio, raggio, raio, promień, 半径 | r",
+    "width": "plate width, Plattenbreite, Breite, Radbreite, Reifenbreite, largeur, ancho, ancho de "
+    "rueda, anchura, larghezza, largura, szerokość, szerokość koła, 幅, 車輪幅, 宽度, 车轮宽度, 轮宽 | b "
+    "B",
+    "sinkage": "sinkage depth, plate sinkage, settlement, Setzung, tassement, Einsinkung, Einsinktiefe, "
+    "Einsenkung, Einsenktiefe, enfoncement, profondeur d'enfoncement, hundimiento, "
+    "affondamento, afundamento, zagłębienie, 沈下量, 沈下, 沉陷量, 沉陷, 下陷量 | z",
     "resistance": "motion resistance, rolling resistance, Fahrwiderstand, Rollwiderstand, "
-    "Bewegungswiderstand, Widerstand, résistance, résistance au roulement, "
-    "résistance au mouvement, résistance à l'avancement",
+    "Bewegungswiderstand, Widerstand, résistance, résistance au roulement, résistance au "
+    "mouvement, résistance à l'avancement, resistencia, resistencia al avance, resistencia a "
+    "la rodadura, resistenza, resistenza al moto, resistenza al rotolamento, resistência, "
+    "resistência ao movimento, resistência ao rolamento, opór, opór ruchu, opór toczenia, "
+    "走行抵抗, 転がり抵抗, 行驶阻力, 滚动阻力, 阻力",
     "drawbar_pull": "drawbar, pull, net traction, net pull, Zugkraft, Nettozugkraft, Zughakenkraft, "
-    "Zughakenzugkraft, traction nette, force de traction, effort de traction, force au crochet, "
-    "effort au crochet | DP DBP",
-    "slip": "slip ratio, Schlupf, Radschlupf, glissement, taux de glissement | s i",
+    "Zughakenzugkraft, traction nette, force de traction, effort de traction, force au "
+    "crochet, effort au crochet, tracción neta, fuerza de tracción, trazione netta, forza di "
+    "trazione, tração líquida, força de tração, siła uciągu, uciąg, 牽引力, けん引力, 挂钩牵引力, 牵引力 | "
+    "DP DBP",
+    "slip": "slip ratio, Schlupf, Radschlupf, glissement, taux de glissement, deslizamiento, "
+    "slittamento, escorregamento, patinagem, poślizg, スリップ率, すべり率, 滑り率, 滑转率, 滑移率 | s i",
     "slip_angle": "Schräglaufwinkel, Schräglauf, angle de dérive, dérive",
-    "slope": "slope angle, Neigung, Hangneigung, Neigungswinkel, Steigungswinkel, pente, "
-    "inclinaison",
+    "slope": "slope angle, Neigung, Hangneigung, Neigungswinkel, Steigungswinkel, pente, inclinaison, "
+    "pendiente, pendenza, inclinação, nachylenie, 傾斜, 坡度",
     "speed": "velocity, travel speed, forward speed, travel velocity, Geschwindigkeit, "
-    "Fahrgeschwindigkeit, vitesse, vitesse d'avance, vitesse d'avancement | v",
+    "Fahrgeschwindigkeit, vitesse, vitesse d'avance, vitesse d'avancement, velocidad, "
+    "velocità, velocidade, prędkość, 速度, 走行速度, 行驶速度 | v",
     "pass_number": "pass, passes, pass no, number of passes, Überfahrt, Überfahrten, Überrollung, "
     "Überrollungen, passage, passages, numéro de passage, nombre de passages",
-    "grouser_height": "lug height, Stollenhöhe, Greiferhöhe, hauteur de crampon, "
-    "hauteur des crampons",
+    "grouser_height": "lug height, Stollenhöhe, Greiferhöhe, hauteur de crampon, hauteur des crampons",
     "pressure": "plate pressure, normal pressure, Plattendruck, Bodendruck, Flächenpressung, Druck, "
     "pression, pression au sol | p",
     "length": "plate length, Plattenlänge, Länge, longueur",
@@ -55,12 +68,16 @@ WORDS: dict[str, str] = {
     "shear_stress": "Scherspannung, Schubspannung, contrainte de cisaillement | τ tau",
     "shear_displacement": "shear deformation, Scherweg, Scherverschiebung, déplacement de cisaillement, "
     "cisaillement déplacement | j",
-    "torque": "wheel torque, drive torque, Drehmoment, Antriebsmoment, Raddrehmoment, couple",
-    "moisture": "moisture content, water content, Feuchte, Wassergehalt, humidité, teneur en eau",
-    "run": "run id, run no, run number, run name, Lauf, Versuch, Versuchsnummer, Versuch Nr, Lauf Nr, "
-    "Messung, essai, numéro d'essai, test, experiment",
-    "soil": "soil type, Boden, Bodenart, sol, type de sol",
-    "wheel": "wheel name, wheel id, tyre, tire, Rad, Reifen, roue",
+    "torque": "wheel torque, drive torque, Drehmoment, Antriebsmoment, Raddrehmoment, couple, par "
+    "motor, coppia, momento torsor, moment obrotowy, トルク, 转矩, 扭矩",
+    "moisture": "moisture content, water content, Feuchte, Wassergehalt, humidité, teneur en eau, "
+    "humedad, umidità, umidade, wilgotność, 含水比, 含水率",
+    "run": "run id, run no, run number, run name, Lauf, Versuch, Versuchsnummer, Versuch Nr, Lauf "
+    "Nr, Messung, essai, numéro d'essai, test, experiment, ensayo, prueba, prova, ensaio, "
+    "próba, przejazd, 試験, 試験番号, 试验, 试验编号",
+    "soil": "soil type, Boden, Bodenart, sol, type de sol, suelo, terreno, suolo, solo, gleba, grunt, "
+    "土, 土壌, 土壤",
+    "wheel": "wheel name, wheel id, tyre, tire, Rad, Reifen, roue, rueda, ruota, koło, 車輪, 车轮",
     "contact": "contact type, Kontakt, Kontaktart",
 }
 
@@ -75,6 +92,7 @@ MISSING = frozenset(_MISSING.split())
 
 
 _ROUND_BRACKETS = re.compile(r"(.*\S)\s*\(([^()]*)\)")
+_WIDE = str.maketrans("（）［］【】％", "()[][]%")  # as Japanese and Chinese keyboards write them
 _PURE_NUMBERS = ("", "1", "-", "–", "—", "/")
 _AT_THE_END = (
     r"\s*[,;:]\s*",  # load, N
@@ -203,6 +221,10 @@ def read_heading(text: str, known: Match | None = None) -> Heading:
     Raises UnitsError where a bracket is not closed or text follows it.
     """
     text = " ".join(text.split())
+    return _understood(text.translate(_WIDE), known)._replace(text=text)
+
+
+def _understood(text: str, known: Match | None) -> Heading:
     rest, unit = _in_square_brackets(text)
     if unit is not None:
         return _heading(text, rest, known or find(rest), unit)

@@ -31,6 +31,7 @@ from smallwheel_ros.measurements.layout import SEARCHED, known_cells
 _MOST_UNPACKED = 128 * 2**20  # bytes of XML: 27 for each of the most cells
 _MOST_TAGS = 10_000_000  # of XML, four for each cell; reading them takes about 10 s
 _NO_VALUE = re.compile(rb"</f>\s*(?:<v\s*/>|<v>\s*</v>|</c>)|<f[^>]*/>\s*(?:<v\s*/>|</c>)")
+_MERGED = re.compile(rb'<mergeCell [^>]*ref="([A-Z]+[0-9]+:[A-Z]+[0-9]+)"')
 
 Row = Sequence[Cell]
 
@@ -58,6 +59,7 @@ def workbook_grid(data: bytes, sheet: str | None) -> Grid:
                 raise MeasurementsError(TOO_MANY)
             grid.rows.append(row)
             grid.numbers.append(number)
+        grid.merged = sheets.merged(name)
     except MeasurementsError:
         raise
     except Exception as error:  # the libraries raise many kinds for a damaged file
@@ -102,10 +104,11 @@ def _refuse_bombs(archive: zipfile.ZipFile) -> None:
 
 
 class _Sheets(NamedTuple):
-    """Names of the sheets of a workbook, and the rows of the one of a name: line and cells."""
+    """Names of the sheets of a workbook; of the one of a name its rows (line, cells) and merged ranges."""
 
     names: list[str]
     rows: Callable[[str], Iterator[tuple[int, Row]]]
+    merged: Callable[[str], list[tuple[int, int, int]]]
     hidden: Sequence[str] = ()
 
 
@@ -156,7 +159,20 @@ def _xlsx_sheets(data: bytes) -> _Sheets:
                 yield number, row
 
     hidden = [name for name, sheet in sheets.items() if sheet.sheet_state != "visible"]
-    return _Sheets(list(sheets), rows, hidden)
+    return _Sheets(list(sheets), rows, lambda name: _xlsx_merged(data, sheets[name]), hidden)
+
+
+def _xlsx_merged(data: bytes, sheet: Any) -> list[tuple[int, int, int]]:
+    """Ranges of one column; openpyxl does not give them where it reads row by row."""
+    from openpyxl.utils.cell import range_boundaries
+
+    content = zipfile.ZipFile(io.BytesIO(data)).read(sheet._worksheet_path)
+    found = []
+    for ref in _MERGED.findall(content):
+        left, top, right, bottom = range_boundaries(ref.decode("ascii"))
+        if left == right and top < bottom:
+            found.append((left - 1, top, bottom))
+    return found
 
 
 def _xlsx_cell(cell: Any) -> Cell:
@@ -182,7 +198,13 @@ def _ods_sheets(archive: zipfile.ZipFile) -> _Sheets:
         for event, element in _elements(content)
         if event == "start" and element.tag == f"{_TABLE}table"
     ]
-    return _Sheets(names, lambda name: _ods_rows(content, name))
+    merged: list[tuple[int, int, int]] = []
+
+    def rows(name: str) -> Iterator[tuple[int, Row]]:
+        merged.clear()
+        yield from _ods_rows(content, name, merged)
+
+    return _Sheets(names, rows, lambda _: merged)
 
 
 def _elements(content: bytes) -> Iterator[tuple[str, ElementTree.Element]]:
@@ -194,7 +216,10 @@ def _elements(content: bytes) -> Iterator[tuple[str, ElementTree.Element]]:
             element.clear()
 
 
-def _ods_rows(content: bytes, name: str) -> Iterator[tuple[int, Row]]:
+def _ods_rows(
+    content: bytes, name: str, merged: list[tuple[int, int, int]]
+) -> Iterator[tuple[int, Row]]:
+    """Rows of a sheet; ranges of one column are added to `merged`."""
     inside = False
     number = 1
     for event, element in _elements(content):
@@ -205,6 +230,7 @@ def _ods_rows(content: bytes, name: str) -> Iterator[tuple[int, Row]]:
         elif event == "end" and element.tag == f"{_TABLE}table-row":
             repeated = int(element.get(f"{_TABLE}number-rows-repeated", "1"))
             row = _ods_row(element) if inside else []
+            merged += _ods_merged(element, number) if inside else []
             if row and repeated * len(row) > MOST_CELLS:
                 raise MeasurementsError(TOO_MANY)
             if row:
@@ -228,6 +254,15 @@ def _ods_row(element: ElementTree.Element) -> list[Cell]:
         row += [""] * blanks + [value] * repeated
         blanks = 0
     return row
+
+
+def _ods_merged(element: ElementTree.Element, number: int) -> Iterator[tuple[int, int, int]]:
+    column = 0
+    for cell in element:
+        rows = int(cell.get(f"{_TABLE}number-rows-spanned", "1"))
+        if rows > 1 and cell.get(f"{_TABLE}number-columns-spanned", "1") == "1":
+            yield column, number, number + rows - 1
+        column += int(cell.get(f"{_TABLE}number-columns-repeated", "1"))
 
 
 def _ods_cell(cell: ElementTree.Element) -> Cell:

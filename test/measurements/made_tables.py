@@ -61,16 +61,7 @@ def _settings(rng: np.random.Generator, grid: str) -> np.ndarray:
         table = np.column_stack([step * np.arange(1, count + 1), np.full(count, slips[0])])
         return rng.permutation(table) if rng.random() < 0.3 else table
     if grid == "one load":
-        return (
-            np.column_stack(
-                [
-                    np.full(rng.integers(2, 10), loads[0]),
-                    np.full(1, slips[0]).repeat(1)[0] * np.ones(1),
-                ]
-            )
-            if False
-            else np.array([[loads[0], slips[0]]] * int(rng.integers(2, 10)))
-        )
+        return np.tile([loads[0], slips[0]], (int(rng.integers(2, 10)), 1))
     table = np.array([[w, s] for w in np.sort(loads) for s in np.sort(slips)])
     if grid == "repeats":
         table = table.repeat(rng.integers(2, 5), axis=0)
