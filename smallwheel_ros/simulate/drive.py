@@ -213,7 +213,14 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     truth = ride(
         rover, ground, stretches, effects, travel(ground, settings.distance, settings.speed)
     )
-    sensors = Sensors(truth, rover, settings)
+    sensors = Sensors(
+        truth,
+        rover,
+        settings.seed,
+        noise=settings.noise,
+        outliers=settings.outliers,
+        dropouts=settings.dropouts,
+    )
     names = [wheel.name for wheel in rover.wheels]
     return Drive(
         settings=settings,

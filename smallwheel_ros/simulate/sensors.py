@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,6 @@ from numpy.typing import NDArray
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.ride import WheelTruth
 from smallwheel_ros.simulate.rover import GRAVITY, STANDS, Rover
-
-if TYPE_CHECKING:
-    from smallwheel_ros.simulate.drive import DriveSettings
 
 Nanoseconds = NDArray[np.int64]
 
@@ -97,12 +93,23 @@ class ImuReadings(Readings):
 
 
 class Sensors:
-    """Reads a truth; each kind of reading has a random stream of its own, by the drive's seed."""
+    """Reads a truth; each kind of reading has a random stream of its own, by the drive's seed.
 
-    def __init__(self, truth: WheelTruth, rover: Rover, settings: DriveSettings) -> None:
-        self.truth, self.rover, self._seed = truth, rover, settings.seed
-        self.noise, self.outliers = settings.noise, settings.outliers
-        self.dropouts = settings.dropouts
+    noise, outliers, dropouts: as the settings of a drive have them.
+    """
+
+    def __init__(
+        self,
+        truth: WheelTruth,
+        rover: Rover,
+        seed: int,
+        *,
+        noise: float,
+        outliers: float,
+        dropouts: float,
+    ) -> None:
+        self.truth, self.rover, self._seed = truth, rover, seed
+        self.noise, self.outliers, self.dropouts = noise, outliers, dropouts
 
     def _stream(self, *purpose: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, *purpose])
