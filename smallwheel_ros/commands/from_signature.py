@@ -21,6 +21,7 @@ import click
 from smallwheel_ros import api
 from smallwheel_ros.arguments import RangeError, typed
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.options import names as names_of_list
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.physics.soil import soil
 
@@ -31,11 +32,6 @@ PATH = click.Path(path_type=Path)
 
 class BenchError(SmallwheelError):
     """Options that do not go together, or do not fit the table."""
-
-
-def _names(_context: click.Context, _option: click.Parameter, text: str) -> list[str]:
-    """The names of a list with commas."""
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _headers(
@@ -99,9 +95,9 @@ KINDS: dict[str, Click] = {
     "AnyModel": {"callback": _model, "metavar": "FILE|SOIL"},
     "Models": {"callback": _models, "metavar": "FILE|SOIL", "multiple": True},
     "AnyEffect": {"type": str},
-    "Effects": {"callback": _names, "default": "", "metavar": "A,B"},
+    "Effects": {"callback": names_of_list, "default": "", "metavar": "A,B"},
     "OwnEffects": {"type": PATH, "metavar": "FILE"},
-    "Ids": {"callback": _names, "default": "", "metavar": "ID,ID"},
+    "Ids": {"callback": names_of_list, "default": "", "metavar": "ID,ID"},
     "Levels": {"multiple": True, "metavar": "NAME=A..B|A,B,C",
                "say": "slip=0..60%, load=20,40,60."},
     "Setting": {"type": str},

@@ -41,7 +41,7 @@ def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Com
             default, option = getattr(settings, name), said[name]
             words = {"type": type(default), "default": default}
             if isinstance(default, tuple):
-                words = {"callback": _names, "default": ",".join(default)}
+                words = {"callback": names, "default": ",".join(default)}
             words = {"show_default": True, "help": option.text, **words, **option.words}
             command = click.option(f"--{name.replace('_', '-')}", **words)(command)
         return command
@@ -49,5 +49,6 @@ def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Com
     return add
 
 
-def _names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
+def names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
+    """The names of a list with commas; a callback of click."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -42,7 +42,6 @@ from smallwheel_ros.onboard.wheel_on_soil import (
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 
-_OF_THE_ESTIMATE = ("prior", "estimator", "effects", "wheels", "strength", "mass")  # settings
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 
 
@@ -57,15 +56,16 @@ class Assessor:
         The newest instant as it was used: with what is known of way and passes, without a slip that is none.
     estimator, traction, stuck, health
         What is believed of the law and the sensors, of the strength, of the risk, and whether the
-        filter's innovations are as expected; others after an `apply` that starts over.
+        filter's innovations are as expected; others after a reset.
     """
 
     def __init__(self, settings: OnboardSettings, problems: ProblemLog | None = None) -> None:
         self.problems = problems or ProblemLog()
-        self._begin(settings)
-
-    def _begin(self, settings: OnboardSettings) -> None:
         self.settings = settings
+        self._begin()
+
+    def _begin(self) -> None:
+        settings = self.settings
         self.estimator = SoilEstimator(
             settings.prior, settings.estimator, settings.effects, settings.wheels
         )
@@ -92,23 +92,9 @@ class Assessor:
         self.problems.rejected = 0
         self.latest: Instant | None = None
 
-    def apply(self, settings: OnboardSettings) -> bool:
-        """Go on with other settings of the same wheels; return whether the soil starts over.
-
-        It does where anything else than the handling of messages is another: what was learnt under
-        the old settings does not hold under the new.
-        """
-        if any(getattr(self.settings, n) != getattr(settings, n) for n in _OF_THE_ESTIMATE):
-            self._begin(settings)
-            return True
-        self.settings = settings
-        for alarm in self._digging.values():
-            alarm.rules = settings.digging_in
-        return False
-
     def reset(self) -> None:
         """Forget the soil, and what ordinary driving is like."""
-        self._begin(self.settings)
+        self._begin()
 
     def save(self, path: Path | str) -> None:
         """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""

@@ -82,14 +82,6 @@ class Onboard(Assessor):
         self._synchroniser.start_over("a reset was asked for")
         super().reset()
 
-    def apply(self, settings: OnboardSettings) -> bool:
-        """Go on with other settings of the same wheels, see `Assessor.apply`.
-
-        Measurements that wait are dropped.
-        """
-        self._synchroniser.apply(settings)
-        return super().apply(settings)
-
     @property
     def lacking(self) -> dict[str, str]:
         """By source of the strength that is not in use: what it needs, and what it would bring."""

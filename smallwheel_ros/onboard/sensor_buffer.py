@@ -107,8 +107,6 @@ def _lever(wheel: Wheel, wheels: Sequence[Wheel]) -> tuple[float, float]:
 class SensorBuffer:
     """Recent values of all streams of a vehicle; wheels go by their number.
 
-    before: what was kept before; paths and answers go on from there.
-
     Attributes
     ----------
     streams
@@ -119,7 +117,7 @@ class SensorBuffer:
         Path of the vehicle so far, m.
     """
 
-    def __init__(self, settings: OnboardSettings, before: SensorBuffer | None = None) -> None:
+    def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
         timing = settings.timing
         self._gap = nanoseconds(timing.maximum_gap)
@@ -130,20 +128,16 @@ class SensorBuffer:
         # Paths come from the same source as slip.
         by_topic = settings.velocity == "topic"
         self._speeds = self._velocity if by_topic else self._odometry
-        self._pitches: bool = before is not None and before._pitches
-        self._pose_moves: bool = before is not None and before._pose_moves
-        self._velocity_turns: bool = before is not None and before._velocity_turns
+        self._pitches = False
+        self._pose_moves = False
+        self._velocity_turns = False
         self.wheels = [WheelState(settings, i, *vehicle) for i in range(len(settings.wheels))]
-        self.distance: float = 0.0
-        if before is not None:
-            self.distance = before.distance
-            for state, old in zip(self.wheels, before.wheels, strict=True):
-                state.path, state.answered = old.path, old.answered
+        self.distance = 0.0
         streams = [*vehicle, *(stream for state in self.wheels for stream in state.streams)]
         self.streams = {stream.name: stream for stream in streams}
         # The vehicle's, then those of the wheels.
         lateral = (0.0, *(wheel.lateral_position for wheel in settings.wheels))
-        self._start = (self.distance, *(state.path for state in self.wheels))
+        self._start = (0.0,) * len(lateral)
         self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
         self._pressed_path = 0.0
         self._stood = 0.0  # m, what the noise of speeds added up to where the vehicle stood

@@ -69,15 +69,13 @@ class Synchroniser:
         self._waiting: list[tuple[int, int, Sequence[float]]] = []
         self._begin(SensorBuffer(settings))
 
-    def apply(self, settings: OnboardSettings) -> None:
-        """Go on with other settings of the same wheels; what was collected is forgotten."""
-        self._drop("settings were changed")
-        # Path and time go on: the estimate takes no measurement from behind the newest one.
-        self._begin(SensorBuffer(settings, self._buffer))
-
     def start_over(self, why: str) -> None:
         """Forget what was collected; the counts go on, and measurements that waited are counted."""
-        self._drop(why)
+        for _, order, measured in self._waiting:
+            if measured:
+                name = self._buffer.wheels[order].sinkage.name
+                self.problems.add(name, "dropped_by_reset", f"not used: {why}")
+        self._waiting.clear()
         self._begin(SensorBuffer(self._settings))
 
     def newest(self, stream: str) -> int | None:
@@ -117,13 +115,6 @@ class Synchroniser:
             [*((stream, False) for stream in state.needed), *others] if waits else []
             for state in buffer.wheels
         ]
-
-    def _drop(self, why: str) -> None:
-        for _, order, measured in self._waiting:
-            if measured:
-                name = self._buffer.wheels[order].sinkage.name
-                self.problems.add(name, "dropped_by_reset", f"not used: {why}")
-        self._waiting.clear()
 
     # --- What comes in
 

@@ -79,7 +79,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._session: Session | None = None
         self.problem = ""  # why it could not be configured, or is no more
         self._doubled = ""  # what was said of other nodes of its name
-        self._table = NodeParameters(self, self._configure_anew)
+        self._table = NodeParameters(self, self._is_active, self._configure_anew)
         for text in self._table.unknown:
             self.get_logger().warning(text)
         self._description = RobotDescription(self, self._table)
@@ -141,7 +141,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         result = super().on_activate(state)
         assert self._session is not None
         self._session.activate()
-        self._table.active = True
         return result
 
     @_says_why
@@ -149,7 +148,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Listen no more; what was learnt is kept for the next activation."""
         assert self._session is not None
         self._session.deactivate()
-        self._table.active = False
         return super().on_deactivate(state)
 
     @_says_why
@@ -176,9 +174,11 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _forget(self) -> None:
         session, self._session = self._session, None
-        self._table.active = False
         if session is not None:
             session.destroy()
+
+    def _is_active(self) -> bool:
+        return self._session is not None and self._session.active
 
     def _on_change_state(
         self, change: _Service, request: ChangeState.Request, response: ChangeState.Response
@@ -188,7 +188,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         except Exception:  # rcl's, of which rclpy makes no type public
             asked = request.transition.label or request.transition.id
             state = "not configured" if self._session is None else "inactive"
-            state = "active" if self._table.active else state
+            state = "active" if self._is_active() else state
             self.get_logger().warning(f"transition {asked} does not fit the state, {state}")
             response.success = False
             return response

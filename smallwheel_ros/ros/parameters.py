@@ -49,21 +49,22 @@ class NodeParameters:
 
     Parameters
     ----------
+    is_active
+        Whether the node works by the parameters now: then nobody can set one.
     filled
         Called, with names and values in words, when parameters that nobody gave have got another value.
 
     Attributes
     ----------
-    active
-        Whether the node works by the parameters now: then nobody can set one.
     unknown
         A sentence for each given parameter that nobody knows.
     """
 
-    def __init__(self, node: Node, filled: Callable[[str], None]) -> None:
+    def __init__(
+        self, node: Node, is_active: Callable[[], bool], filled: Callable[[str], None]
+    ) -> None:
         self._node = node
-        self._filled = filled
-        self.active = False
+        self._is_active, self._filled = is_active, filled
         given = {
             name: _plain(parameter.value)
             for name, parameter in node.get_parameters_by_prefix("").items()
@@ -172,12 +173,12 @@ class NodeParameters:
             problem = parameter.problem(value)
             if problem is not None:
                 return problem
-            if self.active and not self._filling:
+            if self._is_active() and not self._filling:
                 return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
         for change in changes:
             # The first time it is rclpy that declares it, for a topic that is being made.
             overrides = change.name.startswith(OVERRIDES) and self._node.has_parameter(change.name)
-            if self.active and overrides:
+            if self._is_active() and overrides:
                 return f"parameter {change.name} only counts at the start of the node"
         for name in known:
             self._problems.pop(name, None)

@@ -41,15 +41,14 @@ _OF_ROS = {
 }
 
 
-def _check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, ...]:
-    """Return the topics that settings make the node listen to.
+def _check_topics(node: LifecycleNode, settings: NodeSettings, topics: Sequence[Topic]) -> None:
+    """Look whether the node can listen to its topics.
 
     Raises
     ------
     ParametersError
         If a name is not possible, or a topic would carry two types: DDS allows that to no node.
     """
-    topics = Feed(Onboard(settings.onboard), settings).topics
     types = dict(_OF_ROS)
     for name, (kind, _) in OUTPUTS.items():
         types[node.resolve_topic_name(name)] = (
@@ -70,7 +69,6 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> tuple[Topic, .
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
                 " can have no topic of two"
             )
-    return topics
 
 
 class Session:
@@ -101,23 +99,22 @@ class Session:
     ) -> None:
         self._node, self._wall = node, wall
         self._settings = settings
-        topics = _check_topics(node, settings)
+        self._begin()
+        _check_topics(node, settings, self._feed.topics)
         wrong, self.unused = override_problems(
             overrides,
             [
                 node.resolve_topic_name(name)
-                for name in (*(t.name for t in topics), TERRAIN_CLASSES)
+                for name in (*(t.name for t in self._feed.topics), TERRAIN_CLASSES)
             ],
             [node.resolve_topic_name(name) for name in OUTPUTS],
         )
         if wrong:
             raise ParametersError("; ".join(wrong))
         self._soil_file = SoilFile(settings.soil_file)
-        self._onboard = Onboard(settings.onboard, on_result=self._answer)
         self.restored = self._soil_file.restore(self._onboard)
         if self._soil_file.problem:
-            self._onboard = Onboard(settings.onboard, on_result=self._answer)
-        self._feed = Feed(self._onboard, settings)
+            self._begin()  # it may be half restored
         self._inputs = Inputs(
             node,
             self._onboard,
@@ -134,6 +131,10 @@ class Session:
         self._outputs = Outputs(node, settings, self._report)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
         self.restored = "; ".join(filter(None, [self.restored, remembered]))
+
+    def _begin(self) -> None:
+        self._onboard = Onboard(self._settings.onboard, on_result=self._answer)
+        self._feed = Feed(self._onboard, self._settings)
 
     @property
     def active(self) -> bool:

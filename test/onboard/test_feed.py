@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -410,31 +409,6 @@ class TestVelocity:
         feed = make(velocity_topic="radar")
         topic(feed, "radar").handle(velocity(START, math.nan), None)
         assert feed.onboard.counts["velocity", "not_finite"] == 1
-
-
-class TestApply:
-    def test_other_noise_leaves_the_soil_another_prior_does_not(self) -> None:
-        feed = make()
-        TestUsual().run(feed)
-        onboard, settings = feed.onboard, feed.onboard.settings
-        learnt = onboard.soil.accepted
-        assert learnt > 10
-        assert not onboard.apply(replace(settings, standstill_speed=0.02))
-        assert onboard.soil.accepted == learnt
-        # The path goes on from where it was, or nothing more would be accepted.
-        way = onboard.soil.distance
-        for i in range(30, 60):
-            topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
-            topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
-            topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008 + 1e-4 * (i % 3)), None)
-        onboard.flush()
-        assert onboard.soil.accepted >= learnt + 20
-        assert onboard.soil.distance == pytest.approx(way + 0.29, abs=0.02)
-        assert onboard.apply(
-            replace(settings, estimator=replace(settings.estimator, process_noise=0.03))
-        )
-        assert onboard.soil.accepted == 0
-        assert onboard.problems.rejected == 0
 
 
 # ---- Drawbar pull

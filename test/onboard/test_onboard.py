@@ -516,26 +516,3 @@ class TestPressed:
         assert last.instant.slip is None
         assert last.status is not Status.SLIP_UNKNOWN
         assert last.forces.compaction_resistance.value == 0.0
-
-
-@pytest.mark.parametrize(
-    ("change", "starts_over"),
-    [
-        ({"left.longitudinal_position": 0.4}, True),
-        ({"left.diameter": 0.3}, True),
-        ({"soil.cohesion": 2000.0}, True),
-        ({"vehicle.mass": 20.0}, True),
-        ({"estimator.soil_scatter": 0.3}, True),
-        ({"noise.load": 3.0}, False),
-        ({"left.joint_sign": -1}, False),
-    ],
-)
-def test_what_the_estimate_rests_on_lets_it_start_over(
-    change: dict[str, object], starts_over: bool
-) -> None:
-    values: dict[str, object] = {"wheels": ["left"], "left.diameter": 0.25, "left.width": 0.1}
-    onboard = Onboard(settings_from(values).onboard)
-    settings = settings_from(values | change).onboard
-    assert onboard.apply(settings) is starts_over
-    assert onboard.settings == settings
-    assert onboard.strength.strength == Onboard(settings).strength.strength
