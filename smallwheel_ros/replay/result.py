@@ -118,6 +118,7 @@ class Replayed(Result):
             },
             "soil": self._soil(),
             "sensors": list(self.onboard.findings),
+            "slip_tests": [test.text for test in self.onboard.slip_tests],
             "filter": self.onboard.concern,
             "events": [event._asdict() for event in summary.events],
             "unlisted_events": summary.unlisted_events,

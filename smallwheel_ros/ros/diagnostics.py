@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from smallwheel_ros.estimator.slip_tests import SlipTest
 from smallwheel_ros.estimator.traction import StrengthEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
@@ -77,6 +78,7 @@ def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
         **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
         **strength_values(onboard.strength, onboard.lacking),
+        **slip_test_values(onboard.slip_tests),
         "soil changes": str(soil.soil_changes),
         "travel [m]": f"{soil.distance:.2f}",
     }
@@ -106,6 +108,12 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
         for key, said in estimate.verdicts.items():
             values[f"verdict on {key.replace('_', ' ')}"] = said
     return values
+
+
+def slip_test_values(tests: Iterable[SlipTest]) -> dict[str, str]:
+    """What a slip test would tell of the strength that driving on does not; nothing where there is none."""
+    said = "; ".join(test.text for test in tests)
+    return {"slip test": said} if said else {}
 
 
 def _filter(onboard: Onboard) -> tuple[str, dict[str, str]]:

@@ -271,6 +271,7 @@ class Session:
         """Return the entries of an active node of that name; log an alarm when it is new."""
         newest = self._outputs.newest.values()
         self._outputs.report_deaf_subscribers()
+        self._onboard.look_for_slip_tests()
         found = [
             self._inputs.status(f"{name}: inputs"),
             *entries(name, self._onboard, newest, self._outputs.cost),
