@@ -147,7 +147,7 @@ class EstimatorSettings:
         m; where `SoilEstimate` reports the pressure (and, by default, the modulus).
     process_noise
         Growth of the standard deviation of ln pressure per square root of a metre travelled,
-        1/sqrt(m), of soil that changes slowly; soil that changes six times as fast is believed too.
+        1/sqrt(m), of soil that changes slowly.
         None while standing; 0: one soil throughout. The drift ends at the prior: that is what is
         known of soil never measured.
     soil_scatter
