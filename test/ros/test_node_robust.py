@@ -239,8 +239,7 @@ def test_no_saved_soil_stops_the_start(
 ) -> None:
     """What the node does then is in test_node_saved_soil.py."""
     from smallwheel_ros.onboard.onboard import Onboard
-    from smallwheel_ros.onboard.parameter_files import read_parameters
-    from smallwheel_ros.onboard.parameters import settings_from
+    from smallwheel_ros.onboard.parameters import read_parameters, settings_from
     from smallwheel_ros.ros.soil_file import SoilFile
 
     file, draft = tmp_path / "soil.json", tmp_path / ".soil.json.abcd1234"
@@ -293,7 +292,7 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
 
-    from smallwheel_ros.onboard.parameter_files import read_parameters
+    from smallwheel_ros.onboard.parameters import read_parameters
     from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.inputs import Inputs
     from smallwheel_ros.ros.mobility_estimator import MobilityEstimator
