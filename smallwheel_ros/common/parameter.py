@@ -125,7 +125,9 @@ class Parameter:
         """Whether a number is in the range."""
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
-        return math.isfinite(value) and low <= value <= high
+        return low <= value <= high and math.isfinite(
+            value
+        )  # the other way round 10^400 is an error
 
     def _malformed(self, value: str) -> str | None:
         """What a text is expected to be, if it is not of its form."""
@@ -186,7 +188,7 @@ def _declared(kind: type, group: str) -> Iterator[tuple[str, Any, Parameter | No
 
 def parameters_of(kind: type, group: str = "") -> list[Parameter]:
     """Return the parameters that a settings class declares, those of groups in it too, in order."""
-    found = []
+    found: list[Parameter] = []
     for name, wanted, parameter in _declared(kind, group):
         found += parameters_of(wanted, f"{name}.") if parameter is None else [parameter]
     return found

@@ -212,6 +212,7 @@ class TestSettings:
                 "front.joint is integer 5, expected a string: write '5' in quotes",
             ),
             ({"load_sign": 0}, "load_sign is 0, expected 1 or -1"),
+            ({"estimator.surprises_to_reopen": 10**400}, "expected an integer from 1 to 1000"),
             ({"load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
             ({"front.joint_sign": 0}, "front.joint_sign is 0, expected 1 or -1"),
             ({"maximum_speed": 0.0}, r"maximum_speed is 0\.0, expected a double from 0\.01"),
