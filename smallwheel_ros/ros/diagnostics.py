@@ -17,7 +17,6 @@ from smallwheel_ros.onboard.statements import statements
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
-NO_ALARM = "none"
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
 
@@ -58,7 +57,7 @@ def entries(
             "nothing seems wrong",
             {f"finding {i + 1}": words for i, words in enumerate(findings)},
         ),
-        of("alarms", NO_ALARM, _alarms(onboard, results)),
+        of("alarms", "none", _alarms(onboard, results)),
         cost_status(f"{name}: cost", cost),
         of("vehicle", *_vehicle(onboard, results)),
         *(wheel_status(f"{name}: wheel {result.wheel}", result) for result in results),
