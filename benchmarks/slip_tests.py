@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does a slip test that the node proposes tell more than driving on, and do the deviations hold?
+"""Slip tests that the node proposes: do they tell more than driving on, and do the deviations hold.
 
     python benchmarks/slip_tests.py --first 100 --seeds 40
 
 Each seed is a rover on a soil of its own on level ground (the truth of `traction_worlds`: stresses by
-quadrature, grip in blocks, sensors with errors of their own). It drives 4 m; then the same second drive goes on
-for 1 m, or makes the slip test of the axle that is proposed, its braked wheels at the slip that balances the
-vehicle. Printed: how often one was proposed, the deviations after both, and how often the truth is within 1.96 of them.
+quadrature, grip in blocks, sensors with errors of their own). It drives 4 m; then the same drive goes on for
+1 m, or makes the slip test of the axle that is proposed, its braked wheels at the slip that balances the
+vehicle. Printed: how often one was proposed, the deviations after both, and how often the truth is within
+1.96 of them.
 """
 
 from __future__ import annotations
@@ -51,11 +52,16 @@ class Rover:
                 WORLDS[world], rng, self.wheels, law, self.strength, _SLIPS, level=True
             )
         self._way, _, self._loads, self._sinkages, self._nets, self._torques = found
-        self._radius, self._scale = 1.0 + 0.01 * rng.standard_normal(4), 1.0 + 0.03 * rng.standard_normal(4)
+        self._radius, self._scale = (
+            1.0 + 0.01 * rng.standard_normal(4),
+            1.0 + 0.03 * rng.standard_normal(4),
+        )
         self._tilt, self._rng = math.radians(0.3) * rng.standard_normal(), rng
         self.at, self.time = 0.0, 0.0
 
-    def drive(self, assessor: Assessor, kind: str, length: float, slips: Callable[[Array], Array]) -> None:
+    def drive(
+        self, assessor: Assessor, kind: str, length: float, slips: Callable[[Array], Array]
+    ) -> None:
         """slips: of the wheels, from their pulls by `_SLIPS` here, shape (wheels, slips)."""
         end = self.at + length
         while self.at < end:
@@ -110,7 +116,9 @@ def testing(axle: list[int], slip: float) -> Callable[[Array], Array]:
     return slips
 
 
-def driven(world: str, seed: int, kind: str, testing_axle: list[int] | None) -> tuple[Rover, Assessor]:
+def driven(
+    world: str, seed: int, kind: str, testing_axle: list[int] | None
+) -> tuple[Rover, Assessor]:
     """The same 4 m, and then 1 m more: as before, or the slip test of an axle."""
     rover = Rover(world, seed)
     mass = MASS if "balance" in kind else 0.0
@@ -124,13 +132,23 @@ def driven(world: str, seed: int, kind: str, testing_axle: list[int] | None) -> 
     return rover, assessor
 
 
+def share(held: Array) -> str:
+    """Count, and the lower end of Wilson's 95 % interval."""
+    count = int(held.sum())
+    least = binomtest(count, len(held)).proportion_ci(method="wilson").low
+    return f"{count} of {len(held)} ({least:.2f} up)"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--worlds", nargs="*", default=["cruise", "cruise, equal", "other shear"])
     given = parser.parse_args()
-    print("| measured | proposed | number | deviation: before, driving on, slip test | expected | in 1.96 of it: driving on, slip test |")
+    print(
+        "| measured | proposed | number | deviation: before, driving on, slip test | expected |"
+        " in 1.96 of it: driving on, slip test |"
+    )
     print("| --- | --- | --- | --- | --- | --- |")
     for kind in KINDS:
         rows, proposed = defaultdict(list), 0
@@ -142,7 +160,9 @@ def main() -> None:
             proposed += 1
             best = min(on.slip_tests, key=lambda one: one.after / one.driving_on)
             front = "front" in best.what
-            axle = [j for j, w in enumerate(rover.wheels) if (w.longitudinal_position > 0.0) == front]
+            axle = [
+                j for j, w in enumerate(rover.wheels) if (w.longitudinal_position > 0.0) == front
+            ]
             _, tested = driven(world, given.first + i, kind, axle)
             truth = rover.strength[1], math.log(rover.strength[2])
             expected = {one.quantity: one for one in on.slip_tests}
@@ -158,12 +178,11 @@ def main() -> None:
         for name, found in rows.items():
             table = np.array(found, dtype=float)
             now, expected, on, held_on, after, held = table.T
-            inside = ", ".join(
-                f"{int(h.sum())} of {len(h)} ({binomtest(int(h.sum()), len(h)).proportion_ci(method='wilson').low:.2f} up)" for h in (held_on, held)
-            )
+            before_and_after = f"{now.mean():.1f}, {on.mean():.1f}, {after.mean():.1f}"
             print(
-                f"| {kind} | {proposed} of {given.seeds} | {name} | {now.mean():.1f}, {on.mean():.1f}, {after.mean():.1f};"
-                f" smaller in {int((after < on).sum())} of {len(on)} | {expected.mean():.1f} | {inside} |"
+                f"| {kind} | {proposed} of {given.seeds} | {name} | {before_and_after};"
+                f" smaller in {int((after < on).sum())} of {len(on)} | {expected.mean():.1f} |"
+                f" {share(held_on)}, {share(held)} |"
             )
 
 

@@ -118,7 +118,7 @@ def _deviations(strength: TractionFilter) -> Array:
 def _balanced(
     strength: TractionFilter, steps: Sequence[WheelStep], drive: set[int], slip: float
 ) -> list[WheelStep] | None:
-    """The wheels with these driving at a slip, and the others at the one that holds it; None: there is none."""
+    """The wheels with these driving at a slip, the others at the one that holds it; None: there is none."""
 
     def at(braked: float) -> list[WheelStep]:
         return [one._replace(slip=slip if one.order in drive else braked) for one in steps]

@@ -17,10 +17,10 @@ h, H and the noise of a segment are in `law_model`.
               linearised about the newest x: the first ones were linearised at the prior.
 
 Two filters: the deviations of passes and zeros as told ("wide"), or a tenth of them ("tight"): most
-sensors have hardly a zero, and a filter that allows for one learns n from it. A filter's weight is the product
-of its segments' likelihoods, with R of each segment alone, squares cut at 9, to the power of 1/2: neighbours
-are alike, so that half of them count. A filter never falls under exp(-15) of the best, and 0.002 of its
-first weight comes back with each segment, so that a zero that begins is believed again.
+sensors have hardly a zero, and a filter that allows for one learns less of n. A filter's weight is the
+product of its segments' likelihoods, with R of each segment alone, squares cut at 9, to the power of 1/2:
+neighbours are alike, so that half of them count. A filter never falls under exp(-15) of the best, and 0.002
+of its first weight comes back with each segment, so that a zero that begins is believed again.
 
 The mean is that of both; the covariance is always the wide one's about that mean: a nuisance that the
 data does not show is still allowed for. What learns from innovations (`Scatter`, the watch for sensors)

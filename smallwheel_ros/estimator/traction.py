@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.identifiability import DETERMINED
-from smallwheel_ros.estimator.slip_tests import SlipTest, slip_tests
 from smallwheel_ros.estimator.path_steps import PathStep, RollingContact
 from smallwheel_ros.estimator.saved_state import check_covariance
 from smallwheel_ros.estimator.settings import REMEMBERED
+from smallwheel_ros.estimator.slip_tests import SlipTest, slip_tests
 from smallwheel_ros.estimator.strength_filter import (
     FORM_SHEAR,
     LEVEL_STD,

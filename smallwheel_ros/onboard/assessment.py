@@ -143,7 +143,7 @@ class Assessor:
         return self.health.concern
 
     def look_for_slip_tests(self) -> bool:
-        """Go on looking for slip tests that would tell more than driving on; return whether all are looked at.
+        """Go on looking for slip tests that tell more than driving on; return whether all are looked at.
 
         Nobody is told to slip where the vehicle may get stuck.
         """
