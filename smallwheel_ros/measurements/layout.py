@@ -23,6 +23,7 @@ from smallwheel_ros.measurements.cells import (
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, spelled
 from smallwheel_ros.measurements.words import (
+    SYMBOLS,
     UNKNOWN,
     Heading,
     expected_unit,
@@ -150,7 +151,7 @@ def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
         if text[0] + text[-1] in ("[]", "()"):
             text = text[1:-1].strip()
         try:
-            expected = expected_unit(read_heading(header).name)
+            expected = None if header in SYMBOLS else expected_unit(read_heading(header).name)
         except UnitsError:
             return None
         if text in ("", "-", "1", "–", "/"):
@@ -267,6 +268,8 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], problems: Problems) -> d
 def _with_unit(heading: Heading, unit: str | None, problems: Problems) -> Heading:
     """The heading with the unit of the unit row, if it has none of its own."""
     if unit is not None and heading.unit is None:
+        if heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit):
+            return read_heading(f"{heading.text} [{unit}]")._replace(text=heading.text)
         pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
         return heading if pure else heading._replace(unit=unit)
     if unit is not None and heading.unit != unit:

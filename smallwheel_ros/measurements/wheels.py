@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import clipped
+from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
+from smallwheel_ros.measurements.offers import Offer, offer_of
 from smallwheel_ros.measurements.plates import (
     keep_rows_on_soil,
     name_curves,
@@ -91,7 +92,40 @@ def read_tests(
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
-    columns = read_columns(read_grid(source, sheet), map or {})
+    grid, sizes = read_grid(source, sheet), {"diameter": diameter, "width": width}
+    how: dict[str, Any] = {**sizes, "contact": contact, "compliance": compliance, "shear": shear}
+    try:
+        return _read_grid(grid, map or {}, **how)
+    except MeasurementsError as error:
+        given = [name for name, size in sizes.items() if size is not None]
+        offer = offer_of(grid, map or {}, given)
+        if offer is None:
+            raise
+        raise MeasurementsError(f"{error}\n  {_offered(grid, offer, how)}") from None
+
+
+def _offered(grid: Grid, offer: Offer, how: Mapping[str, Any]) -> str:
+    """The line of an offer, and what is wrong all the same once it is pasted."""
+    said = f"By units, values and near words the headers may be as below: look, and paste\n    {offer.text()}"
+    try:
+        _read_grid(grid, offer.mapping, **how)
+    except MeasurementsError as error:
+        left = str(error).removeprefix(f"{grid.source}, ").removeprefix(f"{grid.source}: ")
+        return f"{said}\n    with it there is left: {left}"
+    return said
+
+
+def _read_grid(
+    grid: Grid,
+    mapping: Mapping[str, str],
+    *,
+    diameter: float | None,
+    width: float | None,
+    contact: str | None,
+    compliance: float | None,
+    shear: bool,
+) -> Measurements | ShearTests:
+    columns = read_columns(grid, mapping)
     if is_shear(columns):
         if shear:
             return shear_tests(columns)
