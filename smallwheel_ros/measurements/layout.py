@@ -64,18 +64,30 @@ class Layout:
 
 
 @lru_cache(maxsize=10_000)
-def _is_known(text: str) -> bool:
+def _quantity(text: str) -> str:
     try:
-        return read_heading(text).rank < UNKNOWN
+        heading = read_heading(text)
     except UnitsError:
-        return False
+        return ""
+    return heading.name if heading.rank < UNKNOWN else ""
+
+
+def _quantities(row: Sequence[Cell]) -> list[str]:
+    """The quantities that cells of a row name."""
+    texts = [cell for cell in row if isinstance(cell, str) and len(cell) < _LONGEST_HEADER]
+    named = [text for text in texts if any(c.isalpha() or c == "Ø" for c in text)]
+    return [name for text in named if (name := _quantity(text.strip().lstrip("#").strip()))]
 
 
 def known_cells(row: Sequence[Cell]) -> int:
     """How many cells of a row name a quantity."""
-    texts = [cell for cell in row if isinstance(cell, str) and len(cell) < _LONGEST_HEADER]
-    named = [text for text in texts if any(c.isalpha() or c == "Ø" for c in text)]
-    return sum(_is_known(text.strip().lstrip("#").strip()) for text in named)
+    return len(_quantities(row))
+
+
+def _named(cells: Sequence[Cell]) -> tuple[int, int]:
+    """How many different quantities cells name by words, and by words or symbols: b, i and s may be runs."""
+    words = [cell for cell in cells if str(cell).strip() not in SYMBOLS]
+    return len({*_quantities(words)}), len({*_quantities(cells)})
 
 
 def find_layout(grid: Grid) -> Layout:
@@ -124,7 +136,8 @@ def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     known = [known_cells(row) for row in first]
-    if len(rows) <= SEARCHED and known_cells([row[0] for row in first]) > max(2, *known):
+    turned = _named([row[0] for row in first])
+    if len(rows) <= SEARCHED and turned[1] > 2 and turned > max(map(_named, first)):
         raise MeasurementsError(
             "names of quantities stand in the first column, expected them in one row: "
             "turn the table (in a spreadsheet: copy, paste special, transpose)"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from smallwheel_ros.measurements.cells import Cell, Grid, clipped, shown
+from smallwheel_ros.measurements.cells import Cell, Grid, MeasurementsError, clipped, shown
 from smallwheel_ros.measurements.columns import CHANNELS
 from smallwheel_ros.measurements.display import brief
 from smallwheel_ros.measurements.guesses import (
@@ -65,9 +65,12 @@ class Offer:
 def offer_of(grid: Grid, mapping: Mapping[str, str], given: Collection[str]) -> Offer | None:
     """What the columns that no word is known for may be; None where nothing is lacking.
 
-    given: quantities that were given for all rows. Raises MeasurementsError where there is no table.
+    given: quantities that were given for all rows.
     """
-    columns = read_columns(grid, mapping)
+    try:
+        columns = read_columns(grid, mapping)
+    except MeasurementsError:
+        return None  # no table at all
     unknown = _to_be_mapped(columns)
     there = {
         name for name, h in columns.headings.items() if h.rank != UNKNOWN and name not in unknown

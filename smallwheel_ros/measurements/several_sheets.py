@@ -64,5 +64,4 @@ def joined_sheets(
             "runs of one name on two sheets are different runs, with the sheet before the name: "
             f"'{tables[0].run[0]}' is '{found.run[0]}'"
         )
-    source, sha256 = f"{path}, sheets {called}", tables[0].sha256
-    return replace(found, understood=tuple(understood), source=source, sha256=sha256)
+    return replace(found, understood=tuple(understood), source=path, sha256=tables[0].sha256)

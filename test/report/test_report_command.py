@@ -55,7 +55,7 @@ def test_page_and_json_tell_the_same_story(rig: Path, tmp_path: Path) -> None:
     page, document = tmp_path / "report.html", tmp_path / "report.json"
     done = smallwheel("report", rig, "--model", model, "-o", page, "--json", document)
     assert done.exit_code == 0, done.output
-    assert f"written: {page}, {document}" in done.stdout
+    assert f"written: {page}\nwritten: {document}\n" in done.stdout
     html, found = page.read_text(), json.loads(document.read_text())
     assert [m["name"] for m in found["comparison"]["models"]] == [
         "constant", "bekker", "meirion_griffith_spenko", "contact_integral", "soft"]  # fmt: skip
