@@ -144,7 +144,7 @@ _SIZE, _SET = "repeats as a size does", "rounder than what is measured"
 RELATIONS: tuple[Relation, ...] = (
     # A wheel that is wider than it is high is a roller.
     ("diameter", "width", "larger than the width", _larger),
-    ("diameter", "width", "in one unit", _other_unit),
+    ("diameter", "width", "", _other_unit),
     # A wheel carries by its lower half (`wheels._check_heights`).
     ("diameter", "sinkage", "more than twice the sinkage", _twice),
     # A wheel on soil pulls, and is held back, with less than it carries.
@@ -306,7 +306,7 @@ def _guesses(
         holds = (
             words
             for a, b, words, broken in RELATIONS
-            if a == name and b in there and broken(option.column, there[b]) < DECIDED
+            if a == name and words and b in there and broken(option.column, there[b]) < DECIDED
         )
         why = (*option.why, *dict.fromkeys(holds))
         unused = any(not (taker or name in way) for taker, way in zip(takers, others, strict=True))
