@@ -27,9 +27,10 @@ from smallwheel_ros.measurements.columns import (
     ColumnSpec,
     Mask,
 )
+from smallwheel_ros.measurements.nearness import nearness
 from smallwheel_ros.measurements.numbers import Numbers
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, to_base
-from smallwheel_ros.measurements.words import Heading, mapped_heading, nearness
+from smallwheel_ros.measurements.words import Heading, mapped_heading
 
 WHEEL = (
     "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "torque", "slip",

@@ -23,6 +23,7 @@ from smallwheel_ros.measurements.guesses import (
     options_of,
     shared_out,
 )
+from smallwheel_ros.measurements.nearness import nearness
 from smallwheel_ros.measurements.numbers import Numbers, read_numbers
 from smallwheel_ros.measurements.reading import Columns, read_columns
 from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, ends_of_runs
@@ -34,7 +35,6 @@ from smallwheel_ros.measurements.words import (
     Heading,
     expected_unit,
     meant,
-    nearness,
     plain,
 )
 

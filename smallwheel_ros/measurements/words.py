@@ -13,7 +13,7 @@ from __future__ import annotations
 import difflib
 import re
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -105,7 +105,6 @@ _AT_THE_END = (
 )
 MAPPED = -1  # rank of a column that the user named, before all that was understood
 UNKNOWN = 3  # rank of a column that no word is known for
-_NEAR = 0.6  # share of letters in common: what difflib calls close
 
 
 class Match(NamedTuple):
@@ -138,7 +137,7 @@ def _index() -> tuple[dict[str, str], dict[str, str]]:
 
 _BY_WORD, SYMBOLS = _index()
 # What stands beside a quantity without making it another one.
-_QUALIFIERS = _plain_words(
+QUALIFIERS = _plain_words(
     "wheel tyre tire rad rads des reifens roue de la du mean average avg measured "
     "mittlere mittlerer mittleres gemessene gemessener moyen moyenne mesuré mesurée"
 )
@@ -160,13 +159,14 @@ _CONTACT = {
 }
 
 
-def _tokens(text: str) -> list[str]:
+def tokens_of(text: str) -> list[str]:
+    """The words of a header, without what stands between them."""
     return [token for token in re.split(r"[\s_,;:/()\[\]'’=±-]+", text) if token]
 
 
 def find(text: str) -> Match | None:
     """The quantity that a header without its unit names."""
-    tokens = _tokens(text)
+    tokens = tokens_of(text)
     if len(tokens) == 1 and tokens[0] in SYMBOLS:
         return Match(SYMBOLS[tokens[0]], 1)
     whole = plain(text)
@@ -184,7 +184,7 @@ def find(text: str) -> Match | None:
         # only of what a wheel's measurement is weighed by
         rank = 0 if whole == plain(f"{channel}_std") else 1
         return Match(f"{channel}_std", rank) if channel in CHANNELS else None
-    rest = [token for token in tokens if plain(token) not in _QUALIFIERS]
+    rest = [token for token in tokens if plain(token) not in QUALIFIERS]
     if rest and len(rest) < len(tokens):
         match = find(" ".join(rest))
         # the pressure of a tyre is not that on the soil, nor a wheel's length that of a plate
@@ -233,7 +233,7 @@ def _understood(text: str, known: Match | None) -> Heading:
     whole = None if known else find(text)
     if whole is not None and not text.endswith(")"):
         return _heading(text, text, whole, None)
-    for rest, tail in _splits(text):
+    for rest, tail in splits(text):
         match = known or find(rest)
         if match is None or match.name in TEXTS:
             continue
@@ -258,7 +258,7 @@ def _in_square_brackets(text: str) -> tuple[str, str | None]:
     return found[1].strip(), found[2].strip()
 
 
-def _splits(text: str) -> Iterator[tuple[str, str]]:
+def splits(text: str) -> Iterator[tuple[str, str]]:
     """Name and what may be its unit or symbol, the surest way of writing first."""
     if brackets := _ROUND_BRACKETS.fullmatch(text):
         yield brackets[1], brackets[2].strip()
@@ -315,7 +315,7 @@ def meant(heading: Heading) -> str | None:
     match = find(brackets[1]) if brackets else None
     if match is not None:
         return match.name
-    names = [heading.name, *(rest for rest, tail in _splits(heading.text) if is_common(tail))]
+    names = [heading.name, *(rest for rest, tail in splits(heading.text) if is_common(tail))]
     return next((near for name in names if (near := near_miss(name)) is not None), None)
 
 
@@ -327,59 +327,6 @@ def near_miss(text: str) -> str | None:
         return None
     close = difflib.get_close_matches(whole, _BY_WORD, n=3, cutoff=0.7)
     return next((_BY_WORD[word] for word in close if _one_slip(whole, word)), None)
-
-
-@lru_cache(maxsize=1000)
-def nearness(text: str) -> Mapping[str, tuple[float, str]]:
-    """How near a header is to a word of each quantity, 0.6 to 1, and to which: `hundim. (mm)`, `belasting`.
-
-    The whole of it or a part, spelled alike or cut short. What words of several quantities have says
-    nothing: force, de.
-    """
-    rest = next((rest for rest, tail in _splits(text) if is_common(tail)), text.partition("[")[0])
-    parts = [plain(token) for token in _tokens(rest)]
-    parts = [part for part in parts if part and part not in _shared_parts()]
-    found: dict[str, tuple[float, str]] = {}
-    for part in dict.fromkeys(["".join(parts), *parts] if parts else []):
-        matcher = difflib.SequenceMatcher(b=part)
-        # of so few it may be chance; what are no letters is a syllable or a word each
-        fewest = 4 if max(part) < "\u3000" else 2
-        for word, name in _telling_words().items():
-            matcher.set_seq1(word)
-            near = _share_in_common(matcher, fewest)
-            near = max(near, _NEAR if len(part) >= 3 and word.startswith(part) else 0.0)
-            if near >= _NEAR and near > found.get(name, (0.0, ""))[0]:
-                found[name] = near, word
-    return found
-
-
-def _share_in_common(matcher: difflib.SequenceMatcher[str], fewest: int) -> float:
-    """Share of letters that two words have in common, 0 if too few."""
-    if matcher.real_quick_ratio() < _NEAR or matcher.quick_ratio() < _NEAR:
-        return 0.0
-    common = sum(block.size for block in matcher.get_matching_blocks())
-    return matcher.ratio() if common >= fewest else 0.0
-
-
-@lru_cache(maxsize=1)
-def _shared_parts() -> frozenset[str]:
-    """Parts that words of several quantities have, and what stands beside a quantity."""
-    owners: dict[str, set[str]] = {}
-    for name, line in WORDS.items():
-        for part in _tokens(line.partition("|")[0]):
-            owners.setdefault(plain(part), set()).add(name)
-    return frozenset(part for part, names in owners.items() if len(names) > 1) | _QUALIFIERS
-
-
-@lru_cache(maxsize=1)
-def _telling_words() -> dict[str, str]:
-    """The quantity of each word, without its shared parts."""
-    found: dict[str, str] = {}
-    for name, line in WORDS.items():
-        for word in (*line.partition("|")[0].split(","), name):
-            parts = [plain(token) for token in _tokens(word)]
-            found["".join(part for part in parts if part not in _shared_parts())] = name
-    return {word: name for word, name in found.items() if word}
 
 
 def _one_slip(a: str, b: str) -> bool:
@@ -415,7 +362,7 @@ def is_summary(text: str, names: Collection[str] = ()) -> bool:
     whole = plain(text)
     if whole in _SUMMARIES:
         return True
-    first, *rest = [plain(token) for token in _tokens(text)] or [""]
+    first, *rest = [plain(token) for token in tokens_of(text)] or [""]
     if first not in _MEANS | _DEVIATIONS:
         return False
     ordinary = ("of", "von", "de", "aus", "n", "value", "values", "wert")
