@@ -116,8 +116,8 @@ def test_a_peak_of_the_pressure_by_quadrature(
 ) -> None:
     pull, torque, _ = by_nodes(w, slip, peak=peak)
     expected = by_quadrature(w, slip, peak=peak)
-    assert pull == pytest.approx(expected[0], abs=1e-5 * w["load"])
-    assert torque == pytest.approx(expected[1], abs=1e-5 * w["load"] * w["diameter"])
+    assert pull == pytest.approx(expected[0], abs=2e-6 * w["load"])
+    assert torque == pytest.approx(expected[1], abs=2e-6 * w["load"] * w["diameter"])
 
 
 @settings(max_examples=examples(60), deadline=None)
@@ -125,8 +125,8 @@ def test_a_peak_of_the_pressure_by_quadrature(
 def test_skidding_wheels_by_quadrature(w: dict[str, float], slip: float, beta: float) -> None:
     pull, torque, _ = by_nodes(w, slip, beta)
     expected = by_quadrature(w, slip, beta)
-    assert pull == pytest.approx(expected[0], abs=2e-3 * w["load"])  # shear is steep where j = 0
-    assert torque == pytest.approx(expected[1], abs=2e-3 * w["load"] * w["diameter"])
+    assert pull == pytest.approx(expected[0], abs=5e-4 * w["load"])  # shear is steep where j = 0
+    assert torque == pytest.approx(expected[1], abs=5e-4 * w["load"] * w["diameter"])
 
 
 @settings(max_examples=examples(100), deadline=None)
