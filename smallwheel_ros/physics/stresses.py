@@ -52,7 +52,8 @@ def _squared(nodes: int) -> tuple[Array, Array]:
 
 # From the entry angle, where pressure begins; from the lowest point, where it ends if it has a peak.
 _FROM_ENTRY, _FROM_BOTTOM = _squared(12), _squared(8)
-_NEWTON_STEPS = 6  # to 1e-3 of the arc at worst: what a kink beside the nodes' border costs is its square
+# Each doubles the digits, but near a double root, where j hardly turns back and its kink is weak.
+_NEWTON_STEPS = 6
 _BLOCK = 1024  # rows worked on at a time: the nodes' arrays then stay in the processor's cache
 
 
