@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from smallwheel_ros.benchmark.own import load_laws
+from smallwheel_ros.benchmark.laws import NAMES
+from smallwheel_ros.benchmark.own import LawError, load_laws
 from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.benchmark.table import Errors, LawTable, Verdict, table_of
 from smallwheel_ros.common.errors import SmallwheelError
@@ -59,7 +60,7 @@ def benchmark(
     of further laws, which is run. Raises BenchmarkError where no data set has a licence and a table,
     EffectError and LawError where a law of the file cannot be used.
     """
-    own = () if law is None else load_laws(law)
+    own = () if law is None else load_laws(law, NAMES)
     sets = {file: _licence(file.parent) for file in _tables(folder)}
     if not sets:
         raise BenchmarkError(
@@ -74,14 +75,15 @@ def benchmark(
             continue
         try:
             tasks = list(tasks_of(read_measurements(file)))
+            for task in tasks:
+                tables.append(table_of(name, licence, task, own, progress))
+                done(tables[-1])
+            if not tasks:
+                left[str(name)] = "fewer than three runs of one contact in one soil, expected more"
+        except LawError:
+            raise
         except SmallwheelError as error:
             left[str(name)] = str(error)
-            continue
-        if not tasks:
-            left[str(name)] = "fewer than three runs of one contact in one soil, expected more"
-        for task in tasks:
-            tables.append(table_of(name, licence, task, own, progress))
-            done(tables[-1])
     if not tables:
         raise BenchmarkError("; ".join(f"{file}: {why}" for file, why in left.items()))
     return Benchmark(folder, tuple(tables), left)

@@ -2,8 +2,8 @@
 """The laws of the table, each fitted to what a fold may see, and what it predicts of the rest.
 
 Laws of size are fitted to sinkage by the closed form (Meirion-Griffith and Spenko 2011, eq. 7), under its
-noise. Where pull or torque was measured, it predicts these by compaction resistance (Bekker 1956) and
-the thrust of Janosi and Hanamoto (1961). A law of one's own is fitted to all that it predicts.
+noise. Resistance, pull and torque it predicts by compaction (Bekker 1956) and the thrust of Janosi and
+Hanamoto (1961), fitted to all channels. A law of one's own is fitted to all that it predicts.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from smallwheel_ros.benchmark.own import OwnLaw
+from smallwheel_ros.benchmark.own import LawError, OwnLaw
 from smallwheel_ros.diagnosis.pipeline import diagnose
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
-from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, stiffness
+from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem, fit_points
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
 from smallwheel_ros.measurements.table import Measurements
@@ -36,6 +36,7 @@ ONE_SIZE = "Any of the four laws of size (one size)"
 WONG_REECE = "Wong and Reece, peak moves with slip"
 INTEGRAL = "Meirion-Griffith & Spenko, integral"
 OURS = "Ours, with what it names"
+NAMES = (CONSTANT, *(law.name for law in SIZE_LAWS), ONE_SIZE, WONG_REECE, INTEGRAL, OURS)
 
 _EDGE = 1e-6  # of a range: a share that is nearer to a bound is at it
 _TRIED = 3  # starts that are followed to their end: a law may have more than one valley
@@ -95,7 +96,9 @@ def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
             fit = Problem.of(fold.others, Base(thrust_form="wong_reece")).fit
             yield Predicted(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
         diagnosis = diagnose(fold.others)
-    except FittingError:
+    except LawError:
+        raise
+    except FAILURES:
         return
     for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
         held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
@@ -113,10 +116,10 @@ def _constant(fold: Fold) -> Predicted:
 
 
 def _of_size(law: PlateLaw, name: str, fold: Fold) -> Predicted:
-    """Sinkage by one of the four laws of size; pull and torque by the closed form as it stands."""
+    """Sinkage by one of the four laws of size; other channels by the closed form as it stands."""
     points, held = fold.points, Counter[str]()
     found: Array = np.full(len(points), np.nan)
-    if law.id == "meirion_griffith_spenko" and points.forces:
+    if law is SIZE_LAWS[-1] and points.channels != ("sinkage",):
         fit = fold.whole[1]
         found = _of_model(fit.model, points)
         held.update(_at_bound(fit))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import ClassVar
@@ -56,7 +57,11 @@ class OwnLaw:
         self.channels = [name for name in CHANNELS if callable(getattr(kind, name, None))]
         if not self.channels:
             raise self._error("predicts nothing, expected a method sinkage(conditions)")
-        self.parameters = [replace(f.metadata["parameter"], name=f.name) for f in fields(kind)]
+        self.parameters = [
+            replace(f.metadata["parameter"], name=f.name)
+            for f in fields(kind)
+            if "parameter" in f.metadata
+        ]
         for p in self.parameters:
             if not -np.inf < p.bounds[0] < p.bounds[1] < np.inf:
                 raise self._error(f"bounds of {p.name} are {p.bounds}, expected low < high")
@@ -90,9 +95,14 @@ class OwnLaw:
         return found
 
 
-def load_laws(path: Path) -> tuple[OwnLaw, ...]:
-    """The laws of a Python file, which is run: name only files that you trust.
+def load_laws(path: Path, taken: Sequence[str] = ()) -> tuple[OwnLaw, ...]:
+    """The laws of a Python file, which is run: name only files that you trust. taken: names of others.
 
     Raises EffectError where the file does not run or has no law, LawError where one cannot be used.
     """
-    return tuple(OwnLaw(kind, path) for kind in load_classes(path, Law, "law"))
+    found = tuple(OwnLaw(kind, path) for kind in load_classes(path, Law, "law"))
+    names = [*taken, *(law.name for law in found)]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise LawError(f"{path}: two laws of the table are called '{twice}', expected another name")
+    return found

@@ -120,7 +120,7 @@ def table_of(
         some = [value for value in known.values() if np.isfinite(value[here]).any()]
         common = here & np.all(np.isfinite(some), axis=0)
         off = {n: np.where(common, v - points.value, np.nan) for n, v in known.items()}
-        by_part = {n: [_rms(error[part == p]) for p in parts] for n, error in off.items()}
+        by_part = {n: [_known(error[part == p]) for p in parts] for n, error in off.items()}
         judged[channel] = int(common.sum())
         for name, error in off.items():
             compared = name != OURS and OURS in off
@@ -128,18 +128,19 @@ def table_of(
                 Errors(
                     name,
                     channel,
-                    _rms(error) or float("nan"),
+                    _rms(error),
                     dict(zip(task.names, by_part[name], strict=True)),
                     int((here & np.isnan(known[name])).sum()),
                     effects if name == OURS else {},
                     dict(held[name]),
-                    _difference(by_part[name], by_part[OURS]) if compared else None,
+                    difference(by_part[name], by_part[OURS]) if compared else None,
                 )
             )
     return LawTable(file, licence, task, tuple(laws), judged, len(folds))
 
 
-def _difference(law: list[float | None], ours: list[float | None]) -> Difference | None:
+def difference(law: list[float | None], ours: list[float | None]) -> Difference | None:
+    """What a law's errors are over ours, parts in the same order; None where no part has both."""
     d = [a - b for a, b in zip(law, ours, strict=True) if a is not None and b is not None]
     if not d:
         return None
@@ -147,6 +148,10 @@ def _difference(law: list[float | None], ours: list[float | None]) -> Difference
     return Difference(float(np.mean(d)), std, len(d))
 
 
-def _rms(error: Array) -> float | None:
+def _rms(error: Array) -> float:
     known = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else None
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _known(error: Array) -> float | None:
+    return None if np.isnan(found := _rms(error)) else found

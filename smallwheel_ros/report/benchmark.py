@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import floor, log10
 from pathlib import Path
 from typing import Any
 
@@ -30,16 +31,16 @@ _READ = (
 def benchmark_page(result: Benchmark) -> Page:
     """The whole answer, the losses first."""
     files = dict.fromkeys(table.file for table in result.tasks)
-    left = _left_out(result)
+    left = _not_used(result)
     return Page(
         "A table of laws",
         [
-            Section("In short", [Callout(result.headline(), _READ)]),
+            Section("In short", [Callout(result.headline(), _READ), _summary(result)]),
             Section("Where ours loses", _losses(result)),
             *(Section(str(file), _of_file(result, file)) for file in files),
             Section("Not used", [Text(items=left)] if left else []),
         ],
-        f"{result.folder}: {len(files)} tables, {len(result.tasks)} sets of rows",
+        f"Files: {listed([str(file) for file in files])}",
     )
 
 
@@ -51,7 +52,11 @@ def benchmark_text(result: Benchmark) -> str:
 def ending(result: Benchmark) -> str:
     """The text below the tables: where ours loses, what was not used, and the headline."""
     losses = [line for block in _losses(result) for line in block.lines()]
-    parts = [["Where ours loses", *(f"  {line}" for line in losses)], _left_out(result)]
+    parts = [
+        _summary(result).lines(),
+        ["Where ours loses", *(f"  {line}" for line in losses)],
+        _not_used(result),
+    ]
     return "\n\n".join([*("\n".join(lines) for lines in parts if lines), f"{result.headline()}."])
 
 
@@ -132,15 +137,17 @@ def _of_channel(table: LawTable, channel: str) -> list[Block]:
     """The laws on one channel: the table, what is to be said of it, and the errors of each part."""
     task, shown, laws = table.task, display(channel, CHANNEL_UNITS[channel]), table.of(channel)
     title = (
-        f"{task.contact}, {task.soil}: {words(channel)} [{shown.unit}], {len(task.names)} {task.what}s each "
-        f"left out, {table.judged[channel]} points"
+        f"{task.contact}, {task.soil}: {words(channel)} [{shown.unit}], {table.judged[channel]} points; "
+        f"{_left_out(table)}"
     )
     strong = [i for i, law in enumerate(laws) if law.law == OURS]
+    least = min((law.rmse for law in laws if law.rmse > 0), default=1.0)
+    digits = max(0, 2 - floor(log10(shown.scale * least)))  # three of the least error
     rows = [
         [
             law.law,
             _shown(law.rmse, shown.scale),
-            *_against(law.against, shown.scale),
+            *_against(law.against, shown.scale, digits),
             law.verdict or "",
         ]
         for law in laws
@@ -164,10 +171,18 @@ def _shown(value: float | None, scale: float) -> str:
     return "-" if value is None else number(scale * value)
 
 
-def _against(against: Difference | None, scale: float) -> list[str]:
+def _against(against: Difference | None, scale: float, digits: int) -> list[str]:
     if against is None:
         return ["", ""]
-    return [_shown(against.mean, scale), _shown(against.std, scale)]
+    found = (against.mean, against.std)
+    return ["-" if v is None else f"{round(scale * v, digits) + 0.0:.{digits}f}" for v in found]
+
+
+def _left_out(table: LawTable) -> str:
+    what, count = table.task.what, len(table.task.names)
+    if table.fits < count:
+        return f"{count} {what}s left out in {table.fits} folds"
+    return f"each of {count} {what}s left out"
 
 
 def _said(table: LawTable, channel: str) -> list[str]:
@@ -214,6 +229,25 @@ def _effects(table: LawTable) -> str:
     return f"Effects found: {listed(list(effects))}." if effects else "No effect was found."
 
 
+def _summary(result: Benchmark) -> Table:
+    """By law and channel, how often ours wins, cannot be told, and loses."""
+    laws = [law for table in result.tasks for law in table.others]
+    channels = [name for name in CHANNELS if any(law.channel == name for law in laws)]
+    rows = []
+    for name in dict.fromkeys(law.law for law in laws):
+        words_ = [
+            [law.verdict for law in laws if (law.law, law.channel) == (name, c)] for c in channels
+        ]
+        counts = [
+            [found.count(word) for word in ("wins", "cannot tell", "loses")] for found in words_
+        ]
+        rows.append(
+            [name, *(" / ".join(map(str, count)) if any(count) else "-" for count in counts)]
+        )
+    caption = "How often ours wins / cannot be told / loses, against"
+    return Table(("law", *map(words, channels)), rows, caption, numbers=range(1, len(channels) + 1))
+
+
 def _losses(result: Benchmark) -> list[Block]:
     losses = result.judged("loses")
     if not losses:
@@ -223,10 +257,11 @@ def _losses(result: Benchmark) -> list[Block]:
         shown = display(law.channel, CHANNEL_UNITS[law.channel])
         ours = next(one for one in table.of(law.channel) if one.law == OURS)
         where = f"{table.file.name}, {table.task.contact}, {table.task.soil}"
-        what = f"{words(law.channel)} [{shown.unit}], each {table.task.what}"
-        rows.append([where, what, law.law, *(_shown(e.rmse, shown.scale) for e in (law, ours))])
-    return [Table(("rows", "left out", "to", "its error", "ours"), rows, numbers=(3, 4))]
+        channel = f"{words(law.channel)} [{shown.unit}]"
+        errors = [_shown(e.rmse, shown.scale) for e in (law, ours)]
+        rows.append([where, _left_out(table), channel, law.law, *errors])
+    return [Table(("rows", "left out", "channel", "to", "its error", "ours"), rows, numbers=(4, 5))]
 
 
-def _left_out(result: Benchmark) -> list[str]:
+def _not_used(result: Benchmark) -> list[str]:
     return [sentence(f"not used: {file}: {why}") for file, why in result.left_out.items()]

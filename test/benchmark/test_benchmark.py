@@ -16,7 +16,7 @@ from scipy.stats import ttest_rel
 
 from smallwheel_ros.benchmark.benchmark import benchmark
 from smallwheel_ros.benchmark.laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, WONG_REECE
-from smallwheel_ros.benchmark.table import Difference, Errors, _difference
+from smallwheel_ros.benchmark.table import Difference, Errors, difference
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.report.benchmark import table_text
@@ -141,7 +141,7 @@ def test_pull_and_torque_are_judged_beside_sinkage(shared_data: Path, tmp_path: 
         assert set(tasks[0]["lost_forces"]) == {"drawbar_pull", "torque"}
     # Of two wheels nothing can be told, however large the difference is.
     assert {law["ours"] for law in tasks[1]["laws"]} == {"cannot tell", None}
-    assert "torque [N m], 3 slips each left out" in result.output
+    assert "torque [N m], 6 points; each of 3 slips left out" in result.output
 
 
 def test_a_difference_is_judged_as_scipy_judges_it() -> None:
@@ -149,7 +149,7 @@ def test_a_difference_is_judged_as_scipy_judges_it() -> None:
     words = []
     for parts in rng.integers(3, 12, 200).tolist():
         law, ours = rng.normal(0.4, 1.0, parts), rng.normal(0.0, 1.0, parts)
-        errors = Errors("", "sinkage", 1.0, {}, 0, {}, {}, _difference(law.tolist(), ours.tolist()))
+        errors = Errors("", "sinkage", 1.0, {}, 0, {}, {}, difference(law.tolist(), ours.tolist()))
         words.append(errors.verdict)
         clear = ttest_rel(law, ours).pvalue < 0.05
         better = "wins" if law.mean() > ours.mean() else "loses"
@@ -162,6 +162,6 @@ def test_a_difference_is_judged_as_scipy_judges_it() -> None:
 )
 def test_of_two_parts_nothing_is_told(parts: int, verdict: str) -> None:
     law = [2.0, 2.001, 1.999][:parts]
-    difference = _difference(law, [1.0] * parts)
-    assert isinstance(difference, Difference)
-    assert Errors("", "sinkage", 1.0, {}, 0, {}, {}, difference).verdict == verdict
+    found = difference(law, [1.0] * parts)
+    assert isinstance(found, Difference)
+    assert Errors("", "sinkage", 1.0, {}, 0, {}, {}, found).verdict == verdict

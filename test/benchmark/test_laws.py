@@ -149,8 +149,23 @@ def entered(folder: Path, law: str) -> Result:
     return CliRunner().invoke(main, list(map(str, arguments)))
 
 
-def test_a_law_of_ones_own_beats_ours(folder: Path) -> None:
-    result = entered(folder, LAW)
+def named(name: str, *changes: tuple[str, str]) -> str:
+    """The law again under another name, with some of its text replaced."""
+    text = LAW[LAW.index("@dataclass") :].replace("Saturating", name)
+    for old, new in changes:
+        text = text.replace(old, new)
+    return text
+
+
+def test_laws_of_ones_own(folder: Path) -> None:
+    """One that is right beats ours; others are held, refuse everything, or lack their column."""
+    laws = [
+        LAW,
+        named("Held", ("(1e-4, 1.0)", "(1e-4, 5e-3)")),
+        named("Silent", ("return ", "return np.nan * ")),
+        named("Slipping", ("    p: float", "    needs = ('slip',)\n    p: float")),
+    ]
+    result = entered(folder, "\n".join(laws))
     assert result.exit_code == 0, result.output
     (task,) = json.loads((folder / "o.json").read_text())["tasks"]
     law = {law["law"]: law for law in task["laws"]}
@@ -158,6 +173,13 @@ def test_a_law_of_ones_own_beats_ours(folder: Path) -> None:
     assert law["Saturating"]["sinkage_rmse"] < 0.3 * law[OURS]["sinkage_rmse"]
     assert law["Saturating"]["at_bound"] == {}
     assert "Saturating" in result.output.split("Where ours loses")[1]
+    assert "Held, of 4 fits at a bound: z in 4." in result.output
+    # It takes nobody along: the others are judged on all points.
+    assert law["Silent"]["sinkage_rmse"] is None
+    assert law["Silent"]["refused"] == task["points"]["sinkage"] > 0
+    assert law["Silent"]["ours"] is None
+    assert law[OURS]["refused"] == 0
+    assert "Slipping" not in result.output
 
 
 def test_what_a_law_refuses_is_counted_and_nobody_is_judged_on_it(folder: Path) -> None:
@@ -170,26 +192,6 @@ def test_what_a_law_refuses_is_counted_and_nobody_is_judged_on_it(folder: Path) 
     assert set(refused.values()) == {0}
     assert all(law["by_part"]["120 mm"] is None for law in task["laws"])
     assert "Saturating does not predict" in result.output
-
-
-def test_a_law_that_refuses_everything_takes_nobody_along(folder: Path) -> None:
-    result = entered(folder, LAW.replace("return ", "return np.nan * "))
-    assert result.exit_code == 0, result.output
-    (task,) = json.loads((folder / "o.json").read_text())["tasks"]
-    own = next(law for law in task["laws"] if law["law"] == "Saturating")
-    assert own["sinkage_rmse"] is None
-    assert own["refused"] == sum(task["points"].values())
-
-
-def test_a_number_at_its_bound_is_said(folder: Path) -> None:
-    result = entered(folder, LAW.replace("(1e-4, 1.0)", "(1e-4, 5e-3)"))
-    assert "Saturating, of 4 fits at a bound: z in 4." in result.output
-
-
-def test_a_law_without_its_column_is_not_entered(folder: Path) -> None:
-    result = entered(folder, LAW.replace("    p: float", "    needs = ('slip',)\n    p: float"))
-    assert result.exit_code == 0, result.output
-    assert "Saturating" not in result.output
 
 
 @pytest.mark.parametrize(
@@ -205,6 +207,7 @@ def test_a_law_without_its_column_is_not_entered(folder: Path) -> None:
         (LAW.replace("(Law)", ""), "defines no law, expected a class that derives from Law"),
         (LAW.replace('= parameter(0.01, (1e-4, 1.0), "depth of half of it", unit="m")', "= 1.0"),
          "'z' is neither"),
+        (LAW.replace('"Saturating"', '"Reece"'), "two laws of the table are called 'Reece'"),
         ("import nothing_of_this_name\n", "law.py, line 1: ModuleNotFoundError"),
         ("def (\n", "law.py, line 1: SyntaxError"),
     ],
