@@ -84,6 +84,9 @@ def benchmark(
             raise
         except SmallwheelError as error:
             left[str(name)] = str(error)
+    entered = {errors.law for table in tables for errors in table.laws}
+    for unused in (one for one in own if one.name not in entered):
+        left[unused.name] = f"no table has what it needs: {', '.join(unused.needs) or 'a channel'}"
     if not tables:
         raise BenchmarkError("; ".join(f"{file}: {why}" for file, why in left.items()))
     return Benchmark(folder, tuple(tables), left)

@@ -91,19 +91,19 @@ def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
     of_size = SIZE_LAWS[-1:] if one else SIZE_LAWS
     try:
         yield from (_of_size(law, ONE_SIZE if one else law.name, fold) for law in of_size)
-        yield from (_own(law, fold) for law in own if law.needs <= there)
         if points.forces:
             fit = Problem.of(fold.others, Base(thrust_form="wong_reece")).fit
             yield Predicted(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
         diagnosis = diagnose(fold.others)
+        for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
+            held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
+            effects = tuple(diagnosis.missing_effects) if name == OURS else ()
+            yield Predicted(name, _of_model(result.model.model, points), held, effects)
+        yield from (_own(law, fold) for law in own if law.needs <= there)
     except LawError:
         raise
-    except FAILURES:
+    except FAILURES:  # the laws that are left say nothing of this fold, and no law is judged on it
         return
-    for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
-        held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
-        effects = tuple(diagnosis.missing_effects) if name == OURS else ()
-        yield Predicted(name, _of_model(result.model.model, points), held, effects)
 
 
 def _constant(fold: Fold) -> Predicted:
@@ -150,6 +150,7 @@ def _own(law: OwnLaw, fold: Fold) -> Predicted:
     if not keep.any() or not law.parameters:
         return Predicted(law.name, said(starts[order[0]], fold.points))
     known = points.take(keep)
+    known = known.only([points.channels[c] for c in np.unique(known.channel)])
     variance = fitter.of_values(known, keep).variance
     noise = variance.covariance(
         variance.suited(fit.scatter), stiffness(fit.vector, fit.slopes)[keep]

@@ -21,9 +21,7 @@ __all__ = ["Law", "LawError", "OwnLaw", "load_laws", "parameter"]
 
 Array = NDArray[np.float64]
 
-_STARTS = (
-    64  # for each parameter: of a range of six decades some are within a factor of two of any value
-)
+_STARTS = 64  # for each parameter: of six decades some are within a factor of two of any value
 
 
 class LawError(SmallwheelError):
@@ -53,6 +51,10 @@ class OwnLaw:
     def __init__(self, kind: type[Law], path: Path) -> None:
         self.kind, self.path = kind, path
         self.name = kind.name or kind.__name__
+        if not isinstance(kind.needs, tuple):
+            raise self._error(
+                f"needs is {kind.needs!r}, expected a tuple of columns, like ('slip',)"
+            )
         self.needs = set(kind.needs)
         self.channels = [name for name in CHANNELS if callable(getattr(kind, name, None))]
         if not self.channels:
@@ -60,7 +62,7 @@ class OwnLaw:
         self.parameters = [
             replace(f.metadata["parameter"], name=f.name)
             for f in fields(kind)
-            if "parameter" in f.metadata
+            if "parameter" in f.metadata  # else it is a constant
         ]
         for p in self.parameters:
             if not -np.inf < p.bounds[0] < p.bounds[1] < np.inf:

@@ -200,6 +200,8 @@ def _said(table: LawTable, channel: str) -> list[str]:
         ]
         count = f"{len(lost)} of {len(table.task.names)}"
         found.append(f"On {count} parts another law has less error than ours: {'; '.join(to)}.")
+    if all(law.law != OURS for law in laws):
+        found.append("Ours could not be fitted to any fold: no law is compared with it.")
     for law in laws:
         if law.refused:
             found.append(

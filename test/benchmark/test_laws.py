@@ -179,7 +179,8 @@ def test_laws_of_ones_own(folder: Path) -> None:
     assert law["Silent"]["refused"] == task["points"]["sinkage"] > 0
     assert law["Silent"]["ours"] is None
     assert law[OURS]["refused"] == 0
-    assert "Slipping" not in result.output
+    assert "Slipping" not in law
+    assert "Not used: Slipping: no table has what it needs: slip." in result.output
 
 
 def test_what_a_law_refuses_is_counted_and_nobody_is_judged_on_it(folder: Path) -> None:
@@ -207,6 +208,7 @@ def test_what_a_law_refuses_is_counted_and_nobody_is_judged_on_it(folder: Path) 
         (LAW.replace("(Law)", ""), "defines no law, expected a class that derives from Law"),
         (LAW.replace('= parameter(0.01, (1e-4, 1.0), "depth of half of it", unit="m")', "= 1.0"),
          "'z' is neither"),
+        (LAW.replace("    p: float", "    needs = 'slip'\n    p: float"), "expected a tuple of columns"),
         (LAW.replace('"Saturating"', '"Reece"'), "two laws of the table are called 'Reece'"),
         ("import nothing_of_this_name\n", "law.py, line 1: ModuleNotFoundError"),
         ("def (\n", "law.py, line 1: SyntaxError"),
@@ -217,6 +219,38 @@ def test_a_law_that_fails_is_one_message(folder: Path, law: str, said: str) -> N
     assert result.exit_code == 2, result.output
     assert said in result.output
     assert "Traceback" not in result.output
+
+
+PULL = """
+@dataclass(frozen=True)
+class Pull(Law):
+    needs = ("slip",)
+    a: float = parameter(1.0, (-50.0, 50.0), "pull at slip 0", unit="N")
+    b: float = parameter(1.0, (-50.0, 50.0), "growth with slip", unit="N")
+
+    def drawbar_pull(self, conditions):
+        return self.a + self.b * conditions["slip"]
+"""
+
+
+def test_the_law_of_the_page_and_one_of_pull(tmp_path: Path, repository: Path) -> None:
+    """They are the truth of this table: they leave next to nothing of it."""
+    page = (repository / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    law = page.split("```python\n")[1].split("```")[0]
+    (tmp_path / "sets").mkdir()
+    table(tmp_path / "sets" / "t.csv", rolled([(f"r{i}", 0.1 * (i % 3)) for i in range(6)]))
+    (tmp_path / "sets" / "LICENSE").write_text("CC0\n")
+    result = entered(tmp_path, law + PULL)
+    assert result.exit_code == 0, result.output
+    tasks = json.loads((tmp_path / "o.json").read_text())["tasks"]
+    assert [task["left_out"] for task in tasks] == ["slip", "run"]
+    for task in tasks:
+        by = {(law["law"], law["channel"]): law for law in task["laws"]}
+        assert ("Pull", "sinkage") not in by
+        assert ("A line over slip", "drawbar_pull") not in by
+        assert by["Pull", "drawbar_pull"]["drawbar_pull_rmse"] < 1e-4
+        ours, line = (by[name, "sinkage"]["sinkage_rmse"] for name in (OURS, "A line over slip"))
+        assert line < 0.2 * ours
 
 
 def test_a_file_that_is_not_there(folder: Path) -> None:
