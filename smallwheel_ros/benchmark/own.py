@@ -59,11 +59,8 @@ class OwnLaw:
         self.channels = [name for name in CHANNELS if callable(getattr(kind, name, None))]
         if not self.channels:
             raise self._error("predicts nothing, expected a method sinkage(conditions)")
-        self.parameters = [
-            replace(f.metadata["parameter"], name=f.name)
-            for f in fields(kind)
-            if "parameter" in f.metadata  # else it is a constant
-        ]
+        fitted = [f for f in fields(kind) if "parameter" in f.metadata]  # others are constants
+        self.parameters = [replace(f.metadata["parameter"], name=f.name) for f in fitted]
         for p in self.parameters:
             if not -np.inf < p.bounds[0] < p.bounds[1] < np.inf:
                 raise self._error(f"bounds of {p.name} are {p.bounds}, expected low < high")

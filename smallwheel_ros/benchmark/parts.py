@@ -69,22 +69,14 @@ def _tasks(measurements: Measurements, contact: str, soil: str | None) -> Iterat
     except FittingError:
         return
     known: list[list[int]] = []
+    name = "all soils" if soil is None else soil or "soil"
+    # A law takes all soils for one: it knows nothing of the next.
+    one = replace(measurements, conditions=replace(measurements.conditions, soil=None))
     for what, names, part in _of_soils(measurements) if soil is None else _in_soil(measurements):
         pattern = codes_of(part)[1].tolist()
-        fold, data = part, measurements
-        if what == "run":
-            fold = folds_of(points)[part]
-        if what == "soil":  # a law takes them for one: it knows nothing of the next
-            data = replace(data, conditions=replace(data.conditions, soil=None))
-        task = Task(
-            contact,
-            "all soils" if soil is None else soil or "soil",
-            data,
-            what,
-            tuple(names),
-            part,
-            fold,
-        )
+        fold = folds_of(points)[part] if what == "run" else part
+        data = one if soil is None else measurements
+        task = Task(contact, name, data, what, tuple(names), part, fold)
         enough = len(names) >= _FEWEST[what] and all(seen.size for _, seen in task.folds())
         if enough and pattern not in known:
             known.append(pattern)

@@ -195,10 +195,11 @@ def _said(table: LawTable, channel: str) -> list[str]:
     if lost:
         by_law = {law: [part for part, one in lost.items() if one == law] for law in lost.values()}
         to = [
-            f"{law} ({', '.join(parts) if len(lost) <= _NAMED else len(parts)})"
-            for law, parts in by_law.items()
+            f"{law} ({', '.join(where) if len(lost) <= _NAMED else len(where)})"
+            for law, where in by_law.items()
         ]
-        count = f"{len(lost)} of {len(table.task.names)}"
+        parts = sum(error is not None for error in laws[0].by_part.values())
+        count = f"{len(lost)} of {parts}"
         found.append(f"On {count} parts another law has less error than ours: {'; '.join(to)}.")
     if all(law.law != OURS for law in laws):
         found.append("Ours could not be fitted to any fold: no law is compared with it.")
