@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.fitting.constants import FOLDS
 from smallwheel_ros.fitting.held_out import folds_of, leave_out
 from smallwheel_ros.fitting.points import FittingError, points_of, runs_of
 from smallwheel_ros.measurements.columns import COLUMNS
@@ -74,13 +75,21 @@ def _tasks(measurements: Measurements, contact: str, soil: str | None) -> Iterat
     one = replace(measurements, conditions=replace(measurements.conditions, soil=None))
     for what, names, part in _of_soils(measurements) if soil is None else _in_soil(measurements):
         pattern = codes_of(part)[1].tolist()
-        fold = folds_of(points)[part] if what == "run" else part
+        fold = folds_of(points)[part] if what == "run" else _dealt(part)
         data = one if soil is None else measurements
         task = Task(contact, name, data, what, tuple(names), part, fold)
         enough = len(names) >= _FEWEST[what] and all(seen.size for _, seen in task.folds())
         if enough and pattern not in known:
             known.append(pattern)
             yield task
+
+
+def _dealt(part: Index) -> Index:
+    """Few parts one by one, many in `FOLDS` folds, shuffled: as runs are (`folds_of`)."""
+    count = int(part.max()) + 1
+    if count <= 2 * FOLDS:
+        return part
+    return np.random.default_rng(5).permutation(np.arange(count) % FOLDS)[part]
 
 
 Ways = Iterator[tuple[What, list[str], Index]]

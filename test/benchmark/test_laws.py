@@ -86,6 +86,10 @@ def test_ways_to_leave_out(tmp_path: Path) -> None:
         "run": 16,
     }
     assert len(list(found["run"].folds())) == 6  # runs of one fold are left out together
+    data = table(tmp_path / "t.csv", rolled([(f"r{i}", 0.04 * i) for i in range(16)]))
+    (task,) = (task for task in tasks_of(data) if task.what == "slip")
+    assert len(task.names) == 16
+    assert len(list(task.folds())) == 6
 
 
 def test_a_soil_that_is_left_out_is_not_known(tmp_path: Path) -> None:
