@@ -98,7 +98,9 @@ def laws(tmp_path_factory: pytest.TempPathFactory) -> str:
     rows = plate_rows(np.random.default_rng(0), runs=1, rows=6)
     (folder / "a_laboratory_with_a_name").mkdir()
     folder /= "a_laboratory_with_a_name"
-    write(folder / "plates_of_the_first_soil_bin.csv", [[f"{row[0]}{EVIL}", *row[1:]] for row in rows])
+    write(
+        folder / "plates_of_the_first_soil_bin.csv", [[f"{row[0]}{EVIL}", *row[1:]] for row in rows]
+    )
     (folder / "LICENSE").write_text(f"CC0 {EVIL}")
     return benchmark(folder.parent).save(folder / "laws.html").as_uri()
 
