@@ -25,7 +25,7 @@ COMMANDS = {
     "report": ("commands.bench:report", "The whole story of a table in one HTML page."),
     "explore": ("commands.bench:explore", "Set and unset effects in a page, see the error at once."),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
-    "benchmark": ("commands.bench:benchmark", "The laws of sinkage on public data, parts left out in turn."),
+    "benchmark": ("commands.bench:benchmark", "A table of laws on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
     "init": ("init.command:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
     "node": ("ros.command:node", "The node on the robot, without the command line of ROS."),

@@ -10,201 +10,86 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from smallwheel_ros.benchmark.laws import FOUND, INTEGRAL, ONE_SIZE, LawError, errors_of
-from smallwheel_ros.benchmark.parts import Task, tasks_of
+from smallwheel_ros.benchmark.laws import NAMES
+from smallwheel_ros.benchmark.own import LawError, load_laws
+from smallwheel_ros.benchmark.parts import tasks_of
+from smallwheel_ros.benchmark.table import Errors, LawTable, Verdict, table_of
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.common.tables import text_table
-from smallwheel_ros.measurements.columns import CHANNEL_UNITS, CHANNELS
-from smallwheel_ros.measurements.display import display, listed, number, sentence, words
 from smallwheel_ros.measurements.wheels import read_measurements
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
 _TABLES = (".csv", ".tsv", ".xlsx", ".ods", ".parquet")
-# The first is everybody's: it is no loss, and no win.
-_OURS = (ONE_SIZE, INTEGRAL, FOUND, "Meirion-Griffith & Spenko")
 
 
 class BenchmarkError(SmallwheelError):
     """A folder without data that may be used."""
 
 
-@dataclass(frozen=True)
-class TaskErrors:
-    """One contact in one soil of one table, and the laws' errors on its parts. file: its table."""
-
-    file: Path
-    licence: str
-    task: Task
-    laws: tuple[LawError, ...]
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """What was measured, sinkage first."""
-        return tuple(dict.fromkeys(law.channel for law in self.laws))
-
-    def of(self, channel: str) -> list[LawError]:
-        """The laws' errors on that channel."""
-        return [law for law in self.laws if law.channel == channel]
-
-    def best(self, channel: str) -> LawError:
-        """The law of the least error over all parts."""
-        return min(self.of(channel), key=lambda law: np.nan_to_num(law.rmse, nan=np.inf))
-
-    def lost(self, channel: str) -> dict[str, str]:
-        """By part, the law that beats every form of ours there."""
-        found = {}
-        for part in self.task.names:
-            known = {law.law: e for law in self.of(channel) if (e := law.by_part[part]) is not None}
-            if known and (first := min(known, key=lambda law: known[law])) not in _OURS:
-                found[part] = first
-        return found
-
-    def text(self) -> str:
-        """The file, a table for each channel, and the effects that were found."""
-        lines = [f"{self.file} ({self.licence})"]
-        for channel in self.channels:
-            lines += self._channel(channel)
-        effects = dict.fromkeys(e for law in self.laws for f in law.effects.values() for e in f)
-        found = f"Effects found: {listed(list(effects))}" if effects else "No effect was found"
-        return "\n".join([*lines, f"{found}."])
-
-    def _channel(self, channel: str) -> list[str]:
-        task, shown = self.task, display(channel, CHANNEL_UNITS[channel])
-        title = (
-            f"{task.contact}, {task.soil}, {len(task.measurements)} rows; {words(channel)} "
-            f"[{shown.unit}, rms] of each {task.what} left out"
-        )
-
-        def cell(error: float | None) -> str:
-            return "-" if error is None else number(shown.scale * error)
-
-        names = task.names if task.what != "run" or len(task.names) <= 6 else ()
-        rows = [
-            [law.law, cell(law.rmse), *(cell(law.by_part[name]) for name in names)]
-            for law in self.of(channel)
-        ]
-        table = text_table(["law", "all", *names], rows)
-        lost = [f"{law} ({part})" for part, law in self.lost(channel).items()]
-        said = f"Least error: {self.best(channel).law}."
-        if lost:
-            said += f" Ours loses on {len(lost)} of {len(task.names)} parts, to {', '.join(lost)}."
-        return [title, *(f"  {line}" for line in table.splitlines()), said]
-
-
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result):
-    """What the laws leave on each table. left_out: files that were not used, with the reason."""
+    """What the laws leave on each set of rows. left_out: files that were not used, with the reason."""
 
     folder: Path
-    tasks: tuple[TaskErrors, ...]
+    tasks: tuple[LawTable, ...]
     left_out: dict[str, str]
 
+    def judged(self, verdict: Verdict) -> list[tuple[LawTable, Errors]]:
+        """The laws of others against which ours has that verdict, with their tables."""
+        return [(t, law) for t in self.tasks for law in t.others if law.verdict == verdict]
+
     def headline(self) -> str:
-        """How many tables, and how often a form of the law of Meirion-Griffith & Spenko is best."""
-        first = sum(errors.best("sinkage").law in _OURS[1:] for errors in self.tasks)
+        """How often ours wins, loses, and cannot be told from another law."""
+        wins, losses, ties = (len(self.judged(word)) for word in ("wins", "loses", "cannot tell"))
         return (
-            f"{self.folder}: {len(self.tasks)} sets of rows; a form of Meirion-Griffith & Spenko's law "
-            f"has the least error of sinkage on {first} of them"
+            f"{self.folder}: {wins + losses + ties} comparisons of ours with other laws on {len(self.tasks)} "
+            f"sets of rows: ours wins {wins}, loses {losses}, cannot tell {ties}"
         )
-
-    def text(self) -> str:
-        """As `smallwheel benchmark` prints it."""
-        return "\n\n".join([*(errors.text() for errors in self.tasks), self.ending()])
-
-    def ending(self) -> str:
-        """The text below the tables: what was not used, and the headline."""
-        left = [sentence(f"not used: {file}: {why}") for file, why in self.left_out.items()]
-        return "\n\n".join([*(["\n".join(left)] if left else []), f"{self.headline()}."])
-
-    def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel benchmark --json` writes it."""
-        return {
-            "folder": str(self.folder),
-            "tasks": [
-                {
-                    "file": str(errors.file),
-                    "licence": errors.licence,
-                    "contact": errors.task.contact,
-                    "soil": errors.task.soil,
-                    "left_out": errors.task.what,
-                    "rows": len(errors.task.measurements),
-                    "laws": [
-                        {
-                            "law": law.law,
-                            "channel": law.channel,
-                            f"{law.channel}_rmse": law.rmse,
-                            "by_part": law.by_part,
-                            "effects": {name: list(ids) for name, ids in law.effects.items()},
-                        }
-                        for law in errors.laws
-                    ],
-                    "lost": errors.lost("sinkage"),
-                    "lost_forces": {n: errors.lost(n) for n in errors.channels if n != "sinkage"},
-                }
-                for errors in self.tasks
-            ],
-            "not_used": dict(self.left_out),
-        }
-
-    def rows(self) -> list[dict[str, Any]]:
-        """One row for each table, law, channel and part; errors in SI."""
-        return [
-            {
-                "file": str(errors.file), "contact": errors.task.contact, "soil": errors.task.soil,
-                "law": law.law, "channel": law.channel, "left_out": errors.task.what, "part": part,
-                **{f"{name}_rmse": error if name == law.channel else None for name in CHANNELS},
-            }
-            for errors in self.tasks
-            for law in errors.laws
-            for part, error in law.by_part.items()
-        ]  # fmt: skip
 
 
 def benchmark(
     folder: Path,
     progress: Callable[[str], object] = lambda step: None,
-    done: Callable[[TaskErrors], object] = lambda errors: None,
+    done: Callable[[LawTable], object] = lambda table: None,
+    law: Path | None = None,
 ) -> Benchmark:
     """Hold the laws against every data set of a folder.
 
-    progress: told what is worked on; done: given each set of rows when its laws are through. Raises
-    BenchmarkError where no data set has a licence and a table.
+    progress: told what is worked on; done: given each set of rows when its laws are through. law: a file
+    of further laws, which is run. Raises BenchmarkError where no data set has a licence and a table,
+    EffectError and LawError where a law of the file cannot be used.
     """
+    own = () if law is None else load_laws(law, NAMES)
     sets = {file: _licence(file.parent) for file in _tables(folder)}
     if not sets:
         raise BenchmarkError(
             f"{folder}: no data set found, expected folders of tables ({', '.join(_TABLES)})"
         )
-    tasks: list[TaskErrors] = []
+    tables: list[LawTable] = []
     left: dict[str, str] = {}
     for file, licence in sets.items():
         name = file.relative_to(folder)
         if not licence:
             left[str(name)] = f"no licence beside it, expected a file {' or '.join(_LICENCES)}"
             continue
-        before = len(tasks)
         try:
-            for task in tasks_of(read_measurements(file)):
-                laws = errors_of(task, _named(progress, name, task))
-                tasks.append(TaskErrors(name, licence, task, tuple(laws)))
-                done(tasks[-1])
+            tasks = list(tasks_of(read_measurements(file)))
+            for task in tasks:
+                tables.append(table_of(name, licence, task, own, progress))
+                done(tables[-1])
+            if not tasks:
+                left[str(name)] = "fewer than three runs of one contact in one soil, expected more"
+        except LawError:
+            raise
         except SmallwheelError as error:
             left[str(name)] = str(error)
-            continue
-        if len(tasks) == before:
-            left[str(name)] = "fewer than three runs with sinkage, expected some to leave out"
-    if not tasks:
+    entered = {errors.law for table in tables for errors in table.laws}
+    for unused in (one for one in own if one.name not in entered):
+        left[unused.name] = f"no table has what it needs: {', '.join(unused.needs) or 'a channel'}"
+    if not tables:
         raise BenchmarkError("; ".join(f"{file}: {why}" for file, why in left.items()))
-    return Benchmark(folder, tuple(tasks), left)
-
-
-def _named(progress: Callable[[str], object], file: Path, task: Task) -> Callable[[str], object]:
-    return lambda step: progress(f"{file}, {task.contact}: {step}")
+    return Benchmark(folder, tuple(tables), left)
 
 
 def _tables(folder: Path) -> list[Path]:

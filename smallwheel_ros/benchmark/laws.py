@@ -1,146 +1,190 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the laws on parts that they were not fitted to.
+"""The laws of the table, each fitted to what a fold may see, and what it predicts of the rest.
 
-Each law of size is fitted to the runs of the other parts, wheels by the closed form, and predicts sinkage.
-Besides them, for every channel: the mean of the other parts; the contact integral with pull and torque by
-the balance of stresses, alone and with the effects that a diagnosis of the other parts names; and where
-pull or torque was measured the law of Wong and Reece (1967).
+Laws of size are fitted to sinkage by the closed form (Meirion-Griffith and Spenko 2011, eq. 7), under its
+noise. Resistance, pull and torque it predicts by compaction (Bekker 1956) and the thrust of Janosi and
+Hanamoto (1961), fitted to all channels. A law of one's own is fitted to all that it predicts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from smallwheel_ros.benchmark.parts import Task
+from smallwheel_ros.benchmark.own import LawError, OwnLaw
 from smallwheel_ros.diagnosis.pipeline import diagnose
-from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.held_out import leave_out
-from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, stiffness
+from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem, fit_points
-from smallwheel_ros.lab.plates import UnderLaw, law_vector, left_out, reference_size
+from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.contact import AXLE_RATIO
 from smallwheel_ros.physics.plates import BERNSTEIN_GORIATCHKIN, LAWS, PlateLaw
 
 Array = NDArray[np.float64]
 
-INTEGRAL = "Meirion-Griffith & Spenko, integral"
-FOUND = "... and the effects found"
-# The law that this package stands for is the last of them.
-SIZE_LAWS = (BERNSTEIN_GORIATCHKIN, *LAWS[1:], LAWS[0])
 CONSTANT = "The mean of the other parts"
-WONG_REECE = "Wong and Reece, peak moves with slip"
+SIZE_LAWS = (BERNSTEIN_GORIATCHKIN, *LAWS[1:], LAWS[0])
 ONE_SIZE = "Any of the four laws of size (one size)"
+WONG_REECE = "Wong and Reece, peak moves with slip"
+INTEGRAL = "Meirion-Griffith & Spenko, integral"
+OURS = "Ours, with what it names"
+NAMES = (CONSTANT, *(law.name for law in SIZE_LAWS), ONE_SIZE, WONG_REECE, INTEGRAL, OURS)
+
+_EDGE = 1e-6  # of a range: a share that is nearer to a bound is at it
+_TRIED = 3  # starts that are followed to their end: a law may have more than one valley
 
 
 @dataclass(frozen=True)
-class LawError:
-    """Errors of one law on one channel, rms, SI. by_part: of each part by its name, None where it has none.
+class Predicted:
+    """What a law says of all points, shape (values,), NaN where nothing.
 
-    rmse: of all parts. effects: by part, what the diagnosis of the others named.
+    at_bound: names of parameters that its fit left at a bound. effects: that it named.
     """
 
     law: str
-    channel: str
-    rmse: float
-    by_part: dict[str, float | None]
-    effects: dict[str, tuple[str, ...]]
+    value: Array
+    at_bound: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
 
 
-def errors_of(task: Task, progress: Callable[[str], object]) -> list[LawError]:
-    """Every law on every part. progress: told what is fitted next.
+@dataclass(frozen=True)
+class Fold:
+    """What a law may see. points: of the whole table; seen: of these, shape (values,).
 
-    Raises FittingError where the points are too few.
+    others: the rows of the table that are seen.
     """
-    points = Problem.of(task.measurements, Base()).points
-    depths = points.only(("sinkage",))
-    found = []
-    # Of bodies of one size all four are the same law of depth.
-    one = not {"diameter", "width"} & set(depths.varied)
-    problem = Problem(depths, np.zeros(0, dtype=np.intp), Base(geometry="closed_form"))
-    fitter, fit = fit_points(depths, problem.vector)
-    for law in SIZE_LAWS[-1:] if one else SIZE_LAWS:
-        progress(law.name)
-        predicted = _of_law(law, fitter, fit, task.part[_first(depths)])
-        found += _summary(task, ONE_SIZE if one else law.name, depths, predicted)
-    constant, stresses, alone, named = np.full((4, len(points)), np.nan)
-    effects: dict[str, tuple[str, ...]] = {}
-    for out in leave_out(task.part):
-        name = task.names[task.part[out][0]]
-        progress(f"diagnosis without {task.what} {name}")
-        others, mine = task.measurements.take(np.flatnonzero(~out)), out[_first(points)]
-        for c in range(len(points.channels)):
-            of_channel = points.channel == c
-            if (of_channel & ~mine).any():
-                constant[of_channel & mine] = points.value[of_channel & ~mine].mean()
-        try:
-            if points.forces:
-                law_of_slip = Problem.of(others, Base(thrust_form="wong_reece")).fit.model
-                stresses[mine] = _predicted(points, law_of_slip)[mine]
-            diagnosis = diagnose(others)
-        except FittingError:
-            continue
-        alone[mine] = _predicted(points, diagnosis.problem.result().model.model)[mine]
-        named[mine] = _predicted(points, diagnosis.model.model)[mine]
-        effects[name] = tuple(diagnosis.missing_effects)
-    found += _summary(task, CONSTANT, points, constant)
-    if points.forces:
-        found += _summary(task, WONG_REECE, points, stresses)
-    found += _summary(task, INTEGRAL, points, alone)
-    return found + _summary(task, FOUND, points, named, effects)
+
+    points: Points
+    seen: NDArray[np.bool_]
+    others: Measurements
+
+    @cached_property
+    def whole(self) -> tuple[Fitter, Fit]:
+        """The closed form on all that is seen; its noise is that of a law of one's own."""
+        return _closed_form(self.points.take(self.seen))
+
+    @cached_property
+    def depths(self) -> tuple[Fitter, Fit]:
+        """The closed form on the sinkage alone; its noise is that of the laws of size."""
+        return _closed_form(self.points.take(self.seen).only(("sinkage",)))
 
 
-def _first(points: Points) -> NDArray[np.intp]:
-    """The first row of each value, shape (values,): all of them are in one part."""
-    return np.array([rows[0] for rows in points.rows], dtype=np.intp)
+def _closed_form(points: Points) -> tuple[Fitter, Fit]:
+    base = Base(geometry="closed_form", thrust_form="integrated")
+    return fit_points(points, base.vector(points))
 
 
-def _of_law(law: PlateLaw, fitter: Fitter, fit: Fit, group: NDArray[np.intp]) -> Array:
-    """Sinkage (m) of each value by a fit to the other parts, shape (values,).
+def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
+    """Every law of the table on that fold. Raises LawError where one of `own` fails."""
+    points = fold.points
+    yield _constant(fold)
+    there = {"load", "diameter", "width", *points.conditions.covariates}
+    one = not {"diameter", "width"} & set(points.varied)
+    of_size = SIZE_LAWS[-1:] if one else SIZE_LAWS
+    try:
+        yield from (_of_size(law, ONE_SIZE if one else law.name, fold) for law in of_size)
+        if points.forces:
+            fit = Problem.of(fold.others, Base(thrust_form="wong_reece")).fit
+            yield Predicted(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
+        diagnosis = diagnose(fold.others)
+        for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
+            held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
+            effects = tuple(diagnosis.missing_effects) if name == OURS else ()
+            yield Predicted(name, _of_model(result.model.model, points), held, effects)
+        yield from (_own(law, fold) for law in own if law.needs <= there)
+    except LawError:
+        raise
+    except FAILURES:  # the laws that are left say nothing of this fold, and no law is judged on it
+        return
 
-    fitter, fit: of the closed form on all points; its noise and scatter are those of all laws.
-    """
-    points = fitter.points
-    under = fitter.under(partial(UnderLaw, law, reference_size(law, points)))
-    vector = law_vector(law, "soil")
-    best = under.fit(vector, vector.start, fit.scatter)
-    return np.asarray(points.value * np.exp(left_out(under, best, group)))
+
+def _constant(fold: Fold) -> Predicted:
+    points, found = fold.points, np.full(len(fold.points), np.nan)
+    for c in range(len(points.channels)):
+        mine = points.channel == c
+        if (mine & fold.seen).any():
+            found[mine] = points.value[mine & fold.seen].mean()
+    return Predicted(CONSTANT, found)
 
 
-def _predicted(points: Points, model: Model) -> Array:
-    """What is predicted of each value; a wheel that would be sunk to its axle has the axle's depth."""
-    prediction = predict(model, points.conditions)
+def _of_size(law: PlateLaw, name: str, fold: Fold) -> Predicted:
+    """Sinkage by one of the four laws of size; other channels by the closed form as it stands."""
+    points, held = fold.points, Counter[str]()
+    found: Array = np.full(len(points), np.nan)
+    if law is SIZE_LAWS[-1] and points.channels != ("sinkage",):
+        fit = fold.whole[1]
+        found = _of_model(fit.model, points)
+        held.update(_at_bound(fit))
+    if "sinkage" in points.channels:
+        fitter, fit = fold.depths
+        reference = reference_size(law, fitter.points)
+        under = fitter.under(partial(UnderLaw, law, reference))
+        vector = law_vector(law, fit.vector.of_soils[0].owner)
+        best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
+        depth = law.sinkage(points.conditions, reference, *best.theta.tolist())
+        found = np.where(points.of_channel("sinkage"), _values({"sinkage": depth}, points), found)
+        held.update(_at_bound(best))
+    return Predicted(name, found, tuple(held))
+
+
+def _own(law: OwnLaw, fold: Fold) -> Predicted:
+    """A user's law by least squares; what it does not predict at its best start is left out."""
+
+    def said(shares: Array, points: Points) -> Array:
+        return _values(law.predict(shares, points.conditions), points)
+
+    fitter, fit = fold.whole
+    points, starts = fitter.points, law.starts()
+    tried = np.array([said(shares, points) for shares in starts])
+    off = np.mean(np.abs(np.nan_to_num(tried) - points.value) / fitter.level, axis=1)
+    order = np.argsort(off)
+    keep = np.isfinite(tried[order[0]])
+    if not keep.any() or not law.parameters:
+        return Predicted(law.name, said(starts[order[0]], fold.points))
+    known = points.take(keep)
+    known = known.only([points.channels[c] for c in np.unique(known.channel)])
+    variance = fitter.of_values(known, keep).variance
+    noise = variance.covariance(
+        variance.suited(fit.scatter), stiffness(fit.vector, fit.slopes)[keep]
+    )
+
+    def errors(shares: Array) -> Array:
+        return noise.whiten(known.value - np.nan_to_num(said(shares, known)))
+
+    ends = [
+        least_squares(errors, starts[i], bounds=(0.0, 1.0))  # type: ignore[operator]  # see lab.shear
+        for i in order[:_TRIED]
+    ]
+    shares = min(ends, key=lambda end: float(end.cost)).x
+    near = np.minimum(shares, 1.0 - shares) < _EDGE
+    held = tuple(p.name for p, at in zip(law.parameters, near, strict=True) if at)
+    return Predicted(law.name, said(shares, fold.points), held)
+
+
+def _of_model(model: Model, points: Points) -> Array:
+    """What a model says of all points, shape (values,)."""
+    said = predict(model, points.conditions, with_forces=bool(points.forces))
+    return _values({name: np.asarray(getattr(said, name)) for name in points.channels}, points)
+
+
+def _values(said: dict[str, Array], points: Points) -> Array:
+    """The value of each point, NaN where a law says none; a wheel cannot be shown deeper than its axle."""
     limit = np.where(points.conditions.plate, np.inf, AXLE_RATIO * points.conditions.diameter)
-    found = np.empty(len(points))
+    found = np.full(len(points), np.nan)
     for c, name in enumerate(points.channels):
-        values = np.asarray(getattr(prediction, name))
-        values = np.fmin(values, limit) if name == "sinkage" else values
-        found[points.channel == c] = values[points.row[points.channel == c]]
-    return found
+        if name in said:
+            values = np.minimum(said[name], limit) if name == "sinkage" else said[name]
+            found[points.channel == c] = values[points.row[points.channel == c]]
+    return np.where(np.isfinite(found), found, np.nan)
 
 
-def _summary(
-    task: Task,
-    law: str,
-    points: Points,
-    predicted: Array,
-    effects: dict[str, tuple[str, ...]] | None = None,
-) -> list[LawError]:
-    """The law's errors on each channel of the points."""
-    found, group = [], task.part[_first(points)]
-    for c, channel in enumerate(points.channels):
-        error = np.where(points.channel == c, predicted - points.value, np.nan)
-        by_part = {name: _rms(error[group == part]) for part, name in enumerate(task.names)}
-        rmse = _rms(error) or float("nan")
-        found.append(LawError(law, channel, rmse, by_part, effects or {}))
-    return found
-
-
-def _rms(error: Array) -> float | None:
-    known = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else None
+def _at_bound(fit: Fit) -> tuple[str, ...]:
+    return tuple(p.name for p, at in zip(fit.vector.free, fit.at_bound, strict=True) if at)

@@ -1,32 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is left out in turn: one size of a plate, one level of slip, or one run."""
+"""What is left out in turn: a size of plate, a level of slip, a wheel, a run, or a soil."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.fitting.constants import FOLDS
+from smallwheel_ros.fitting.held_out import folds_of, leave_out
 from smallwheel_ros.fitting.points import FittingError, points_of, runs_of
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.settings import DIAMETER_TOLERANCE, cluster
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.physics.conditions import CONTACTS
+from smallwheel_ros.measurements.table import Measurements, codes_of
+from smallwheel_ros.physics.conditions import CONTACTS, ROLLING
 
 Index = NDArray[np.intp]
-What = Literal["size", "slip", "run"]
+What = Literal["size", "slip", "wheel", "run", "soil"]
 
-_FEWEST = 3  # parts: with two, all that is left is one size or one level
+# Of two sizes, levels or runs one is left, and every law is a constant; the other wheel or soil was
+# measured at many settings.
+_FEWEST: dict[What, int] = {"size": 3, "slip": 3, "wheel": 2, "run": 3, "soil": 2}
 
 
 @dataclass(frozen=True)
 class Task:
-    """One kind of contact in one soil, and the part of its rows that each is left out with.
+    """One kind of contact in one soil (or all), and how its rows are left out.
 
-    what: of which the parts are. names: of the parts; part: code of each row, shape (rows,).
+    what: of which the parts are. names: of the parts; part: code of each row, shape (rows,). fold: rows of
+    one code are left out together, shape (rows,).
     """
 
     contact: str
@@ -35,42 +40,79 @@ class Task:
     what: What
     names: tuple[str, ...]
     part: Index
+    fold: Index
+
+    def folds(self) -> Iterator[tuple[NDArray[np.bool_], Index]]:
+        """The rows of each fold as a mask, and the rows that a law may see.
+
+        Of a run that has a row in the fold it sees none: its other rows know too much.
+        """
+        run = runs_of(self.measurements)[1]
+        for out in leave_out(self.fold):
+            yield out, np.flatnonzero(~np.isin(run, run[out]))
 
 
 def tasks_of(measurements: Measurements) -> Iterator[Task]:
-    """The contacts and soils of a table, each with the parts that say most of a law.
-
-    A size of plate, where three were pressed; else a level of slip, where the wheel rolled at three;
-    else a run. A contact with fewer than three runs is left out.
-    """
-    contact = measurements.conditions.contact
-    for name in dict.fromkeys(measurements.soil.tolist()):
-        for kind in CONTACTS:
-            rows = np.flatnonzero((measurements.soil == name) & (contact == kind))
+    """Each contact in each soil of a table, left out in every way that leaves something to fit to."""
+    names = list(dict.fromkeys(measurements.soil.tolist()))
+    for soil in [*names, *([None] if len(names) > 1 else [])]:
+        in_soil = np.full(len(measurements), True) if soil is None else measurements.soil == soil
+        for contact in CONTACTS:
+            rows = np.flatnonzero(in_soil & (measurements.conditions.contact == contact))
             if rows.size:
-                task = _task(measurements.take(rows), kind, name or "soil")
-                if task is not None:
-                    yield task
+                yield from _tasks(measurements.take(rows), contact, soil)
 
 
-def _task(measurements: Measurements, contact: str, soil: str) -> Task | None:
+def _tasks(measurements: Measurements, contact: str, soil: str | None) -> Iterator[Task]:
+    """soil: None for all of them, of which one is left out."""
     try:
         points = points_of(measurements)
     except FittingError:
-        return None
-    if "sinkage" not in points.channels or points.run_count < _FEWEST:
-        return None
+        return
+    known: list[list[int]] = []
+    name = "all soils" if soil is None else soil or "soil"
+    # A law takes all soils for one: it knows nothing of the next.
+    one = replace(measurements, conditions=replace(measurements.conditions, soil=None))
+    for what, names, part in _of_soils(measurements) if soil is None else _in_soil(measurements):
+        pattern = codes_of(part)[1].tolist()
+        fold = folds_of(points)[part] if what == "run" else _dealt(part)
+        data = one if soil is None else measurements
+        task = Task(contact, name, data, what, tuple(names), part, fold)
+        enough = len(names) >= _FEWEST[what] and all(seen.size for _, seen in task.folds())
+        if enough and pattern not in known:
+            known.append(pattern)
+            yield task
+
+
+def _dealt(part: Index) -> Index:
+    """Few parts one by one, many in `FOLDS` folds, shuffled: as runs are (`folds_of`)."""
+    count = int(part.max()) + 1
+    if count <= 2 * FOLDS:
+        return part
+    return np.random.default_rng(5).permutation(np.arange(count) % FOLDS)[part]
+
+
+Ways = Iterator[tuple[What, list[str], Index]]
+
+
+def _of_soils(measurements: Measurements) -> Ways:
+    yield "soil", *codes_of(measurements.soil)
+
+
+def _in_soil(measurements: Measurements) -> Ways:
     conditions = measurements.conditions
-    found: tuple[What, Index, NDArray[np.float64]] | None = None
-    if contact != "rolling":
-        diameter = conditions.diameter
-        found = "size", cluster(np.log(diameter), DIAMETER_TOLERANCE), diameter
+    if conditions.contact[0] != ROLLING:
+        size = cluster(np.log(conditions.diameter), DIAMETER_TOLERANCE)
+        yield "size", [f"{1e3 * v:.3g} mm" for v in _means(conditions.diameter, size)], size
     elif "slip" in conditions and np.isfinite(conditions["slip"]).all():
-        found = "slip", cluster(conditions["slip"], COLUMNS["slip"].same), conditions["slip"]
-    if found is None or found[1].max() + 1 < _FEWEST:
-        names, runs = runs_of(measurements)
-        return Task(contact, soil, measurements, "run", names, runs)
-    what, part, values = found
-    means = [float(values[part == code].mean()) for code in range(int(part.max()) + 1)]
-    names = tuple(f"{1e3 * v:.3g} mm" if what == "size" else f"{v:.2f}" for v in means)
-    return Task(contact, soil, measurements, what, names, part)
+        level = cluster(conditions["slip"], COLUMNS["slip"].same)
+        means = _means(conditions["slip"], level)
+        yield "slip", [f"{round(v, 2) + 0.0:.2f}" for v in means], level
+    if conditions.contact[0] == ROLLING:
+        yield "wheel", *codes_of(measurements.wheel)
+    names, run = runs_of(measurements)
+    yield "run", list(names), run
+
+
+def _means(values: NDArray[np.float64], code: Index) -> list[float]:
+    return [float(values[code == one].mean()) for one in range(int(code.max()) + 1)]

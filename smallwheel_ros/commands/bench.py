@@ -221,32 +221,39 @@ def _has_screen() -> bool:
 
 @click.command()
 @click.argument("folder", type=PATH)
+@click.option("--law", type=PATH, metavar="FILE",
+              help="Python file with laws of your own, which is run.")  # fmt: skip
 @click.option("-o", "--output", type=PATH, metavar="FILE",
               help="Write the errors as a table (CSV).")  # fmt: skip
 @JSON
-def benchmark(folder: Path, output: Path | None, json_file: str | None) -> None:
+@HTML
+def benchmark(
+    folder: Path, law: Path | None, output: Path | None, json_file: str | None, html: Path | None
+) -> None:
     """Hold laws of sinkage, pull and torque against the measured data sets in FOLDER.
 
     A data set is a folder with its licence (a file LICENSE) and its tables. One size of plate, level of
-    slip or run after the other is left out; Bernstein-Goriatchkin, Bekker, Reece and Meirion-Griffith &
-    Spenko are fitted to the rest, the last also with the contact integral and with the effects that a
-    diagnosis of the rest names. Beside them are the mean of the rest, and the law of Wong and Reece where
-    pull or torque was measured; these and the contact integral predict pull and torque, too. What is
-    printed, of each table as soon as it is done, is the error on what was left out, and where our law
-    loses.
+    slip, wheel, run or soil after the other is left out, and every law is fitted to the rest: the mean of
+    the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece where pull or
+    torque was measured, the contact integral, and ours: that with the effects which a diagnosis of the rest
+    names. What is printed, of each table as soon as it is done, is the error on what was left out, and
+    whether ours wins, loses, or cannot be told from each other law.
+
+    --law enters a law of your own: a class of about ten lines (docs/benchmark.md).
     """
     from tqdm import tqdm
 
-    from smallwheel_ros.benchmark.benchmark import TaskErrors
     from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
+    from smallwheel_ros.benchmark.table import LawTable
+    from smallwheel_ros.report.benchmark import ending, table_text
 
-    def done(errors: TaskErrors) -> None:
+    def done(table: LawTable) -> None:
         if json_file != "-":
             with tqdm.external_write_mode():
-                click.echo(f"{errors.text()}\n")
+                click.echo(f"{table_text(table)}\n")
 
-    check_targets([output, json_file])
+    check_targets([output, json_file, html], [law])
     with progress_bar("benchmark", unit="fit") as progress:
-        result = laws_on_data(folder, progress, done)
-    written = [] if output is None else [result.save(output)]
-    show(result, json_file, written, result.ending())
+        result = laws_on_data(folder, progress, done, law)
+    written = [result.save(path) for path in (output, html) if path is not None]
+    show(result, json_file, written, ending(result))

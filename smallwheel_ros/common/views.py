@@ -14,6 +14,7 @@ from typing import Any
 # plot the axes before it). A page is a report.page.Page: HTML, and text where no shorter one is named.
 VIEWS: dict[str, dict[str, str]] = {
     "text": {
+        "Benchmark": "report.benchmark:benchmark_text",
         "Measurements": "report.measured:measured_text",
         "Model": "model.model_file:model_text",
         "FitResult": "fitting.document:fit_text",
@@ -21,11 +22,15 @@ VIEWS: dict[str, dict[str, str]] = {
         "Replayed": "replay.replay_report:replay_text",
     },
     "document": {
+        "Benchmark": "report.benchmark:benchmark_document",
         "Model": "model.model_file:model_document",
         "FitResult": "fitting.document:fit_document",
         "Comparison": "compare.shown:comparison_document",
     },
-    "rows": {"Model": "model.model_file:model_rows"},
+    "rows": {
+        "Benchmark": "report.benchmark:benchmark_rows",
+        "Model": "model.model_file:model_rows",
+    },
     "plot": {
         "Measurements": "report.measured:draw_measured",
         "FitResult": "pictures.fit:draw_fit",
@@ -37,6 +42,7 @@ VIEWS: dict[str, dict[str, str]] = {
         "Replayed": "replay.replay_picture:draw_replay",
     },
     "page": {
+        "Benchmark": "report.benchmark:benchmark_page",
         "Comparison": "report.comparison:comparison_page",
         "Diagnosis": "explore.data:explored_page",
         "Learnt": "report.learnt:learnt_page",

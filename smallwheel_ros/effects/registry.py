@@ -18,7 +18,7 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.effects import column
@@ -26,6 +26,7 @@ from smallwheel_ros.effects.base import Effect, EffectError
 
 Forms = tuple[type[Effect], ...]
 Families = Mapping[str, Forms]
+Kind = TypeVar("Kind")
 
 PACKAGE = "smallwheel_ros.effects"  # this one, and the group of entry points of others
 _EXPECTED = "expected a class that derives from Effect and has an id"
@@ -108,10 +109,19 @@ def _add(known: dict[str, Forms], forms: Iterable[type[Effect]], origin: str) ->
         known[form.id] = (*family, form)
 
 
+def _check_class(made: type, where: str) -> None:
+    if "__dataclass_params__" not in vars(made) or not is_dataclass(made):
+        raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
+    strange = [f.name for f in fields(made) if not {"parameter", "constant"} & f.metadata.keys()]
+    if strange:
+        raise EffectError(
+            f"{where}: '{strange[0]}' is neither a parameter(...) nor a constant(...)"
+        )
+
+
 def _check(form: type[Effect], origin: str) -> None:
     where = f"{origin}: class {form.__name__}"
-    if "__dataclass_params__" not in vars(form) or not is_dataclass(form):
-        raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
+    _check_class(form, where)
     if is_of_column(form.id):
         raise EffectError(f"{where}: ids like '{form.id}' are made for columns")
     for name in ("needs", "drivers"):
@@ -130,11 +140,6 @@ def _check(form: type[Effect], origin: str) -> None:
         raise EffectError(f"{where}: kind is {form.kind!r}, expected 'soil' or 'instrument'")
     if form.side not in (-1, 0, 1):
         raise EffectError(f"{where}: side is {form.side!r}, expected -1, 0 or 1")
-    strange = [f.name for f in fields(form) if not {"parameter", "constant"} & f.metadata.keys()]
-    if strange:
-        raise EffectError(
-            f"{where}: '{strange[0]}' is neither a parameter(...) nor a constant(...)"
-        )
     if not form.stage:
         raise EffectError(
             f"{where} overrides no stage, so it does nothing; expected one of the methods of "
@@ -243,10 +248,31 @@ def load_effects(path: str | Path) -> Families:
     return found
 
 
-def _run(path: Path) -> ModuleType:
+def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
+    """The dataclasses of a user's Python file that derive from a base: name only files that you trust.
+
+    what: they are, for messages. Raises EffectError where the file does not run or has none that is usable.
+    """
+    module = _run(path, what)
+    found = [
+        value
+        for name, value in vars(module).items()
+        if isinstance(value, type) and issubclass(value, base) and not name.startswith("_")
+        if value.__module__ == module.__name__
+    ]
+    if not found:
+        raise EffectError(
+            f"{path}: defines no {what}, expected a class that derives from {base.__name__}"
+        )
+    for made in found:
+        _check_class(made, f"{path}: class {made.__name__}")
+    return found
+
+
+def _run(path: Path, what: str = "effect") -> ModuleType:
     if not path.is_file():
-        raise EffectError(f"{path}: no such file of effects")
-    name = f"smallwheel_ros_user_effects_{path.stem}"
+        raise EffectError(f"{path}: no such file of {what}s")
+    name = f"smallwheel_ros_user_{what}s_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise EffectError(f"{path}: expected a Python file, *.py")
@@ -256,12 +282,12 @@ def _run(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:  # a user's file may raise anything at all
         del sys.modules[name]
-        line = _line_in(error, path)
+        line = line_in(error, path)
         raise EffectError(f"{path}{line}: {type(error).__name__}: {error}") from error
     return module
 
 
-def _line_in(error: Exception, path: Path) -> str:
+def line_in(error: Exception, path: Path) -> str:
     """`, line 7`: where in that file an exception was raised, "" where nowhere."""
     if isinstance(error, SyntaxError):
         return f", line {error.lineno}"

@@ -86,6 +86,13 @@ class PlateLaw(NamedTuple):
         """K = p_ref / z_ref^n, Pa/m^n, from ln p_ref (Pa)."""
         return float(np.exp(log_pressure - n * np.log(REFERENCE_SINKAGE)))
 
+    def moduli(
+        self, conditions: Conditions, reference: float, log_pressure: float, n: float, s: float
+    ) -> Array:
+        """K = p / z^n (Pa/m^n) under each plate or wheel, shape (rows,). reference: of the size, m."""
+        g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
+        return np.asarray(self.modulus(log_pressure, n) * g)
+
     def sinkage(
         self, conditions: Conditions, reference: float, log_pressure: float, n: float, s: float
     ) -> Array:
@@ -93,8 +100,7 @@ class PlateLaw(NamedTuple):
 
         A wheel's by the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with K of its size.
         """
-        g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
-        modulus = self.modulus(log_pressure, n) * g
+        modulus = self.moduli(conditions, reference, log_pressure, n, s)
         plate = conditions.plate
         found = np.empty(len(conditions))
         found[plate] = plate_sinkage(

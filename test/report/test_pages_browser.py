@@ -10,11 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from chromium import Browser, needs_chromium
 from click.testing import CliRunner
+from lab_truth import plate_rows, write
 
 from smallwheel_ros import cli
+from smallwheel_ros.benchmark.benchmark import benchmark
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.diagnosis import Base
 from smallwheel_ros.effects.registry import default_registry
@@ -86,6 +89,20 @@ def page(session: Session, tmp_path_factory: pytest.TempPathFactory) -> str:
     comparison = compare(session.measurements)
     explored_page(session.diagnosis, session, comparison).save(path)
     return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def laws(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A table of laws on plates whose runs have hostile names."""
+    folder = tmp_path_factory.mktemp("laws")
+    rows = plate_rows(np.random.default_rng(0), runs=1, rows=6)
+    (folder / "a_laboratory_with_a_name").mkdir()
+    folder /= "a_laboratory_with_a_name"
+    write(
+        folder / "plates_of_the_first_soil_bin.csv", [[f"{row[0]}{EVIL}", *row[1:]] for row in rows]
+    )
+    (folder / "LICENSE").write_text(f"CC0 {EVIL}")
+    return benchmark(folder.parent).save(folder / "laws.html").as_uri()
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +236,7 @@ def test_the_page_can_be_read_at_any_width_and_in_the_dark(
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-@pytest.mark.parametrize("which", ["page", "drive"])
+@pytest.mark.parametrize("which", ["page", "drive", "laws"])
 def test_axe_finds_nothing(
     browser: Browser, request: pytest.FixtureRequest, which: str, width: int
 ) -> None:
