@@ -10,10 +10,8 @@ import smallwheel_ros.simulate
 
 FOLDER = Path(smallwheel_ros.simulate.__file__).parent
 # What the truth may share with the rest of the package: nothing that computes soil or wheels.
-SHARED = {
-    f"smallwheel_ros.{name}"
-    for name in ("common.errors", "common.files", "common.options", "bags", "bags.files")
-}
+_COMMON = ("common.console", "common.errors", "common.files", "common.options")
+SHARED = {f"smallwheel_ros.{name}" for name in (*_COMMON, "bags", "bags.files")}
 
 
 def imported(source: str) -> set[str]:
