@@ -10,13 +10,18 @@ import smallwheel_ros.simulate
 
 FOLDER = Path(smallwheel_ros.simulate.__file__).parent
 # What the truth may share with the rest of the package: nothing that computes soil or wheels.
-_COMMON = ("common.console", "common.errors", "common.files", "common.options")
-SHARED = {f"smallwheel_ros.{name}" for name in (*_COMMON, "bags", "bags.files")}
+_COMMON = ("console", "errors", "files", "options", "tables")
+SHARED = {f"smallwheel_ros.{name}" for name in ("bags", "bags.files")} | {
+    f"smallwheel_ros.common.{name}" for name in _COMMON
+}
 
 
 def imported(source: str) -> set[str]:
-    names = set()
-    for node in ast.walk(ast.parse(source)):
+    names, tree = set(), ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = []  # never run
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
