@@ -84,6 +84,14 @@ def known_cells(row: Sequence[Cell]) -> int:
     return len(_quantities(row))
 
 
+def _numbers(row: Sequence[Cell]) -> int:
+    """How many cells of a row are numbers: without a letter, with a digit."""
+    texts = [str(cell) for cell in row if not is_blank(cell)]
+    return sum(
+        any(c.isdigit() for c in text) and not any(c.isalpha() for c in text) for text in texts
+    )
+
+
 def _named(cells: Sequence[Cell]) -> tuple[int, int]:
     """How many different quantities cells name by words, and by words or symbols: b, i and s may be runs."""
     words = [cell for cell in cells if str(cell).strip() not in SYMBOLS]
@@ -135,7 +143,8 @@ def find_layout(grid: Grid) -> Layout:
 def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
-    known = [known_cells(row) for row in first]
+    # A row of a run called b is no header: most of its cells are numbers.
+    known = [known_cells(row) if known_cells(row) >= _numbers(row) else 0 for row in first]
     turned = _named([row[0] for row in first])
     if len(rows) <= SEARCHED and turned[1] > 2 and turned > max(map(_named, first)):
         raise MeasurementsError(

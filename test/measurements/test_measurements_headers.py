@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.measurements.columns import COLUMNS, TEXTS
 from smallwheel_ros.measurements.units import UnitsError
 from smallwheel_ros.measurements.wheels import read_measurements
@@ -197,6 +198,15 @@ def test_runs_may_be_called_as_symbols_are(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["run,load,diameter,width,sinkage", *rows]))
     assert read_measurements(path).run.tolist() == [*"bisrpvzWD"]
+
+
+def test_a_row_of_a_run_that_is_called_as_a_symbol_is_no_header(tmp_path: Path) -> None:
+    """Nor where nobody knows the words of the header."""
+    path = tmp_path / "a.csv"
+    head = "deney,yük [N],çap [mm],genişlik [mm],batma [mm]"
+    path.write_text("\n".join([head, "a,60,250,100,14.2", "b,90,250,100,18.9", "i,60,350,120,9.9"]))
+    with pytest.raises(SmallwheelError, match="line 1: no column 'width'"):
+        read_measurements(path)
 
 
 @settings(max_examples=examples(300))
