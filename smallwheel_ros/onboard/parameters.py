@@ -243,6 +243,7 @@ def _onboard(
         with_imu=bool(v["imu_topic"]),
         mass=v["vehicle.mass"] or 0.0,
         mobility_rate=v["mobility.rate"],
+        soil_told=bool(v["soil.name"] or v["model_file"] or v["soil.k"] is not None),
         static_loads=static,
         gravity_height=v["vehicle.gravity_height"] or _usual_height(v, rolling),
         velocity="topic" if v["velocity_topic"] else velocity,

@@ -63,7 +63,8 @@ class Result:
         All conditions that apply, in words.
     sinkage_predicted, forces
         Of the soil as estimated before this sinkage was used, and after; None where load is missing
-        or the wheel is sunk to its axle.
+        or the wheel is sunk to its axle. The former, and resistances, are also unknown where nobody
+        measures sinkage nor has named the soil.
     digging_in
         Slip and sinkage grow while the wheel travels slower and slower.
     risk
@@ -112,6 +113,8 @@ def mobility_fields(result: Result) -> dict[str, Any]:
         "mobility_margin": None if forces is None else forces.margin,
         **{name: getattr(forces, name, None) for name in _OF_FORCES},
     }
+    if result.sinkage_predicted is None:
+        quantities |= dict.fromkeys(VALID["prediction_valid"])
     positive = None if forces is None else forces.probability_drawbar_pull_positive
     fields: dict[str, Any] = {
         "status": int(result.status),
