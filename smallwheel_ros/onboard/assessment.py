@@ -82,6 +82,7 @@ class Assessor:
         self.stuck = StuckWarning(len(rolling))
         self.health = FilterHealth()
         self._motion = MotionWatch(rolling)
+        self._law_unknown = settings.law_unknown
         self._odometry: OdometryWatch | None = None
         if settings.without_soil_sensors:
             self._odometry = OdometryWatch(rolling, settings.standstill_speed)
@@ -207,7 +208,7 @@ class Assessor:
             instant=instant,
             status=max((status for status, _ in conditions), default=Status.OK),
             status_text="; ".join(words),
-            sinkage_predicted=None if self.settings.law_unknown else predicted,
+            sinkage_predicted=None if self._law_unknown else predicted,
             forces=forces,
             digging_in=digging,
             risk=self.stuck.risk,
@@ -438,7 +439,7 @@ class Assessor:
         found: list[tuple[Status, str]] = []
         if soil.accepted == 0:
             words = f"soil not measured yet: {self.settings.prior.soil.name} as configured"
-            if self.settings.law_unknown:
+            if self._law_unknown:
                 words = "nobody measures sinkage or names the soil: sinkage and resistance unknown"
             found.append((Status.PRIOR_ONLY, words))
         if instant.slip is None and instant.wheel.contact == ROLLING:

@@ -129,10 +129,12 @@ class OdometryWatch:
     def _judge(self) -> None:
         """Say of the newest stretches how late the odometry is, and whether it shows slip."""
         way, apart, gained = np.array(self._stretches).T
-        slip = float(apart.sum() / way.sum())
-        known = _PATCHES**2 / _LATE_STD**2 + float(gained @ gained)
-        late = float((apart - slip * way) @ gained) / known
-        self.late = Quantity(min(max(late, 0.0), _LATEST), _PATCHES / math.sqrt(known))
+        # Least squares of slip and delay, the latter with its prior.
+        columns = np.stack([way, gained], axis=1)
+        known = columns.T @ columns + np.diag([0.0, (_PATCHES / _LATE_STD) ** 2])
+        late = float(np.linalg.solve(known, columns.T @ apart)[1])
+        spread = _PATCHES * math.sqrt(float(np.linalg.inv(known)[1, 1]))
+        self.late = Quantity(min(max(late, 0.0), _LATEST), spread)
         count = len(self._stretches)
         if count >= _LEAST:
             mean, deviation = self._scatter()
