@@ -176,8 +176,22 @@ def forces(
 def make_drive(world: TractionWorld, seed: int) -> TractionDrive:
     """Draw a drive on a soil that carries the wheels."""
     rng = np.random.default_rng([seed, 815])
-    base, wheels = soil("dry_sand"), VEHICLES[world.vehicle]
-    way = np.arange(-1.0, world.distance + 1.5, _CELL)
+    wheels = VEHICLES[world.vehicle]
+    while True:
+        law, strength = drawn(world, rng)
+        found = make_truth(world, rng, wheels, law, strength)
+        if found is None:
+            continue
+        drive = _measured(world, rng, wheels, found, law)
+        if world.patch or world.slope or drive.reserve.min() > _AMPLE:
+            return drive
+
+
+def drawn(
+    world: TractionWorld, rng: np.random.Generator
+) -> tuple[tuple[float, float, float], Array]:
+    """Law (ln reference pressure, n, m) and strength (Pa, rad, m) of a soil around dry sand."""
+    base = soil("dry_sand")
     while True:
         pressure = base.log_reference_pressure + 0.4 * rng.standard_normal() + world.firmness
         n, m = base.n + 0.15 * rng.standard_normal(), base.m + 0.2 * rng.standard_normal()
@@ -188,23 +202,19 @@ def make_drive(world: TractionWorld, seed: int) -> TractionDrive:
                 0.012 * math.exp(0.35 * rng.standard_normal()),
             ]
         )
-        if not (0.3 < n < 1.6 and strength[1] > 0.25):
-            continue
-        found = _truth(world, rng, wheels, way, (pressure, n, m), strength)
-        if found is None:
-            continue
-        drive = _measured(world, rng, wheels, found, (pressure, n, m))
-        if world.patch or world.slope or drive.reserve.min() > _AMPLE:
-            return drive
+        if 0.3 < n < 1.6 and strength[1] > 0.25:
+            return (pressure, n, m), strength
 
 
-def _truth(world, rng, wheels, way, soil_law, strength):  # type: ignore[no-untyped-def]
+def make_truth(world, rng, wheels, soil_law, strength, slips=_SLIPS, level=False):  # type: ignore[no-untyped-def]
+    """Way, climb, loads, sinkages, pulls and torques along it by slips; None where it does not carry."""
     pressure, n, m = soil_law
+    way = np.arange(-1.0, world.distance + 1.5, _CELL)
     climb = sum(
-        a * np.sin(2 * np.pi * way / length + rng.uniform(0, 6.28))
+        (0.0 if level else a) * np.sin(2 * np.pi * way / length + rng.uniform(0, 6.28))
         for a, length in ((0.05, 9.0), (0.03, 3.5))
     )
-    if world.slope is not None:
+    if world.slope is not None and not level:
         start = min(rng.uniform(0.25, 0.5) * world.distance, 9.0)
         climb = climb + world.slope * np.clip((way - start) / rng.uniform(*world.ramp), 0.0, 1.0)
     grip = _blocks(rng, way, world.grip_varies)
@@ -257,7 +267,7 @@ def _truth(world, rng, wheels, way, soil_law, strength):  # type: ignore[no-unty
             return None
         z = np.nan_to_num(z, nan=0.1)
         by_world = world.rolling, world.residual
-        thrust, resistance, torque = forces(law, z, wheel, strength, _SLIPS, *by_world)
+        thrust, resistance, torque = forces(law, z, wheel, strength, slips, *by_world)
         resistance = resistance + world.dragging * load
         factor = np.exp(own)[:, None]
         loads.append(load)

@@ -9,8 +9,7 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value
-from smallwheel_ros.onboard.parameter_files import written
+from smallwheel_ros.common.parameter import WHEEL, Parameter, Value, written
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 
 _EXAMPLE_WHEEL = "front_left"

@@ -19,8 +19,7 @@ from smallwheel_ros.estimator.soil_estimator import (
 )
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model_file import read_model
-from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.urdf import Urdf
 from smallwheel_ros.physics.soil import soil
 

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         Models,
         OwnEffects,
         Setting,
+        Sheets,
         Tests,
     )
     from smallwheel_ros.compare.comparison import Comparison
@@ -61,7 +62,7 @@ def read(
     data: Data,
     map: Headers | None = None,
     *,
-    sheet: str | int | None = None,
+    sheet: Sheets | None = None,
     diameter: float | None = None,
     width: float | None = None,
     contact: Literal["rolling", "pressed", "plate"] | None = None,
@@ -75,8 +76,8 @@ def read(
         CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
     map : by name, as ``{"load": "F3", "width [cm]": "b"}``
         Which column is what, where its header does not say it.
-    sheet
-        Sheet of a workbook, by name or number.
+    sheet : or several, as ``["dry", "wet"]``
+        Sheet of a workbook, by name or number; several of the same columns become one table.
     diameter
         Wheel diameter [m] for all rows.
     width

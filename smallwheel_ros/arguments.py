@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     Data: TypeAlias = Measurements | str | PathLike[str] | pd.DataFrame
     Tests: TypeAlias = Data | ShearTests | Sequence[Data | ShearTests]
     Headers: TypeAlias = Mapping[str, str]
+    Sheets: TypeAlias = str | int | Sequence[str | int]
     WithModel: TypeAlias = FitResult | LabFit | Diagnosis | Added
     AnyModel: TypeAlias = Model | Soil | WithModel | str | PathLike[str]
     Models: TypeAlias = AnyModel | Iterable[AnyModel] | Mapping[str, AnyModel]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import datetime
 import io
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from xml.sax.saxutils import escape
 
 import openpyxl
@@ -76,8 +76,21 @@ def xlsx(**sheets: list[list[Cell]]) -> bytes:
     return target.getvalue()
 
 
-def ods(**sheets: list[list[Cell]]) -> bytes:
-    """A spreadsheet as LibreOffice writes it; a tuple is a percentage."""
+def ods(spans: Mapping[tuple[int, int], int] | None = None, /, **sheets: list[list[Cell]]) -> bytes:
+    """A spreadsheet as LibreOffice writes it; a tuple is a percentage.
+
+    spans: rows that the cell at (row, column) is merged over; the others below it are covered.
+    """
+    merged = dict(spans or {})
+    covered = {(i + k, j) for (i, j), rows in merged.items() for k in range(1, rows)}
+
+    def placed(at: tuple[int, int], cell: Cell) -> str:
+        if at in covered:
+            return "<table:covered-table-cell/>"
+        spanned = f' table:number-columns-spanned="1" table:number-rows-spanned="{merged.get(at)}"'
+        return one(cell).replace(
+            "<table:table-cell", "<table:table-cell" + spanned * (at in merged), 1
+        )
 
     def one(cell: Cell) -> str:
         if cell is None or cell == "":
@@ -96,8 +109,10 @@ def ods(**sheets: list[list[Cell]]) -> bytes:
     for name, rows in sheets.items():
         body += f'<table:table table:name="{name}" table:style-name="ta1">'
         body += '<table:table-column table:number-columns-repeated="16384"/>'
-        for row in rows:
-            body += "<table:table-row>" + "".join(map(one, row))
+        for i, row in enumerate(rows):
+            body += "<table:table-row>" + "".join(
+                placed((i, j), cell) for j, cell in enumerate(row)
+            )
             body += '<table:table-cell table:number-columns-repeated="16000"/></table:table-row>'
         body += '<table:table-row table:number-rows-repeated="1048000"><table:table-cell table:number-columns-repeated="16384"/></table:table-row></table:table>'
     names = "".join(

@@ -26,9 +26,8 @@ from smallwheel_ros.commands.inputs import (
     read_table,
     read_test,
 )
-from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.console import JSON, show, tell
 from smallwheel_ros.common.files import check_targets
-from smallwheel_ros.common.tables import write_json
 
 Given = dict[str, Any]  # arguments of the function, by its names
 How = dict[str, Any]  # arguments of `read`
@@ -162,8 +161,7 @@ def report(given: Given, how: How, output: Path, pairs: bool, json_file: str | N
     from smallwheel_ros.explore.data import explored_page
     from smallwheel_ros.explore.session import ExploreError, Session
 
-    targets = [output, *(Path(name) for name in (json_file,) if name not in (None, "-"))]
-    check_outputs(given, targets)
+    check_outputs(given, [output, json_file])
     given["data"] = read_table(given["data"], how)
     model, own = given["model"], given["effects"]
     models = [] if model is None else [model]
@@ -178,10 +176,8 @@ def report(given: Given, how: How, output: Path, pairs: bool, json_file: str | N
     with progress_bar("fitting", unit="fit") as progress:
         page = explored_page(diagnosis, session, comparison, progress, pairs)
     page.save(output)
-    if json_file is not None:
-        found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
-        write_json(json_file, {"schema": 1, **found})
-    click.echo(f"written: {', '.join(str(target) for target in targets)}", err=json_file == "-")
+    found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
+    tell({"schema": 1, **found}, f"written: {output}", json_file)
 
 
 @command(api.diagnose, "data", "model", "effects", "without")

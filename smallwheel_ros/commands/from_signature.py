@@ -102,7 +102,7 @@ KINDS: dict[str, Click] = {
                "say": "slip=0..60%, load=20,40,60."},
     "Setting": {"type": str},
     "str": {"type": str},
-    "str | int": {"type": str},
+    "Sheets": {"type": str, "multiple": True},
     "float": {"callback": _number, "metavar": "FLOAT"},
     "int": {"type": click.IntRange(min=0), "show_default": True},
 }  # fmt: skip

@@ -11,17 +11,13 @@ import click
 from smallwheel_ros import api
 from smallwheel_ros.commands.from_signature import PATH, command, option_of
 from smallwheel_ros.commands.inputs import check_outputs
-from smallwheel_ros.common.console import show
+from smallwheel_ros.common.console import JSON, show, tell
 from smallwheel_ros.common.files import check_folder_target, check_targets
 from smallwheel_ros.physics.soil import SOILS
 
 # `--help` of a command needs none of what the command computes and draws with.
 if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
-
-_JSON = click.option(
-    "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
-)
 
 
 @command(
@@ -35,7 +31,7 @@ _JSON = click.option(
 @click.option(
     "--closed-form", is_flag=True, help="The paper's closed form (eq. 10) for the contact integral."
 )
-@_JSON
+@JSON
 @click.option("--plot", type=PATH, help="Draw into this file (PNG, SVG, PDF).")
 def predict(
     given: dict[str, Any], closed_form: bool, json_file: str | None, plot: Path | None
@@ -70,13 +66,13 @@ def predict(
 @click.command()
 @click.argument("effect", required=False)
 @option_of(api.predict, "effects", metavar=None)
-@_JSON
+@JSON
 @click.option("--plot", type=PATH, help="Draw the effect into this file.")
 def effects(
     effect: str | None, effects: Path | None, json_file: str | None, plot: Path | None
 ) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
-    from smallwheel_ros.common.tables import text_table, write_json
+    from smallwheel_ros.common.tables import text_table
     from smallwheel_ros.effects.registry import families, forms, load_effects
 
     check_targets([plot, json_file], [effects])
@@ -84,21 +80,19 @@ def effects(
         raise click.UsageError("--plot needs the name of one effect")
     user = load_effects(effects) if effects else None
     shown = families(user) if effect is None else {effect: forms(effect, user)}
-    if json_file is not None:
-        listing = {id: [_described(form) for form in family] for id, family in shown.items()}
-        write_json(json_file, {"schema": 1, "effects": listing})
-    if json_file != "-" and effect is None:
-        rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in shown.items()]
-        rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
-        click.echo(text_table(["effect", "needs", "what it says"], rows))
-    elif json_file != "-":
-        click.echo(_explained(shown[str(effect)]))
     if plot is not None:
         from smallwheel_ros.pictures.physics import plot_effect
 
         plot_effect(shown[str(effect)], plot)
-        if json_file != "-":
-            click.echo(f"\nDrawn: {plot}")
+    if effect is None:
+        rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in shown.items()]
+        rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
+        text = text_table(["effect", "needs", "what it says"], rows)
+    else:
+        text = _explained(shown[effect])
+    listing = {id: [_described(form) for form in family] for id, family in shown.items()}
+    document = {"schema": 1, "effects": listing}
+    tell(document, text, json_file, [] if plot is None else [plot])
 
 
 _FORM = ("form", "kind", "summary", "formula", "source", "needs", "drivers", "channels", "stage",
@@ -168,33 +162,29 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
 
 
 @click.command()
-@_JSON
+@JSON
 @click.option("--plots", type=PATH, help="Folder to draw figures into.")
 def paper(json_file: str | None, plots: Path | None) -> None:
     """Compute the numbers that the paper prints, and say which of them reproduce."""
-    from smallwheel_ros.common.tables import write_json
     from smallwheel_ros.physics.paper import paper_lines
 
     check_targets([json_file])
     check_folder_target(plots)
     lines = paper_lines()
-    if json_file is not None:
-        write_json(json_file, {"schema": 1, "lines": [vars(line) for line in lines]})
-    if json_file != "-":
-        for line in lines:
-            mark = {"reproduced": "=", "not reproduced": "x"}.get(line.status, "~")
-            click.echo(
-                f"{mark} {line.quantity}: printed {line.printed:g} {line.unit}, "
-                f"computed {line.computed:.2f} {line.unit}\n    {line.status}; {line.reading}"
-            )
-        counts = {
-            s: sum(line.status == s for line in lines)
-            for s in dict.fromkeys(x.status for x in lines)
-        }
-        click.echo("\n" + ", ".join(f"{n} {s}" for s, n in counts.items()))
+    drawn = []
     if plots is not None:
         from smallwheel_ros.pictures.physics import plot_paper
 
         drawn = plot_paper(plots)
-        if json_file != "-":
-            click.echo("\n".join(f"Drawn: {path}" for path in drawn))
+    marks = {"reproduced": "=", "not reproduced": "x"}
+    said = [
+        f"{marks.get(line.status, '~')} {line.quantity}: printed {line.printed:g} {line.unit}, "
+        f"computed {line.computed:.2f} {line.unit}\n    {line.status}; {line.reading}"
+        for line in lines
+    ]
+    counts = {
+        s: sum(line.status == s for line in lines) for s in dict.fromkeys(x.status for x in lines)
+    }
+    said += ["", ", ".join(f"{n} {s}" for s, n in counts.items())]
+    document = {"schema": 1, "lines": [vars(line) for line in lines]}
+    tell(document, "\n".join(said), json_file, drawn)

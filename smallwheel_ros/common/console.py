@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,11 +23,16 @@ def show(
 
     text: what is left to print where some of it was printed on the way.
     """
+    tell(result.to_dict(), str(result) if text is None else text, json_file, written)
+
+
+def tell(
+    document: Mapping[str, Any], text: str, json_file: str | None, written: Sequence[Path] = ()
+) -> None:
+    """Write a document as JSON; print the text and what was written, unless JSON is printed."""
     from smallwheel_ros.common.tables import write_json
 
     if json_file is not None:
-        write_json(json_file, result.to_dict())
+        write_json(json_file, document)
     if json_file != "-":
-        click.echo(str(result) if text is None else text)
-        if written:
-            click.echo(f"written: {', '.join(str(path) for path in written)}")
+        click.echo("\n".join([text, *(f"written: {path}" for path in written)]))

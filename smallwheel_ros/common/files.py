@@ -89,6 +89,8 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
         try:
             write(draft)
             draft.chmod(0o644)  # as any other new file, not private as a temporary one
+            with draft.open("rb") as stream:
+                os.fsync(stream.fileno())  # on the disk before its name is, if the power fails
             draft.replace(target)
         except BaseException:
             draft.unlink(missing_ok=True)

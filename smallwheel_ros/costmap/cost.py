@@ -14,13 +14,13 @@ there): uncertainty alone does not make an obstacle.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
+from smallwheel_ros.common.parameter import Parameter, out_of_range
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError
 
 _EXACT = 1e-9  # standard deviation of a margin that is told as exact
@@ -28,28 +28,23 @@ _EXACT = 1e-9  # standard deviation of a margin that is told as exact
 
 @dataclass(frozen=True)
 class CostRules:
-    """How a margin becomes a cost.
+    """How a margin becomes a cost. Raises CostMapError where a number is outside its range."""
 
-    Attributes
-    ----------
-    required_margin
-        What the vehicle needs everywhere, 1: the tangent of the slopes that it has to climb.
-    class_scatter
-        Standard deviation of the margin between places of one terrain class, as long as too few of
-        them have been crossed to tell, 1.
-
-    Raises CostMapError where a number is outside its domain.
-    """
-
-    required_margin: float = 0.0
-    class_scatter: float = 0.05
+    required_margin: float = Parameter(0.0, "1", -1.0, 2.0, "cost.required_margin").means(
+        "Mobility margin that the vehicle needs everywhere beyond that (see cost.slope): tangent of the"
+        " slopes that it has to climb."
+        " Cost is the risk, in per cent, that the ground does not give it (docs/nav2.md)."
+    )
+    class_scatter: float = Parameter(0.05, "1", 0.0, 10.0, "cost.class_scatter").means(
+        "Standard deviation of the margin between places of one terrain class, until enough of them"
+        " have been crossed to tell."
+    )
 
     def __post_init__(self) -> None:
         """Check every number."""
-        for name, low, high in (("required_margin", -1.0, 2.0), ("class_scatter", 0.0, 10.0)):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
-                raise CostMapError(f"{name} is {value!r}, expected {low:g} to {high:g}")
+        wrong = out_of_range(self)
+        if wrong:
+            raise CostMapError(wrong)
 
     def cost(self, margin: ArrayLike, deviation: ArrayLike) -> Cells:
         """Cost of each margin (1) with its standard deviation; -1 where either is not a number."""

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from smallwheel_ros.common.parameter import Parameter
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.crossed_ground import CrossedGround, side_of
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, CostMapError, Grid
@@ -27,35 +28,34 @@ _PASSABLE = HIGHEST - 1
 
 @dataclass(frozen=True)
 class CostSettings:
-    """What the cost map is to be.
+    """What the cost map is to be. Raises CostMapError where a number is outside its domain."""
 
-    Attributes
-    ----------
-    resolution, size
-        Side of a cell and of the window that follows the robot, m.
-    period
-        Shortest time between two publications, s.
-    frame
-        Name of the frame that positions are in; empty: the one that odometry says.
-    slope
-        "measured": cost is the risk on the slope that was measured at a place; "level": on level ground.
-    spread
-        m, within which each cell has the dearest cost; None: half the vehicle's width.
-    unknown
-        What ground costs that nobody has crossed: what was believed before, or nothing is said of it.
-    rules
-        How a margin becomes a cost.
-
-    Raises CostMapError where a number is outside its domain.
-    """
-
-    resolution: float = 0.1
-    size: float = 40.0
-    period: float = 1.0
-    frame: str = ""
-    slope: str = "measured"
-    spread: float | None = None
-    unknown: Literal["prior", "none"] = "prior"
+    resolution: float = Parameter(0.1, "m", 0.01, 10.0).means("Side of a cell of ~/cost.")
+    size: float = Parameter(40.0, "m", 1.0, 2000.0).means(
+        "Side of the window of crossed ground that goes along with the robot; what it leaves behind"
+        " is forgotten. At most 4 million cells."
+    )
+    period: float = Parameter(1.0, "s", 0.1, 3600.0).means(
+        "Shortest time between two grids; none is published while nothing has changed."
+    )
+    frame: str = Parameter("").means(
+        "Frame of ~/cost. Empty: that of odom. Nothing is transformed: set it only where odom's"
+        " poses are in this frame."
+    )
+    slope: Literal["measured", "level"] = Parameter("measured").means(
+        "measured: cost is the risk on the slope that was measured at a place (imu_topic, or odom with"
+        " pitch), the steepest way; where none is measured, and on terrain classes not crossed, on the level."
+        " level: on level ground everywhere."
+    )
+    spread: float | None = Parameter(None, "m", 0.0, 10.0).means(
+        "Each cell of ~/cost costs what the dearest within this distance does. Without it: from base_link"
+        " to the outermost edge of the wheels, for planners that plan by base_link; 0.0 for planners that"
+        " know the vehicle's footprint."
+    )
+    unknown: Literal["prior", "none"] = Parameter("prior").means(
+        "What ground costs that nobody has crossed. prior: what was believed of any ground before"
+        " driving. none: -1, nothing is said of it (docs/nav2.md)."
+    )
     rules: CostRules = field(default_factory=CostRules)
 
     def __post_init__(self) -> None:

@@ -10,16 +10,13 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.bags.files import check_new_bag
+from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.options import settings_options
-from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.replay.trial import TrialSettings, read_trial, write_trial
 from smallwheel_ros.ros.node_process import check_ros
 
 _FILE = click.Path(path_type=Path)
-_JSON = click.option(
-    "--json", "json_file", metavar="FILE", help="Write JSON to FILE, - for stdout."
-)
 
 
 @click.command()
@@ -41,7 +38,7 @@ _JSON = click.option(
     show_default=True,
     help="Times as fast as real time, at most: the player waits for the node.",
 )
-@_JSON
+@JSON
 def demo(
     output: Path | None, seed: int, distance: float, rate: float, json_file: str | None
 ) -> None:
@@ -72,7 +69,7 @@ def demo(
         "unanswered": found.unanswered,
         "seconds": round(result.seconds, 1),
     }
-    _report(json_file, content, summary(result))
+    tell(content, summary(result), json_file)
     if found.unanswered > 0:
         click.echo(f"{found.unanswered} sinkages got no answer from the node", err=True)
         raise SystemExit(1)
@@ -160,7 +157,7 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: fl
     help="Folder for the new bag; it must not exist.",
 )
 @settings_options(TrialSettings)
-@_JSON
+@JSON
 def convert_trial(
     bag: Path, zero: Path, log: Path, output: Path, json_file: str | None, **given: Any
 ) -> None:
@@ -186,11 +183,4 @@ def convert_trial(
         f"{output}: {len(trial.load)} loads to {trial.load.max():.1f} N,"
         f" {len(trial.sinkage)} sinkages to {trial.sinkage.max() * 1e3:.1f} mm"
     )
-    _report(json_file, content, text)
-
-
-def _report(json_file: str | None, content: dict[str, Any], text: str) -> None:
-    if json_file is not None:
-        write_json(json_file, content)
-    if json_file != "-":
-        click.echo(text)
+    tell(content, text, json_file)

@@ -30,7 +30,7 @@ from smallwheel_ros.fitting.held_out import (
     trainings,
 )
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
-from smallwheel_ros.measurements.display import number, shown_value, words
+from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 
 if TYPE_CHECKING:
@@ -293,7 +293,10 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
     chance = 0.0 if row is None else row.get("probability") or 0.0
     if document["missing_effects"]:
         named = ", ".join(document["missing_effects"])
-        return False, f"the data speaks for {named} (this one {chance:.2f}); not recommended"
+        return (
+            False,
+            f"the data speaks for {named} (this one {probability_text(chance)}); not recommended",
+        )
     p = document["lack_of_fit"]["p_value"]
     tested = "" if p is None else f", p {p:.2g}"
-    return False, f"probability {chance:.2f}{tested}; not recommended"
+    return False, f"probability {probability_text(chance)}{tested}; not recommended"

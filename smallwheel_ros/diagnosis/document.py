@@ -25,7 +25,7 @@ from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM, TIE
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.result import expected_error, posterior_covariance
-from smallwheel_ros.measurements.display import number, words
+from smallwheel_ros.measurements.display import number, probability_text, words
 from smallwheel_ros.measurements.settings import repeatability
 from smallwheel_ros.measurements.table import Measurements
 
@@ -338,9 +338,7 @@ def _reason(
     competitor: Competitor | None,
     parameters: Mapping[str, Any],
 ) -> str:
-    said = f"probability {probability:.2f}" if 0.01 <= probability <= 0.99 else (
-        "probability under 0.01" if probability < 0.01 else "probability over 0.99"
-    )  # fmt: skip
+    said = f"probability {probability_text(probability)}"
     if status == "confounded":
         said += "; this data cannot tell it from the other candidates"
     if competitor is not None and competitor.replaces and status != "not_significant":

@@ -28,7 +28,7 @@ _PAUSE = 2.0  # s without a sample: the vehicle stood, or nobody knows
 # some tenths of a second.
 _ALIKE = 0.3
 # Of the specific force's mean over a step: 0.05 m/s^2 of acceleration, as much of a pitch that shakes.
-_FORCE_STD = 0.07
+FORCE_STD = 0.07
 _LAG = 0.2  # s, by which an acceleration from speeds is late
 
 
@@ -177,7 +177,7 @@ class PathSteps:
             known,
             _mean_of([row.slope_force for row in rows]),
             _mean_of(gains),
-            math.hypot(_FORCE_STD, late),
+            math.hypot(FORCE_STD, late),
         )
 
     def _wheel_mean(self, rows: Sequence[WheelSample], duration: float) -> WheelMean | None:

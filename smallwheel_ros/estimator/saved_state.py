@@ -8,21 +8,19 @@ too: under another prior or another model the numbers would mean something else.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
 import os
-import re
-import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.files import read_text_file
+from smallwheel_ros.common.files import OutputError, json_text, read_text_file, write_bytes
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
 from smallwheel_ros.estimator.law_model import WHEELS
@@ -31,7 +29,6 @@ from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
-_BEGIN = f'{{\n "format": "{FORMAT}"'.encode()
 _VERSION = 3  # 1, of 0.1.0: without the sensors' faults; 2: without the zero of the load cells
 _TOLERANCE = 1e-9  # relative, of the prior's numbers
 _MOST_ACCEPTED = 2**32 - 1  # what SoilEstimate.msg can hold
@@ -64,16 +61,9 @@ class SavedState:
 
 
 def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
+    numbers = {entry.name: getattr(prior, entry.name) for entry in fields(prior)}
     return {
-        "prior": {
-            "soil": prior.soil.name,
-            "log_reference_pressure": prior.log_reference_pressure,
-            "n": prior.n,
-            "m": prior.m,
-            "log_reference_pressure_std": prior.log_reference_pressure_std,
-            "n_std": prior.n_std,
-            "m_std": prior.m_std,
-        },
+        "prior": {**numbers, "soil": prior.soil.name},
         "effects": [{"id": e.id, "form": e.form, **dict(e.values())} for e in effects],
     }
 
@@ -81,7 +71,7 @@ def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
 def write_state(
     path: Path, state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
 ) -> None:
-    """Write a file whole or not at all. Raises EstimatorError where it cannot be written.
+    """Write a file beside and rename it: whole or not at all. Raises EstimatorError where it cannot be.
 
     now: for people who look into the file.
     """
@@ -90,6 +80,11 @@ def write_state(
         f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
         f"{state.accepted} measurements"
     )
+    law = soil and {
+        "reference": soil.reference,
+        "mean": soil.mean.tolist(),
+        "covariance": soil.covariance.tolist(),
+    }
     content = {
         "format": FORMAT,
         "version": _VERSION,
@@ -98,59 +93,15 @@ def write_state(
         "accepted": state.accepted,
         "diameters": state.variety.diameters,
         "loadings": state.variety.loadings,
-        "soil": None
-        if soil is None
-        else {
-            "reference": soil.reference,
-            "mean": soil.mean.tolist(),
-            "covariance": soil.covariance.tolist(),
-        },
+        "soil": law,
         "strength": state.strength,
     }
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    # A name of its own: two nodes may save to one file at a time.
-    draft = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
+    with suppress(OSError):  # without the folder the writing says so
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_drafts(path)
-        with draft.open("x", encoding="utf-8") as stream:
-            _is_ours(stream)
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-            draft.replace(path)
-    except OSError as error:
-        raise EstimatorError(
-            f"{path}: the soil cannot be saved there: {error.strerror or error}"
-        ) from None
-    finally:
-        remove_drafts(path)
-
-
-def remove_drafts(path: Path) -> None:
-    """Remove what a process that was killed while it saved has left beside a file."""
-    name = re.compile(rf"\.{re.escape(path.name)}\.(draft|[a-z0-9_]{{8}})")
     try:
-        for file in path.parent.iterdir():
-            if name.fullmatch(file.name) and file.is_file():
-                with file.open("rb") as stream:
-                    begin = stream.read(len(_BEGIN))
-                    # All of it, or what was written of it; and nobody writes it any more.
-                    if _BEGIN.startswith(begin) and _is_ours(stream):
-                        file.unlink()
-    except OSError:
-        return  # a folder that cannot be read or written has a message of its own, at the saving
-
-
-def _is_ours(stream: IO[Any]) -> bool:
-    """Lock a draft as long as it is open; False where another process writes it."""
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True  # a file system without locks: as if there were one process only
-    return True
+        write_bytes(path, json_text(content).encode())
+    except OutputError as error:
+        raise EstimatorError(str(error)) from None
 
 
 def check_may_replace(path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.parameter import Parameter, out_of_range
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 from smallwheel_ros.physics.wheel import Quantity, Strength
 
@@ -120,86 +121,74 @@ class SoilPrior:
         )
 
 
-_RANGES = {
-    **dict.fromkeys(
-        ("reference_sinkage", "reference_diameter", "scatter_length"),
-        (1e-4, 1e4, "a length from 1e-4 to 1e4 m"),
-    ),
-    "process_noise": (0.0, 10.0, "0 to 10 per sqrt(m)"),
-    "soil_scatter": (1e-3, 3.0, "0.001 to 3"),
-    "sinkage_std": (1e-5, 1.0, "1e-5 to 1 m"),
-    "gate_probability": (0.5, math.nextafter(1.0, 0.0), "a probability, 0.5 to under 1"),
-    **dict.fromkeys(
-        ("sinkage_zero_std", "pass_std", "load_scale_std", "load_zero_std", "delay_std"),
-        (0.0, 1.0, "0 to 1"),
-    ),
-    **dict.fromkeys(("slip_sinkage_std", "pitch_std"), (0.0, 10.0, "0 to 10")),
-}
-
-
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """How the estimator judges measurements, and how it forgets.
+    """How the estimator judges measurements, how it forgets, and what its sensors are good for.
 
-    Attributes
-    ----------
-    reference_sinkage, reference_diameter
-        m; where `SoilEstimate` reports the pressure (and, by default, the modulus).
-    process_noise
-        Growth of the standard deviation of ln pressure per square root of a metre travelled,
-        1/sqrt(m), of soil that changes slowly; soil that changes six times as fast is believed too.
-        None while standing; 0: one soil throughout. The drift ends at the prior: that is what is
-        known of soil never measured.
-    soil_scatter
-        Standard deviation of ln k from place to place of one soil (6 % from run to run is usual),
-        until it is learnt.
-    scatter_length
-        m; path after which a wheel stands on other soil: correlation is exp(-path/length). The
-        readings on one stretch of this length become one measurement.
-    sinkage_std
-        m; noise of one reading, until it is learnt.
-    gate_probability
-        Share of the good readings that pass for good ones. The others are counted and shown as
-        outliers; what enters the estimate is decided stretch by stretch.
-    sinkage_zero_std
-        m; zero of the sinkage sensors, common to all; each by itself a quarter of that. Set it to
-        what your zero is good for: it is what limits n and the pressure.
-    pass_std
-        Of ln sinkage, per doubling of the wheels that have passed, of wheels that follow in a rut.
-    load_scale_std
-        Scale of the load cells, common to all; each by itself half of that. 1.
-    load_zero_std
-        What the load cells show too much or too little whatever the load, over a wheel's usual load.
-    slip_sinkage_std
-        Slip sinkage s in z (1 + s slip).
-    delay_std
-        s, by which sinkage is shown behind the load.
-    pitch_std
-        m/rad, error of the shown sinkage with pitch.
-    loads_measured
-        Whether each wheel's load is; else ground that is not plane loads wheels by what nobody knows.
+    Parameters of the node, but for what is the same on every vehicle: slip_sinkage_std, of the slip
+    sinkage s in z (1 + s slip), and pitch_std, m/rad, error of the shown sinkage with pitch. sinkage_std:
+    m, noise of one reading until it is learnt, the parameter noise.sinkage. loads_measured: whether each
+    wheel's load is; else ground that is not plane loads wheels by what nobody knows.
 
-    Raises EstimatorError where a number is outside its domain.
+    Raises EstimatorError where a number is outside its range.
     """
 
-    reference_sinkage: float = REFERENCE_SINKAGE
-    reference_diameter: float = REFERENCE_DIAMETER
-    process_noise: float = 0.02
-    soil_scatter: float = 0.06
-    scatter_length: float = 0.2
+    reference_sinkage: float = Parameter(REFERENCE_SINKAGE, "m", 1e-4, 1.0).means(
+        "Sinkage at which ~/soil gives the reference pressure."
+    )
+    reference_diameter: float = Parameter(REFERENCE_DIAMETER, "m", 1e-3, 10.0).means(
+        "Wheel diameter for which ~/soil gives reference pressure and effective modulus."
+    )
+    # None while standing; 0: one soil throughout.
+    # The drift ends at the prior: that is what is known of soil never measured.
+    process_noise: float = Parameter(0.02, "1/sqrt(m)", 0.0, 10.0).means(
+        "How fast the soil may change: growth of the standard deviation of ln pressure per square"
+        " root of travel."
+    )
+    soil_scatter: float = Parameter(0.06, "1", 1e-3, 3.0).means(  # 6 % from run to run is usual
+        "Standard deviation of ln k from place to place of one soil, until it is learnt."
+    )
+    scatter_length: float = Parameter(0.2, "m", 1e-4, 1e3).means(  # correlation exp(-path/length)
+        "Path after which a wheel stands on other soil: the readings on one stretch of this length"
+        " become one measurement. For a pressed wheel, new depth."
+    )
+    # What enters the estimate is decided stretch by stretch.
+    gate_probability: float = Parameter(0.999, "1", 0.5, 0.999999).means(
+        "Share of good readings that pass for good ones; the others are counted as outliers."
+    )
+    # Common to all sensors; each by itself a quarter of that.
+    sinkage_zero_std: float = Parameter(0.002, "m", 0.0, 1.0, "sinkage_zero_std").means(
+        "What the zero of the sinkage sensors is good for. It limits how well n and the pressure can"
+        " be known: set the zeros on firm ground, or with the wheels lifted, and say so here."
+    )
+    pass_std: float = Parameter(0.3, "1", 0.0, 1.0, "pass_std").means(
+        "Standard deviation of ln sinkage per doubling of the wheels that have passed, for wheels"
+        " whose track overlaps with that of a wheel ahead (lateral_position). 0: ruts change nothing."
+    )
+    # Each cell by itself half of that.
+    load_scale_std: float = Parameter(0.1, "1", 0.0, 1.0, "load_scale_std").means(
+        "Standard deviation of the scale of the load cells, all together."
+    )
+    load_zero_std: float = Parameter(0.03, "1", 0.0, 1.0, "load_zero_std").means(
+        "Standard deviation of the zero of the load cells, as a share of a wheel's usual load."
+    )
+    delay_std: float = Parameter(0.1, "s", 0.0, 1.0, "delay_std").means(
+        "Standard deviation of the time by which sinkage is shown behind the load."
+    )
     sinkage_std: float = 0.001
-    gate_probability: float = 0.999
-    sinkage_zero_std: float = 0.002
-    pass_std: float = 0.3
-    load_scale_std: float = 0.1
-    load_zero_std: float = 0.03
     slip_sinkage_std: float = 1.0
-    delay_std: float = 0.1
     pitch_std: float = 0.01
     loads_measured: bool = True
 
     def __post_init__(self) -> None:
         """Check every number."""
-        for name, (low, high, expected) in _RANGES.items():
+        wrong = out_of_range(self)
+        if wrong:
+            raise EstimatorError(f"estimator settings: {wrong}")
+        what = "estimator settings"
+        _require(
+            what, "sinkage_std", self.sinkage_std, 1e-5 <= self.sinkage_std <= 1, "1e-5 to 1 m"
+        )
+        for name in ("slip_sinkage_std", "pitch_std"):
             value = getattr(self, name)
-            _require("estimator settings", name, value, low <= value <= high, expected)
+            _require(what, name, value, 0 <= value <= 10, "0 to 10")

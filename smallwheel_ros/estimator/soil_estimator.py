@@ -21,7 +21,7 @@ The algorithm (symbols as in `law_model` and `soil_filter`):
                 shift of ln k behind any border over 4.75 sigma and ln 1.25:         `ChangeTest`
                     law <- prior, or a remembered soil that is likelier              `Soils`
                     nuisances stay; stretches behind the border are the old soil's
-            predict and update the bank of four filters by (z, W)                    `LawFilter`
+            predict and update the bank of two filters by (z, W)                     `LawFilter`
     report ln p, n, m and covariance, and what of them the data has determined       `SoilEstimate`
 """
 

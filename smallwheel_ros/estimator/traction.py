@@ -13,7 +13,7 @@ the reserve: torque and pull of single wheels, whose laws are not exact, would b
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from smallwheel_ros.estimator.identifiability import DETERMINED
 from smallwheel_ros.estimator.path_steps import PathStep, RollingContact
 from smallwheel_ros.estimator.saved_state import check_covariance
 from smallwheel_ros.estimator.settings import REMEMBERED
+from smallwheel_ros.estimator.slip_tests import SlipTest, slip_tests
 from smallwheel_ros.estimator.strength_filter import (
     FORM_SHEAR,
     LEVEL_STD,
@@ -165,6 +166,7 @@ class TractionEstimator:
         self._told = Quantity(0.0, LEVEL_STD)  # zero of the imu, as it was told last
         self.sources: set[str] = set()
         self.excitation = Excitation()
+        self._lately: list[WheelStep] = []  # what each wheel did in the newest step of all of them
 
     def take(self, step: PathStep, soil: int = 0) -> None:
         """Use a step. soil: number of the soil that a wheel came to last."""
@@ -184,6 +186,8 @@ class TractionEstimator:
         ]
         if not wheels:
             return
+        if len(wheels) == len(self._wheels):
+            self._lately = wheels
         balance = None
         if self._mass > 0.0 and len(wheels) == len(self._wheels):
             balance = step.force
@@ -268,6 +272,18 @@ class TractionEstimator:
         prior = np.diag(np.square(self.reserve.prior_deviations))
         return strength_estimate(
             mean, covariance, prior, self.excitation, self.steps, frozenset(self.sources)
+        )
+
+    def slip_tests(self, reference_slip: float) -> Iterator[list[SlipTest]]:
+        """Give, one after the other, what each slip test would tell of what is not determined."""
+        steps = self._lately
+        if not steps or not self.steps:
+            return iter(())
+        if self.reserve is not self.now:
+            steps = [one._replace(torque=None, pull=None) for one in steps]
+        balance = "balance" in self.sources
+        return slip_tests(
+            self.reserve, self._wheels, steps, with_balance=balance, reference_slip=reference_slip
         )
 
     def record(self) -> dict[str, Any] | None:

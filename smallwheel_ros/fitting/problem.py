@@ -41,7 +41,8 @@ from smallwheel_ros.physics.traction import ThrustForm
 _GRID = ("log_reference_pressure", "n")  # what a fit begins from a grid in
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
-_LEVELS = 2  # times that the levels are taken from the fit itself
+_LEVELS = 6  # times at most that the levels are taken from the fit itself
+_LEVEL_RESTS = 1e-3  # of a level: estimates then rest to some 0.001 of their deviations
 _ONE_SIZE = 1.02  # wheels that differ by less are of one diameter: m is then not determined
 
 
@@ -270,6 +271,8 @@ def fit_points(
     fitter, fit = make_fitter(points, vector, start, working=True)
     for _ in range(_LEVELS):
         level = levels_from(points, fit.predicted)
+        if np.allclose(level, fitter.level, rtol=_LEVEL_RESTS, atol=0.0):
+            break
         fitter = Fitter(points, level, repeats_of(points, level), working=True)
         fit = fitter.fit(vector, fit.theta, fit.scatter)
     return fitter, fit

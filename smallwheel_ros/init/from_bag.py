@@ -8,10 +8,10 @@ from pathlib import Path
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.bags.files import BagError
+from smallwheel_ros.common.parameter import Value
 from smallwheel_ros.init.left_out import OF_A_BAG, LeftOut
-from smallwheel_ros.init.names import best_match, wheels_named_by
+from smallwheel_ros.init.names import best_match, only_or_best_match, wheels_named_by
 from smallwheel_ros.init.rover import InitError, Rover, completed, wheel_joints, with_joints
-from smallwheel_ros.onboard.parameter import Value
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.urdf import RobotDescriptionError
 
@@ -58,7 +58,7 @@ class _Finder:
         topics = self.of.get(kind, [])
         found = f"/{name}" if f"/{name}" in topics else None
         if found is None and topics:
-            found = topics[0] if len(topics) == 1 else best_match(name, "", topics)
+            found = only_or_best_match(name, topics)
             if found is None:
                 self.notes.append(
                     f"which of {', '.join(topics)} is {name} is not clear: say --remap {name}:=TOPIC"

@@ -7,8 +7,7 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from smallwheel_ros.onboard.parameter import Value
-from smallwheel_ros.onboard.parameter_files import written
+from smallwheel_ros.common.parameter import Value, written
 
 _BRINGS = {
     "velocity_topic": (

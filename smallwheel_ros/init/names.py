@@ -49,6 +49,11 @@ def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
     return scored[0][1]
 
 
+def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
+    """The only one of these names, or the one that looks most like an input of the vehicle."""
+    return names[0] if len(names) == 1 else best_match(name, "", names)
+
+
 def _likeness(wheel: str, kind: str, name: str) -> float:
     """How much a topic's or joint's name looks like that of a wheel's input; 0 to 1."""
     wanted, there = words_of(wheel), words_of(name)

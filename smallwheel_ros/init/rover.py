@@ -11,12 +11,11 @@ from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.parameter import WHEEL, Value, written
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.init.left_out import LeftOut, left_out_lines, usually_left_out
 from smallwheel_ros.init.names import usual_names, wheels_named_by
-from smallwheel_ros.onboard.parameter import WHEEL, Value
-from smallwheel_ros.onboard.parameter_files import written
 from smallwheel_ros.onboard.parameter_table import PARAMETERS, parameters_for
 from smallwheel_ros.onboard.robot_description import fill_silent
 from smallwheel_ros.onboard.urdf import TURNING, RobotDescriptionError, Urdf

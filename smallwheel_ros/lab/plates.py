@@ -171,6 +171,8 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         under = fitter.under(partial(UnderLaw, law, reference))
         vector = law_vector(law, soil)
         best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
+        # Once more: the stiffness in the covariance is that of this law, where it came to rest.
+        best = under.fit(vector, best.theta, fit.scatter, turns=0)
         fitted = FittedLaw(law, *_constants(law, under, best, reference))
         if len(diameters) > 2:
             error = left_out(under, best, size)

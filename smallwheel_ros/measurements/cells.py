@@ -42,6 +42,7 @@ class Grid:
     numbers: each row's line or row in the file. place: "line" of a text file, "row" of any other.
     header: names that the file keeps apart from its rows. comma: a comma can only be a decimal mark.
     merged: ranges of one column whose first cell stands for all: column from 0, first and last row.
+    sheet: its name in a workbook.
     """
 
     rows: list[Sequence[Cell]]
@@ -53,6 +54,7 @@ class Grid:
     source: str = "data frame"
     sha256: str = ""
     merged: list[tuple[int, int, int]] = field(default_factory=list)
+    sheet: str = ""
 
 
 @contextmanager

@@ -56,6 +56,15 @@ def percent(share: float | None, *, signed: bool = False) -> str:
     return f"{whole:+d} %" if signed and whole else f"{whole} %"
 
 
+def probability_text(probability: float | None) -> str:
+    """A probability with two digits, "-" for none; at the ends `over 0.99` and `under 0.01`: none is sure."""
+    if probability is None:
+        return "-"
+    if not 0.01 <= probability <= 0.99:
+        return "under 0.01" if probability < 0.01 else "over 0.99"
+    return f"{probability:.2f}"
+
+
 def p_text(p: float | None) -> str:
     """A p value with two digits: it is a count of simulations, and has no more."""
     return "-" if p is None else f"{p:.2g}"

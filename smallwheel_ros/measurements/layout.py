@@ -23,6 +23,7 @@ from smallwheel_ros.measurements.cells import (
 from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, spelled
 from smallwheel_ros.measurements.words import (
+    SYMBOLS,
     UNKNOWN,
     Heading,
     expected_unit,
@@ -63,18 +64,30 @@ class Layout:
 
 
 @lru_cache(maxsize=10_000)
-def _is_known(text: str) -> bool:
+def _quantity(text: str) -> str:
     try:
-        return read_heading(text).rank < UNKNOWN
+        heading = read_heading(text)
     except UnitsError:
-        return False
+        return ""
+    return heading.name if heading.rank < UNKNOWN else ""
+
+
+def _quantities(row: Sequence[Cell]) -> list[str]:
+    """The quantities that cells of a row name."""
+    texts = [cell for cell in row if isinstance(cell, str) and len(cell) < _LONGEST_HEADER]
+    named = [text for text in texts if any(c.isalpha() or c == "Ø" for c in text)]
+    return [name for text in named if (name := _quantity(text.strip().lstrip("#").strip()))]
 
 
 def known_cells(row: Sequence[Cell]) -> int:
     """How many cells of a row name a quantity."""
-    texts = [cell for cell in row if isinstance(cell, str) and len(cell) < _LONGEST_HEADER]
-    named = [text for text in texts if any(c.isalpha() or c == "Ø" for c in text)]
-    return sum(_is_known(text.strip().lstrip("#").strip()) for text in named)
+    return len(_quantities(row))
+
+
+def _named(cells: Sequence[Cell]) -> tuple[int, int]:
+    """How many different quantities cells name by words, and by words or symbols: b, i and s may be runs."""
+    words = [cell for cell in cells if str(cell).strip() not in SYMBOLS]
+    return len({*_quantities(words)}), len({*_quantities(cells)})
 
 
 def find_layout(grid: Grid) -> Layout:
@@ -123,7 +136,8 @@ def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     known = [known_cells(row) for row in first]
-    if len(rows) <= SEARCHED and known_cells([row[0] for row in first]) > max(2, *known):
+    turned = _named([row[0] for row in first])
+    if len(rows) <= SEARCHED and turned[1] > 2 and turned > max(map(_named, first)):
         raise MeasurementsError(
             "names of quantities stand in the first column, expected them in one row: "
             "turn the table (in a spreadsheet: copy, paste special, transpose)"
@@ -150,7 +164,7 @@ def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
         if text[0] + text[-1] in ("[]", "()"):
             text = text[1:-1].strip()
         try:
-            expected = expected_unit(read_heading(header).name)
+            expected = None if header in SYMBOLS else expected_unit(read_heading(header).name)
         except UnitsError:
             return None
         if text in ("", "-", "1", "–", "/"):
@@ -267,6 +281,8 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], problems: Problems) -> d
 def _with_unit(heading: Heading, unit: str | None, problems: Problems) -> Heading:
     """The heading with the unit of the unit row, if it has none of its own."""
     if unit is not None and heading.unit is None:
+        if heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit):
+            return read_heading(f"{heading.text} [{unit}]")._replace(text=heading.text)
         pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
         return heading if pure else heading._replace(unit=unit)
     if unit is not None and heading.unit != unit:

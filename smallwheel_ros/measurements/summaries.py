@@ -333,7 +333,9 @@ def name_evidence(name: str, above: Sequence[str]) -> float:
     codes = all(len(text) <= _SHORT and text.isascii() for text in different)
     if codes:
         return _OTHER_KIND if len(name) > _SHORT or not name.isascii() else _OWN_KIND
-    repeated = len(above) >= 2 * len(different)  # or typed once, with blanks below
+    # typed once, with blanks below; or of repeats, of which the last may lack some
+    alone = sum(filled.count(text) == 1 for text in different)
+    repeated = len(above) >= 2 * len(different) or alone <= 1 < len(different)
     return _NEW_NAME if repeated else 0.0
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import clipped
+from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
+from smallwheel_ros.measurements.offers import Offer, offer_of
 from smallwheel_ros.measurements.plates import (
     keep_rows_on_soil,
     name_curves,
@@ -21,18 +22,18 @@ from smallwheel_ros.measurements.plates import (
 )
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
-    ends_of_runs,
     one_row_a_wheel,
     order_columns,
     set_columns,
     setting_codes,
 )
+from smallwheel_ros.measurements.several_sheets import joined_sheets, refuse_other_columns
 from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
 from smallwheel_ros.measurements.sheets import read_grid
+from smallwheel_ros.measurements.suspicions import suspicions
 from smallwheel_ros.measurements.table import Measurements, codes_of, over_half
 from smallwheel_ros.measurements.words import UNKNOWN, meant
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
-from smallwheel_ros.physics.stresses import mean_place
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,11 +51,6 @@ _SHEAR = (
     "a table of shear tests: they are fitted by `smallwheel fit`, beside a table of load and sinkage or "
     "with --model"
 )
-_SLIP_LIMIT = 0.95
-_SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
-_STRONGEST = np.radians(45.0)  # friction angle: no sand under wheels is stronger
-_STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
-_OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _BLANK = "the cell is blank, expected a value"
 _BLANK_ROLLING = (
     "the cell is blank in a rolling row, expected a value (a whole column may be left out, and a "
@@ -78,7 +74,7 @@ def read_tests(
     contact: str | None = None,
     compliance: float | None = None,
     map: Mapping[str, str] | None = None,
-    sheet: str | int | None = None,
+    sheet: str | int | Sequence[str | int] | None = None,
     shear: bool = True,
 ) -> Measurements | ShearTests:
     """Read a table of measurements; everything in SI units afterwards.
@@ -87,11 +83,60 @@ def read_tests(
     may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
     there is no such column. compliance: m/N by which the machine gives way; it is taken off the
     sinkage. map: our name -> their header, for headers that are not understood: {"load": "F3"}. sheet:
-    of a workbook, by name or number. shear: whether a table of shear tests is one to read.
+    of a workbook, by name or number; the rows of several are one table. shear: whether a table of shear
+    tests is one to read.
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
-    columns = read_columns(read_grid(source, sheet), map or {})
+    how: dict[str, Any] = {"diameter": diameter, "width": width, "contact": contact}
+    how |= {"compliance": compliance, "shear": shear}
+    several = [] if sheet is None else [sheet] if isinstance(sheet, (str, int)) else [*sheet]
+    grids = [read_grid(source, one) for one in several] or [read_grid(source)]
+    if len(grids) == 1:
+        return _read_or_offer(grids[0], map or {}, how)
+    refuse_other_columns(str(source), grids, map or {})
+    for grid in grids:
+        grid.source = f"{source}, sheet '{clipped(grid.sheet)}'"
+    tables = [_read_or_offer(grid, map or {}, how) for grid in grids]
+    return joined_sheets(str(source), [grid.sheet for grid in grids], tables)
+
+
+def _read_or_offer(
+    grid: Grid, mapping: Mapping[str, str], how: Mapping[str, Any]
+) -> Measurements | ShearTests:
+    """Read a grid, or refuse it with a line to paste where its headers are not understood."""
+    try:
+        return _read_grid(grid, mapping, **how)
+    except MeasurementsError as error:
+        given = [name for name in ("diameter", "width") if how[name] is not None]
+        offer = offer_of(grid, mapping, given)
+        if offer is None:
+            raise
+        raise MeasurementsError(f"{error}\n  {_offered(grid, offer, how)}") from None
+
+
+def _offered(grid: Grid, offer: Offer, how: Mapping[str, Any]) -> str:
+    """The line of an offer, and what is wrong all the same once it is pasted."""
+    said = f"By units, values and near words the headers may be as below: look, and paste\n    {offer.text()}"
+    try:
+        _read_grid(grid, offer.mapping, **how)
+    except MeasurementsError as error:
+        left = str(error).removeprefix(f"{grid.source}, ").removeprefix(f"{grid.source}: ")
+        return f"{said}\n    with it there is left: {left}"
+    return said
+
+
+def _read_grid(
+    grid: Grid,
+    mapping: Mapping[str, str],
+    *,
+    diameter: float | None,
+    width: float | None,
+    contact: str | None,
+    compliance: float | None,
+    shear: bool,
+) -> Measurements | ShearTests:
+    columns = read_columns(grid, mapping)
     if is_shear(columns):
         if shear:
             return shear_tests(columns)
@@ -275,111 +320,3 @@ def _check_heights(columns: Columns) -> None:
         values = columns.values(name, 0.0)
         over = over_half(values, d) & where & columns.read(name)
         columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
-
-
-# Rows, what to say of them ({0}: where they are, {1}: the first of the values there), and the values.
-Suspicion = tuple[Mask, str, Array]
-
-
-def suspicions(data: Measurements, place: str) -> Iterator[str]:
-    """Yield one sentence for each thing that deserves a second look."""
-    for rows, words, values in (*_sizes(data), *_odd_rows(data), *_pulls(data)):
-        if rows.any():
-            count, first = int(rows.sum()), int(np.argmax(rows))
-            where = f"{place} {data.line[first]}"
-            where = where if count == 1 else f"{count} rows (first in {where})"
-            yield words.format(f"in {where}", values[first])
-    if data.runs_given:
-        yield from _odd_runs(data)
-
-
-def _sizes(data: Measurements) -> Iterator[Suspicion]:
-    """Values that no small wheel has: most likely in another unit."""
-    for name, spec in COLUMNS.items():
-        if name not in data.conditions:
-            continue
-        values = data.conditions[name]
-        for odd, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
-            unit = _OTHER_UNIT.get(spec.unit)
-            words = (
-                f"{name} is {{1:.4g}} {spec.unit} {{0}}, {word} than expected of a small wheel: is the "
-                f"unit right? A header names it, like '{name} [{unit}]'"
-            )
-            yield odd, words, values
-
-
-def _odd_rows(data: Measurements) -> list[Suspicion]:
-    """Rows outside of what the models are of, each kind with what is to say of it."""
-    c, nothing = data.conditions, np.zeros(len(data), dtype=bool)
-    z = data.channels.get("sinkage", np.full(len(data), np.nan))
-    plate, sunk = c.contact == PLATE, data.sunk_to_axle
-    percent = data.written_units.get("slip") == "%"
-    slip = np.abs(c["slip"]) if "slip" in c else np.zeros(len(data))
-    most = float(np.nanmax(slip, initial=0.0))
-    blank = np.all([np.isnan(values) for values in data.channels.values()], axis=0)
-    found = [
-        (sunk, "sinkage is over half the diameter {}, where the wheel is dragged across its plane: "
-         "deeper than any model of a rolling wheel holds"),
-        ((z > c.diameter / 3) & ~plate & ~sunk, "sinkage is over a third of the diameter {}"),
-        ((z > c.diameter) & plate, "sinkage of a plate is over its diameter {}"),
-        (blank, "nothing was measured {}"),
-        (percent & (0.0 < most <= _SHARES) & ~nothing,
-         f"slip is {100.0 * most:.3g} % at most: if the numbers are shares and not per cent, the "
-         "header is 'slip'"),
-        (slip > _SLIP_LIMIT, f"slip is beyond ±{_SLIP_LIMIT} {{}}: a wheel that spins on the spot or "
-         "is dragged locked, outside the range of the models"),
-        (c["speed"] == 0.0 if "speed" in c else nothing,
-         "speed is 0 {}: effects of speed have no value there"),
-        (data.channels.get("resistance", nothing) < 0,
-         "resistance is negative {}: it is positive against the direction of travel"),
-    ]  # fmt: skip
-    return [(rows, words, slip) for rows, words in found]
-
-
-def _pulls(data: Measurements) -> Iterator[Suspicion]:
-    """Pulls of driven wheels that no sand gives, by the balance of stresses in its closed form.
-
-    DP = W tan(delta - kappa t1) with cos t1 = 1 - 2 z/D (`physics.stresses.closed_form_forces`), kappa for
-    n = 1. Where sinkage was not measured the wheel is taken not to sink.
-    """
-    if "drawbar_pull" not in data.channels:
-        return
-    c, pull = data.conditions, data.channels["drawbar_pull"]
-    z = np.nan_to_num(data.channels.get("sinkage", np.zeros(len(data))))
-    entry = np.arccos(np.clip(1.0 - 2.0 * z / c.diameter, -1.0, 1.0))
-    limit = c.load * np.tan(_STRONGEST - mean_place(1.0).mean * entry)
-    driven = c["slip"] >= 0.0 if "slip" in c else np.ones(len(data), dtype=bool)
-    over = (pull > limit) & driven & (c.contact == ROLLING) & ~data.sunk_to_axle
-    words = (
-        f"drawbar_pull is {{1:.4g}} N {{0}}, more than the {limit[np.argmax(over)]:.4g} N that a wheel of "
-        "this load and sinkage can pull on the strongest sand (friction angle 45 deg): check load, "
-        "pull and the zero of the sinkage"
-    )
-    yield over, words, pull
-
-
-def _odd_runs(data: Measurements) -> Iterator[str]:
-    names, index = codes_of(data.run)
-    vehicle = one_row_a_wheel(data)
-    for what, column in (("wheels", data.wheel), ("soils", data.soil)):
-        if what == "wheels" and vehicle:
-            continue
-        low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
-        if (low < high).any():
-            run = names[int(np.argmax(low < high))]
-            yield (
-                f"run '{run}' has rows of several {what}: rows of one run are repeats of one "
-                "setting. If runs are numbered anew for each, give each a name of its own"
-            )
-    if vehicle:
-        return  # its wheels carry different loads, each one load
-    low, high = ends_of_runs(data.conditions.load, index, len(names))
-    rolling = np.bincount(index, data.conditions.rolling) > 0  # what is pressed in is a curve
-    wide = rolling & (high > _STEADY_LOAD * low)
-    if wide.any():
-        first = int(np.argmax(wide))
-        yield (
-            f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[first]}': "
-            f"{low[first]:.4g} to {high[first]:.4g} N): a curve, not repeats. Its rows stay "
-            "together in every split, and say nothing of the repeatability"
-        )

@@ -14,6 +14,7 @@ import difflib
 import re
 import unicodedata
 from collections.abc import Collection, Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, LAB_COLUMNS, TEXTS
@@ -136,7 +137,7 @@ def _index() -> tuple[dict[str, str], dict[str, str]]:
 
 _BY_WORD, SYMBOLS = _index()
 # What stands beside a quantity without making it another one.
-_QUALIFIERS = _plain_words(
+QUALIFIERS = _plain_words(
     "wheel tyre tire rad rads des reifens roue de la du mean average avg measured "
     "mittlere mittlerer mittleres gemessene gemessener moyen moyenne mesuré mesurée"
 )
@@ -158,13 +159,14 @@ _CONTACT = {
 }
 
 
-def _tokens(text: str) -> list[str]:
+def tokens_of(text: str) -> list[str]:
+    """The words of a header, without what stands between them."""
     return [token for token in re.split(r"[\s_,;:/()\[\]'’=±-]+", text) if token]
 
 
 def find(text: str) -> Match | None:
     """The quantity that a header without its unit names."""
-    tokens = _tokens(text)
+    tokens = tokens_of(text)
     if len(tokens) == 1 and tokens[0] in SYMBOLS:
         return Match(SYMBOLS[tokens[0]], 1)
     whole = plain(text)
@@ -182,7 +184,7 @@ def find(text: str) -> Match | None:
         # only of what a wheel's measurement is weighed by
         rank = 0 if whole == plain(f"{channel}_std") else 1
         return Match(f"{channel}_std", rank) if channel in CHANNELS else None
-    rest = [token for token in tokens if plain(token) not in _QUALIFIERS]
+    rest = [token for token in tokens if plain(token) not in QUALIFIERS]
     if rest and len(rest) < len(tokens):
         match = find(" ".join(rest))
         # the pressure of a tyre is not that on the soil, nor a wheel's length that of a plate
@@ -231,7 +233,7 @@ def _understood(text: str, known: Match | None) -> Heading:
     whole = None if known else find(text)
     if whole is not None and not text.endswith(")"):
         return _heading(text, text, whole, None)
-    for rest, tail in _splits(text):
+    for rest, tail in splits(text):
         match = known or find(rest)
         if match is None or match.name in TEXTS:
             continue
@@ -256,7 +258,7 @@ def _in_square_brackets(text: str) -> tuple[str, str | None]:
     return found[1].strip(), found[2].strip()
 
 
-def _splits(text: str) -> Iterator[tuple[str, str]]:
+def splits(text: str) -> Iterator[tuple[str, str]]:
     """Name and what may be its unit or symbol, the surest way of writing first."""
     if brackets := _ROUND_BRACKETS.fullmatch(text):
         yield brackets[1], brackets[2].strip()
@@ -313,10 +315,11 @@ def meant(heading: Heading) -> str | None:
     match = find(brackets[1]) if brackets else None
     if match is not None:
         return match.name
-    names = [heading.name, *(rest for rest, tail in _splits(heading.text) if is_common(tail))]
+    names = [heading.name, *(rest for rest, tail in splits(heading.text) if is_common(tail))]
     return next((near for name in names if (near := near_miss(name)) is not None), None)
 
 
+@lru_cache(maxsize=1000)
 def near_miss(text: str) -> str | None:
     """The known word that a header is one slip of the keyboard away from."""
     whole = plain(text)
@@ -359,7 +362,7 @@ def is_summary(text: str, names: Collection[str] = ()) -> bool:
     whole = plain(text)
     if whole in _SUMMARIES:
         return True
-    first, *rest = [plain(token) for token in _tokens(text)] or [""]
+    first, *rest = [plain(token) for token in tokens_of(text)] or [""]
     if first not in _MEANS | _DEVIATIONS:
         return False
     ordinary = ("of", "von", "de", "aus", "n", "value", "values", "wert")

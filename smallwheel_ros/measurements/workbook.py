@@ -52,7 +52,7 @@ def workbook_grid(data: bytes, sheet: str | None) -> Grid:
                 "save the table as xlsx"
             )
         name = _chosen(sheets, sheet)
-        grid, cells = Grid([], [], "row"), 0
+        grid, cells = Grid([], [], "row", sheet=name), 0
         for number, row in sheets.rows(name):
             cells += len(row)
             if cells > MOST_CELLS:

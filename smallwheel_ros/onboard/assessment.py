@@ -8,12 +8,13 @@ forces with their deviations, is worked out where it is due: `mobility.rate` tim
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, RollingContact, WheelSample
+from smallwheel_ros.estimator.slip_tests import SlipTest, best
 from smallwheel_ros.estimator.soil_estimator import (
     Outcome,
     SinkageMeasurement,
@@ -58,6 +59,9 @@ class Assessor:
     estimator, traction, stuck, health
         What is believed of the law and the sensors, of the strength, of the risk, and whether the
         filter's innovations are as expected; others after a reset.
+    slip_tests
+        For each number of the strength that is not determined, the slip test that would tell most of it,
+        where that is more than driving on tells (see `look_for_slip_tests`).
     """
 
     def __init__(self, settings: OnboardSettings, problems: ProblemLog | None = None) -> None:
@@ -96,6 +100,9 @@ class Assessor:
         self._digging = {w.name: DiggingInAlarm(settings.digging_in) for w in settings.wheels}
         self.problems.rejected = 0
         self.latest: Instant | None = None
+        self.slip_tests: tuple[SlipTest, ...] = ()
+        self._tried: list[SlipTest] = []
+        self._trying: Iterator[list[SlipTest]] = iter(())
 
     def reset(self) -> None:
         """Forget the soil, and what ordinary driving is like."""
@@ -140,6 +147,20 @@ class Assessor:
     def concern(self) -> str:
         """What is wrong with the filter, in words; empty where nothing is."""
         return self.health.concern
+
+    def look_for_slip_tests(self) -> bool:
+        """Go on looking for slip tests that tell more than driving on; return whether all are looked at.
+
+        Nobody is told to slip where the vehicle may get stuck.
+        """
+        found = next(self._trying, None)
+        if found is not None:
+            self._tried += found
+            return False
+        self.slip_tests = () if self.stuck.warning else best(self._tried)
+        self._tried = []
+        self._trying = self.traction.slip_tests(self.settings.reference_slip)
+        return True
 
     def assess(self, instant: Instant) -> Result | None:
         """Use an instant for soil, strength and warnings; return the wheel's mobility where it is due."""

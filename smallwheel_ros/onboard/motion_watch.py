@@ -8,7 +8,8 @@ nearly alike. A wheel is doubted where its joint
     shows exactly 0 for 0.3 m on which the others turn: the encoder is dead, or the wheel is blocked;
     shows exactly one speed for a second in which that of the others changes by a tenth, or for 1.5 m of
     their noise;
-    has a slip that is 0.2 off the middle of the others' for 0.5 m.
+    has a slip that is 0.2 off the middle of the others' for 0.5 m, and off that of the wheel beside it: an
+    axle of which both sides slip alike is braked, or tested.
 
 Its slip is that of the others then, give or take 0.2, and in each step in which it is so far off, until it
 moves and agrees with them again over 0.3 m. The speed over ground is not known while its messages repeat one
@@ -59,7 +60,9 @@ class MotionWatch:
     """Of a vehicle; feed it every instant and step in the order of time."""
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
-        self._joints = {w.name: _Joint() for w in wheels if w.contact == ROLLING}
+        rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
+        self._joints = {wheel.name: _Joint() for wheel in rolling}
+        self._place = {wheel.name: wheel.longitudinal_position for wheel in rolling}
         self._rims: dict[str, float] = {}  # the newest of each, m/s
         self._held: dict[str, float] = {}  # s since which they have not changed
         self._repeated: int | None = None  # stamp since which the speed repeats
@@ -139,7 +142,10 @@ class MotionWatch:
                 if joint.why:
                     del means[name]  # nobody knows
                 continue
-            middle = median(others)
+            middle, place = median(others), self._place[name]
+            for beside in (n for n in trusted if n != name and self._place[n] == place):
+                if abs(trusted[beside] - mean.slip.value) < _TOGETHER:
+                    middle = trusted[beside]
             joint.off.append(mean.slip.value - middle)
             if joint.why:
                 self._release(joint)

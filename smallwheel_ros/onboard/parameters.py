@@ -1,39 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the values of parameters to settings of the estimate; the same for node and replay."""
+"""From a parameter file to values, and from values to settings; the same for node and replay."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.costmap.cost import CostRules
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.common.parameter import Value, settings_of
+from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.model.model_file import read_model
-from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
-from smallwheel_ros.onboard.settings import (
-    DiggingInRules,
+from smallwheel_ros.onboard.parameter_table import (
+    GENERAL,
+    Given,
     NodeSettings,
-    OnboardSettings,
-    SensorNoise,
-    Timing,
     WheelInputs,
+    parameters_for,
 )
+from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
-_Settings = TypeVar("_Settings")
 NODE_NAME = "mobility_estimator"
+_SECTION = "ros__parameters"
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
 _FOREIGN_PREFIX = "qos_overrides."
@@ -41,6 +40,53 @@ _FOREIGN_PREFIX = "qos_overrides."
 
 class ParametersError(SmallwheelError):
     """Parameters that nothing can be configured with; one line for each that is wrong."""
+
+
+# --- From a file to values
+
+
+def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]:
+    """Read the values that a ROS parameter file gives a node, by full name.
+
+    Sections `/**` and those of the node count, in the order of the file.
+
+    Raises
+    ------
+    ParametersError
+        If the file cannot be read, is not YAML, or has nothing for this node.
+    """
+    try:
+        content = read_yaml(path)
+    except PlainYamlError as error:
+        raise ParametersError(f"{path}: {error}") from error
+    sections = content if isinstance(content, dict) else {}
+    own = re.compile(rf"/\*\*|(/\*\*|/\w+)*/?{re.escape(node)}")
+    found = {name: section for name, section in sections.items() if own.fullmatch(str(name))}
+    values: dict[str, Value] = {}
+    for name, section in found.items():
+        if not isinstance(section, dict) or not isinstance(section.get(_SECTION), dict):
+            raise ParametersError(f"{path}: section {name} has no {_SECTION}: in it")
+        values.update(_flat(section[_SECTION]))
+    if not found:
+        there = ", ".join(str(name) for name in sections) or "nothing"
+        raise ParametersError(
+            f"{path} has no parameters for the node: found {there}, expected a section /**: or"
+            f" {node}: with {_SECTION}: in it"
+        )
+    return values
+
+
+def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
+    flat: dict[str, Value] = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            flat.update(_flat(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+# --- What is wrong with values
 
 
 def wheel_names(value: object) -> list[str]:
@@ -98,75 +144,18 @@ def problems(values: Mapping[str, object]) -> list[str]:
     return [problem for problem in found if problem is not None]
 
 
-@dataclass(frozen=True)
-class StartingModels:
-    """What can be started from: the soils of one model file with its effects, or the library.
-
-    model_file: empty for the library. soils: those of the file.
-    """
-
-    model_file: str = ""
-    soils: tuple[Soil, ...] = ()
-    effects: tuple[Effect, ...] = ()
-
-    def choose(self, name: str | None) -> Soil:
-        """Return the soil of that name; None: the only one of the file, or the library's dry sand.
-
-        Raises ParametersError where there is no such soil.
-        """
-        if not self.model_file:
-            try:
-                return soil(name or "dry_sand")
-            except SoilError as error:
-                raise ParametersError(f"parameter soil.name: {error}") from None
-        found = {kind.name: kind for kind in self.soils}
-        if name is None and len(found) == 1:
-            return self.soils[0]
-        if name not in found:
-            asked = f"has no soil '{name}'" if name else "has several soils"
-            raise ParametersError(
-                f"{self.model_file} {asked}, parameter soil.name says which."
-                f" {nearest(name or '', list(found))}"
-            )
-        return found[name]
+# --- From values to settings
 
 
-def read_models(values: Mapping[str, Any]) -> StartingModels:
-    """Read the files that parameters name, if any. An effects file is run.
-
-    Raises ParametersError where a file cannot be read, or the estimate cannot follow the model.
-    """
-    model_file, effects_file = values.get("model_file"), values.get("effects_file")
-    if not model_file:
-        if effects_file:
-            raise ParametersError(
-                "parameter effects_file is given without model_file: an effect needs its numbers"
-            )
-        return StartingModels()
-    try:
-        effects = load(Path(effects_file).expanduser()) if effects_file else None
-        model = read_model(Path(model_file).expanduser(), effects).model
-    except SmallwheelError as error:
-        raise ParametersError(str(error)) from error
-    if model.geometry != "contact_integral":
-        raise ParametersError(
-            f"{model_file}: geometry is {model.geometry}, expected contact_integral: the estimate on"
-            " board solves the contact exactly; fit the model again without the closed form"
-        )
-    return StartingModels(model_file, tuple(model.soils), tuple(model.effects))
-
-
-def settings_from(
-    values: Mapping[str, object], models: StartingModels | None = None
-) -> NodeSettings:
+def settings_from(values: Mapping[str, object]) -> NodeSettings:
     """Turn parameters into settings; defaults for those that are missing or None.
 
-    models: what has been read of the files that the parameters name; None: they are read now.
+    Files that parameters name are read; an effects file is run.
 
     Raises
     ------
     ParametersError
-        With a sentence for each parameter that is missing or wrong.
+        With a sentence for each parameter that is missing or wrong, and where a file cannot be used.
     """
     wrong = problems(values)
     if wrong:
@@ -174,103 +163,121 @@ def settings_from(
     wheels = wheel_names(values["wheels"])
     v: dict[str, Any] = {p.name: p.default for p in parameters_for(wheels)}
     v.update({name: value for name, value in values.items() if value is not None})
-    for name in wheels:
-        v[f"{name}.load_sign"] = v[f"{name}.load_sign"] or v["load_sign"]
+    inputs = {name: settings_of(WheelInputs, v, f"{name}.") for name in wheels}
     try:
-        onboard = _onboard(v, wheels, models or read_models(v))
+        given = settings_of(Given, v)
+        onboard = _onboard(given, inputs)
         # What the estimator says of its settings and effects, it says now.
         SoilEstimator(onboard.prior, onboard.estimator, onboard.effects)
-        cost = _of(CostSettings, v, "cost.", rules=_of(CostRules, v, "cost."))
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
-    inputs = {name: _of(WheelInputs, v, f"{name}.") for name in wheels}
-    for name, source in inputs.items():
-        if source.sinkage_source == "Range" and source.range_height is None:
+    for name, wheel in inputs.items():
+        if wheel.sinkage_source == "Range" and wheel.range_height is None:
             raise ParametersError(
                 f"parameter {name}.range_height is missing: sinkage_source Range needs what the"
                 " sensor shows on hard ground, in m"
             )
-    plain = {name.replace(".", "_"): value for name, value in v.items()}
-    return _of(NodeSettings, plain, "", onboard=onboard, inputs=inputs, cost=cost)
+        inputs[name] = replace(wheel, load_sign=wheel.load_sign or given.load_sign)
+    return NodeSettings(**vars(given), onboard=onboard, inputs=inputs)
 
 
-def _of(kind: type[_Settings], v: Mapping[str, Any], group: str, **given: Any) -> _Settings:
-    """Make settings of what is given and, by the names of the fields, of a group of parameters."""
-    names = [entry.name for entry in fields(kind)]  # type: ignore[arg-type]
-    return kind(**{n: v[f"{group}{n}"] for n in names if f"{group}{n}" in v} | given)
-
-
-def _onboard(
-    v: Mapping[str, Any], wheels: Sequence[str], models: StartingModels
-) -> OnboardSettings:
-    start = models.choose(v["soil.name"])
-    law = {n: v[f"soil.{n}"] for n in ("k", "n", "m") if v[f"soil.{n}"] is not None}
+def _onboard(given: Given, inputs: Mapping[str, WheelInputs]) -> OnboardSettings:
+    start, effects = _start(given)
+    known = given.soil
+    law = {n: value for n in ("k", "n", "m") if (value := getattr(known, n)) is not None}
     prior = SoilPrior.from_soil(
-        replace(start, **law),
-        v["soil.log_reference_pressure_std"],
-        v["soil.n_std"],
-        v["soil.m_std"],
+        replace(start, **law), known.log_reference_pressure_std, known.n_std, known.m_std
     )
     strength = {}
     for n in ("cohesion", "friction_angle", "shear_displacement"):
-        value = getattr(start, n) if v[f"soil.{n}"] is None else v[f"soil.{n}"]
-        strength[n] = Quantity(value, v[f"soil.{n}_std"])
-    static = _static_loads(v, wheels)
-    sensors = ("sinkage_zero_std", "pass_std", "load_scale_std", "load_zero_std", "delay_std")
-    estimator = {name: v[name] for name in sensors} | {"sinkage_std": v["noise.sinkage"]}
+        value = getattr(start, n) if getattr(known, n) is None else getattr(known, n)
+        strength[n] = Quantity(value, getattr(known, f"{n}_std"))
+    static = _static_loads(given, inputs)
+    estimator = replace(given.estimator, sinkage_std=given.noise.sinkage)
     if static:
         # What is wrong with a load that nobody measures stays wrong as long as slope and curve do:
         # like another soil at each spot, it does not average out over measurements at one place.
-        scatter = math.hypot(v["estimator.soil_scatter"], v["load.static_std"])
-        estimator |= {"soil_scatter": scatter, "loads_measured": False}
-    velocity = "none" if v["odometry_from_wheels"] else "odometry"
-    rolling = [w for w in wheels if v[f"{w}.contact"] == ROLLING]
-    return _of(
-        OnboardSettings,
-        v,
-        "",
-        wheels=tuple(_of(Wheel, v, f"{name}.", name=name) for name in wheels),
+        scatter = math.hypot(estimator.soil_scatter, given.static_std)
+        estimator = replace(estimator, soil_scatter=scatter, loads_measured=False)
+    rolling = {name: wheel for name, wheel in inputs.items() if wheel.contact == ROLLING}
+    # The body of a small vehicle is above its wheels.
+    usual_height = 1.2 * sum(wheel.diameter for wheel in rolling.values()) / max(len(rolling), 1)
+    velocity: VelocitySource = "none" if given.odometry_from_wheels else "odometry"
+    return OnboardSettings(
+        wheels=tuple(
+            Wheel(n, w.diameter, w.width, w.contact, w.lateral_position, w.longitudinal_position)
+            for n, w in inputs.items()
+        ),
         prior=prior,
         strength=Strength(**strength),
-        estimator=_of(EstimatorSettings, v, "estimator.", **estimator),
-        noise=_of(SensorNoise, v, "noise."),
-        timing=_of(Timing, v, "timing."),
-        digging_in=_of(DiggingInRules, v, "digging_in."),
-        effects=models.effects,
-        without_sinkage=frozenset(w for w in wheels if not v[f"{w}.sinkage_topic"]),
-        with_drawbar_pull=frozenset(w for w in rolling if v[f"{w}.drawbar_pull_topic"]),
-        with_torque=frozenset(w for w in rolling if v[f"{w}.torque_source"] == "effort"),
-        with_imu=bool(v["imu_topic"]),
-        mass=v["vehicle.mass"] or 0.0,
-        mobility_rate=v["mobility.rate"],
-        soil_told=bool(v["soil.name"] or v["model_file"] or v["soil.k"] is not None),
+        estimator=estimator,
+        noise=given.noise,
+        timing=given.timing,
+        digging_in=given.digging_in,
+        effects=effects,
+        without_sinkage=frozenset(n for n, wheel in inputs.items() if not wheel.sinkage_topic),
+        with_drawbar_pull=frozenset(n for n, wheel in rolling.items() if wheel.drawbar_pull_topic),
+        with_torque=frozenset(n for n, w in rolling.items() if w.torque_source == "effort"),
+        with_imu=bool(given.imu_topic),
         static_loads=static,
-        gravity_height=v["vehicle.gravity_height"] or _usual_height(v, rolling),
-        velocity="topic" if v["velocity_topic"] else velocity,
+        velocity="topic" if given.velocity_topic else velocity,
+        standstill_speed=given.standstill_speed,
+        reference_slip=given.reference_slip,
+        velocity_lateral_position=given.velocity_lateral_position,
+        maximum_speed=given.maximum_speed,
+        mass=given.vehicle_mass or 0.0,
+        gravity_height=given.gravity_height or usual_height,
+        mobility_rate=given.mobility_rate,
+        soil_told=bool(given.soil_name or given.model_file or known.k is not None),
     )
 
 
-def _usual_height(v: Mapping[str, Any], rolling: Sequence[str]) -> float:
-    """Height (m) of the centre of gravity of a small vehicle: its body is above its wheels."""
-    diameters = [v[f"{name}.diameter"] for name in rolling]
-    return 1.2 * sum(diameters) / len(diameters) if diameters else 0.0
+def _start(given: Given) -> tuple[Soil, tuple[Effect, ...]]:
+    """The soil that the estimate starts from, and effects: of the model file, or of the library."""
+    name = given.soil_name
+    if not given.model_file:
+        if given.effects_file:
+            raise ParametersError(
+                "parameter effects_file is given without model_file: an effect needs its numbers"
+            )
+        try:
+            return soil(name or "dry_sand"), ()
+        except SoilError as error:
+            raise ParametersError(f"parameter soil.name: {error}") from None
+    effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
+    model = read_model(Path(given.model_file).expanduser(), effects).model
+    if model.geometry != "contact_integral":
+        raise ParametersError(
+            f"{given.model_file}: geometry is {model.geometry}, expected contact_integral: the estimate"
+            " on board solves the contact exactly; fit the model again without the closed form"
+        )
+    found = {kind.name: kind for kind in model.soils}
+    if name is None and len(found) == 1:
+        return model.soils[0], tuple(model.effects)
+    if name not in found:
+        asked = f"has no soil '{name}'" if name else "has several soils"
+        raise ParametersError(
+            f"{given.model_file} {asked}, parameter soil.name says which."
+            f" {nearest(name or '', list(found))}"
+        )
+    return found[name], tuple(model.effects)
 
 
-def _static_loads(v: Mapping[str, Any], wheels: Sequence[str]) -> dict[str, Quantity]:
+def _static_loads(given: Given, inputs: Mapping[str, WheelInputs]) -> dict[str, Quantity]:
     """Loads that nobody measures, N: the weight split over the wheels."""
-    if v["load.source"] != "static":
+    if given.load_source != "static":
         return {}
-    if v["load.mass"] is None:
+    if given.load_mass is None:
         raise ParametersError(
             "parameter load.mass is missing: load.source static needs the vehicle's mass in kg"
         )
-    shares = {name: v[f"{name}.load_share"] for name in wheels}
-    given = [share for share in shares.values() if share is not None]
-    if given and (len(given) < len(wheels) or not math.isclose(sum(given), 1.0, abs_tol=0.01)):
+    shares = {name: wheel.load_share for name, wheel in inputs.items()}
+    told = [share for share in shares.values() if share is not None]
+    if told and (len(told) < len(shares) or not math.isclose(sum(told), 1.0, abs_tol=0.01)):
         raise ParametersError(
-            f"parameters load_share: {len(given)} of {len(wheels)} wheels have one, with a sum of"
-            f" {sum(given):g}: give all of them, with a sum of 1, or none"
+            f"parameters load_share: {len(told)} of {len(shares)} wheels have one, with a sum of"
+            f" {sum(told):g}: give all of them, with a sum of 1, or none"
         )
-    weight = v["load.mass"] * GRAVITY
-    loads = {name: weight * (share or 1.0 / len(wheels)) for name, share in shares.items()}
-    return {name: Quantity(load, v["load.static_std"] * load) for name, load in loads.items()}
+    weight = given.load_mass * GRAVITY
+    loads = {name: weight * (share or 1.0 / len(shares)) for name, share in shares.items()}
+    return {name: Quantity(load, given.static_std * load) for name, load in loads.items()}

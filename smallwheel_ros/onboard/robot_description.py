@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from smallwheel_ros.onboard.parameter import WHEEL
+from smallwheel_ros.common.parameter import WHEEL
 from smallwheel_ros.onboard.parameter_table import PARAMETERS
 from smallwheel_ros.onboard.parameters import ParametersError, problems, wheel_names
 from smallwheel_ros.onboard.urdf import (

@@ -1,21 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the estimate on board rests on besides the measurements: vehicle, soil, sensors, time.
 
-A setting that is a parameter is described, with its unit and range, in `parameter_table`; it has
-the parameter's name, in the class of its group or with _ for the point.
+A field that is a parameter of the node is declared as one; `parameter_table` has all of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.common.parameter import Parameter
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.onboard.parameter_table import PARAMETERS
+from smallwheel_ros.onboard.wheel_on_soil import REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -30,41 +29,68 @@ class OnboardError(SmallwheelError):
     """A wheel that is not of this vehicle."""
 
 
-def _default(name: str) -> Any:
-    return PARAMETERS[name].default
-
-
 @dataclass(frozen=True)
 class DiggingInRules:
-    """When a wheel is taken to dig itself in: all of `digging_in.*` at once."""
+    """When a wheel is taken to dig itself in: all of it at once."""
 
-    slip: float = _default("digging_in.slip")
-    sinkage_rise: float = _default("digging_in.sinkage_rise")
-    speed_drop: float = _default("digging_in.speed_drop")
-    time: float = _default("digging_in.time")
+    slip: float = Parameter(0.5, "1", 0.31, 1.0).means(
+        "A wheel digs itself in where its slip is at least this, and all that follows holds."
+    )
+    sinkage_rise: float = Parameter(0.3, "1", 0.01, 10.0).means(
+        "Its sinkage is above that of ordinary driving (slip up to 0.3) by this share of it."
+    )
+    speed_drop: float = Parameter(0.3, "1", 0.01, 1.0).means(
+        "Its speed over ground is below that of ordinary driving by this share of it."
+    )
+    time: float = Parameter(1.0, "s", 0.0, 60.0).means("All of it for so long.")
 
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of measurements whose messages do not carry them: `noise.*`."""
+    """Standard deviations of measurements whose messages do not carry them."""
 
-    load: float = _default("noise.load")
-    load_relative: float = _default("noise.load_relative")
-    drawbar_pull: float = _default("noise.drawbar_pull")
-    speed: float = _default("noise.speed")
-    wheel_speed_relative: float = _default("noise.wheel_speed_relative")
+    sinkage: float = Parameter(EstimatorSettings.sinkage_std, "m", 1e-5, 1.0).means(
+        "Standard deviation of a measured sinkage whose message does not give its variance."
+    )
+    load: float = Parameter(0.5, "N", 0.0, 1e5).means("Standard deviation of a measured load.")
+    load_relative: float = Parameter(0.02, "1", 0.0, 1.0).means(
+        "The same as a share of the load; both together count."
+    )
+    drawbar_pull: float = Parameter(0.6, "N", 1e-3, 1e5).means(
+        "Standard deviation of a measured drawbar pull."
+    )
+    speed: float = Parameter(0.01, "m/s", 0.0, 10.0).means(
+        "Standard deviation of odometry's speed."
+    )
+    wheel_speed_relative: float = Parameter(0.01, "1", 0.0, 1.0).means(
+        "Standard deviation of a rim's speed as a share of it, effective radius included."
+    )
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What is expected of stamps, s: `timing.*`."""
+    """What is expected of stamps."""
 
-    reorder_time: float = _default("timing.reorder_time")
-    silent_after: float = _default("timing.silent_after")
-    maximum_gap: float = _default("timing.maximum_gap")
-    future_tolerance: float = _default("timing.future_tolerance")
-    maximum_age: float = _default("timing.maximum_age")
-    jump_tolerance: float = _default("timing.jump_tolerance")
+    reorder_time: float = Parameter(0.2, "s", 0.0, 5.0).means(
+        "How long (by stamps) a sinkage waits for those of other wheels that belong before it."
+        " 0: it waits for nothing, with least delay; results then depend on the order of arrival."
+    )
+    silent_after: float = Parameter(1.0, "s", 0.0, 60.0).means(
+        "A sinkage waits for load, odometry and wheel speed of its instant, unless their topic has"
+        " been silent (by stamps) for so long."
+    )
+    maximum_gap: float = Parameter(0.2, "s", 1e-3, 10.0).means(
+        "Load, speed and odometry are interpolated or held over at most so long."
+    )
+    future_tolerance: float = Parameter(0.5, "s", 0.0, 3600.0).means(
+        "Messages stamped further ahead of the clock are refused."
+    )
+    maximum_age: float = Parameter(5.0, "s", 0.01, 1e9).means(
+        "Messages stamped further behind the clock are refused."
+    )
+    jump_tolerance: float = Parameter(1.0, "s", 0.01, 3600.0).means(
+        "Stamps (and clock) that go back by more reset the estimate; by less, a message is late."
+    )
 
 
 @dataclass(frozen=True)
@@ -116,13 +142,13 @@ class OnboardSettings:
     with_imu: bool = False
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = "odometry"
-    standstill_speed: float = _default("standstill_speed")
-    reference_slip: float = _default("reference_slip")
-    velocity_lateral_position: float = _default("velocity_lateral_position")
-    maximum_speed: float = _default("maximum_speed")
+    standstill_speed: float = 0.01
+    reference_slip: float = REFERENCE_SLIP
+    velocity_lateral_position: float = 0.0
+    maximum_speed: float = 10.0
     mass: float = 0.0
     gravity_height: float = 0.0
-    mobility_rate: float = _default("mobility.rate")
+    mobility_rate: float = 10.0
     soil_told: bool = True
 
     @property
@@ -150,41 +176,3 @@ class OnboardSettings:
             *(f"{w.name}/torque" for w in rolling if w.name in self.with_torque),
             *((IMU,) if rolling and self.with_imu else ()),
         )
-
-
-@dataclass(frozen=True)
-class WheelInputs:
-    """Where a wheel's measurements come from: `<wheel>.*`; a topic is empty where there is none.
-
-    load_sign: that of the wheel, or of all.
-    """
-
-    load_topic: str
-    drawbar_pull_topic: str
-    load_joint: str
-    sinkage_topic: str
-    sinkage_source: Literal["WheelSinkage", "Range"]
-    range_height: float | None
-    joint: str
-    joint_sign: int
-    gear_ratio: float
-    gear_efficiency: float
-    load_sign: int
-
-
-@dataclass(frozen=True)
-class NodeSettings:
-    """What the parameters say: settings of the estimate and the cost map, and inputs by wheel."""
-
-    onboard: OnboardSettings
-    inputs: Mapping[str, WheelInputs]
-    cost: CostSettings
-    autostart: bool
-    load_source: Literal["wrench", "joint_states", "static"]
-    load_per_effort: float
-    velocity_topic: str
-    velocity_yaw: float
-    imu_topic: str
-    imu_yaw: float
-    soil_file: str
-    robot_description_topic: str

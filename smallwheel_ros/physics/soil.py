@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,12 +87,6 @@ class Soil:
             np.log(self.k)
             + self.n * np.log(REFERENCE_SINKAGE)
             + self.m * np.log(REFERENCE_DIAMETER)
-        )
-
-    def with_parameters(self, log_reference_pressure: float, n: float, m: float) -> Soil:
-        """The same soil with another pressure-sinkage law."""
-        return replace(
-            self, k=float(k_from_reference(log_reference_pressure, n, m)), n=float(n), m=float(m)
         )
 
 

@@ -41,9 +41,19 @@ LUG_SHARE = 0.5
 DEEPEST = 0.985  # of the radius: there the arc still has an end
 _LOCKED = 0.02  # least R omega / V of a wheel that skids: beyond it shear has reached its limit
 _FASTEST = 0.97  # slip of a driven wheel, likewise
-# t = t1 (1 - x^2) makes the power (t1 - t)^n at the entry smooth.
-_X, _W = np.polynomial.legendre.leggauss(12)
-_PLACE, _WEIGHT = 1.0 - (0.5 * (_X + 1.0)) ** 2, _W * 0.5 * (_X + 1.0)
+
+
+def _squared(nodes: int) -> tuple[Array, Array]:
+    """Places x^2 of 0 .. 1 and their weights: a power of the distance from 0 is smooth over x."""
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    root = 0.5 * (x + 1.0)
+    return root**2, weight * root
+
+
+# From the entry angle, where pressure begins; from the lowest point, where it ends if it has a peak.
+_FROM_ENTRY, _FROM_BOTTOM = _squared(12), _squared(8)
+# Each doubles the digits, but near a double root, where j hardly turns back and its kink is weak.
+_NEWTON_STEPS = 6
 _BLOCK = 1024  # rows worked on at a time: the nodes' arrays then stay in the processor's cache
 
 
@@ -130,10 +140,22 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
     u = speed_ratio(slip)
     cohesion, grip = mu * c, mu * np.tan(phi)
 
-    t = entry * _PLACE[:, None]  # (nodes, rows)
+    share = 1.0 - u - eta
+    # Nodes on either side of a kink: of the pressure at its peak, of the shear where its sign changes.
+    top = peak * entry
+    kink = np.where(top > 0.0, top, _unsheared(entry, eta, share))
+    split = np.any(kink)
+    kink = np.maximum(kink, 1e-6 * entry) if split else kink
+    place, weight = _FROM_ENTRY
+    ahead = entry - kink
+    t, w = entry - ahead * place[:, None], ahead * weight[:, None]  # (nodes, rows)
+    if split:
+        place, weight = _FROM_BOTTOM
+        t = np.concatenate([t, kink * place[:, None]])
+        w = np.concatenate([w, kink * weight[:, None]])
     sin, cos = np.sin(t), np.cos(t)
     rim = np.sin(entry) - sin
-    j = (big / modulus) * (eta * (entry - t) + (1.0 - u - eta) * rim)
+    j = (big / modulus) * (eta * (entry - t) + share * rim)
     if np.any(angle):
         across = (big / modulus) * u * np.tan(np.clip(angle, -1.5, 1.5)) * (entry - t)
         length = np.hypot(j, across) + 1e-300
@@ -142,13 +164,12 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
         called = np.sign(j) * -np.expm1(-np.abs(j))
     under = cos  # where on the rim the same pressure is found as here
     if np.any(peak):
-        top = np.maximum(peak, 1e-6) * entry
-        under = np.cos(np.where(t < top, entry - t / top * (entry - top), t))
+        behind = np.where(top > 0.0, entry - ahead * place[:, None], t[-place.size :])
+        under = np.concatenate([cos[: -place.size], np.cos(behind)])
     depth = np.maximum(under - (1.0 - deep), 1e-300)
     f = np.exp(n * np.log(depth / deep))
     if factor is not None:
         f = f * factor(r * depth)
-    w = entry * _WEIGHT[:, None]
 
     def total(values: Array) -> Array:
         return np.asarray(np.einsum("nr,nr->r", w, values))
@@ -163,6 +184,25 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
     resistance = width * r * p * total(f * sin)
     torque = width * big**2 * (cohesion * total(called) + p * grip * total(rubbed))
     return np.stack([thrust, resistance, torque, width * (p * lift + cohesion * big * cohesive)])
+
+
+def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
+    """Angle at which j is 0 though the rim goes on: where a wheel skids; 0 where there is none.
+
+    eta (t1 - t) + share (sin t1 - sin t) is concave over t where share < 0: Newton's method from its left end
+    does not pass the root.
+    """
+    found = np.zeros_like(entry)
+    there = (eta * entry + share * np.sin(entry) < 0.0) & (eta + share * np.cos(entry) > 0.0)
+    if not there.any():
+        return found
+    end, rolling, rest = entry[there], eta[there], share[there]
+    t = np.zeros_like(end)
+    for _ in range(_NEWTON_STEPS):
+        off = rolling * (end - t) + rest * (np.sin(end) - np.sin(t))
+        t = t + off / (rolling + rest * np.cos(t))
+    found[there] = t
+    return found
 
 
 class MeanPlace(NamedTuple):
@@ -206,9 +246,8 @@ def closed_form_forces(
 
 
 def _of_arc(nodes: int) -> list[tuple[float, float]]:
-    x, weight = np.polynomial.legendre.leggauss(nodes)
-    root = 0.5 * (x + 1.0)
-    return list(zip((1.0 - root**2).tolist(), (weight * root).tolist(), strict=True))
+    place, weight = _squared(nodes)
+    return list(zip((1.0 - place).tolist(), weight.tolist(), strict=True))
 
 
 # Where a wheel skids the shear's sign changes within the arc, which takes more nodes.

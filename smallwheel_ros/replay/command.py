@@ -14,6 +14,7 @@ import click
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.tables import text_table, write_json
 from smallwheel_ros.onboard.feed import Feed
@@ -67,8 +68,7 @@ _PATH = click.Path(path_type=Path)
               help="Of a Dask cluster to do it on, one bag a task: tcp://host:8786.")  # fmt: skip
 @click.option("--map", "one_map", is_flag=True,
               help="Lay the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
-@click.option("--json", "json_file", metavar="FILE",
-              help="Write the summary as JSON, - for standard output.")  # fmt: skip
+@JSON
 def replay(
     bags: tuple[Path, ...],
     config: Path | None,
@@ -129,13 +129,8 @@ def _one(spec: ReplaySpec, json_file: str | None) -> None:
         result = replay_bag(spec, progress=progress, report=_write_report)
     summary = read_summary(spec.folder)
     assert summary is not None, "replay writes it last"
-    if json_file is not None:
-        write_json(json_file, summary)
-    if json_file != "-":
-        click.echo(summary_text(summary))
-        click.echo()
-        for name in (*summary["files"].values(), SUMMARY):
-            click.echo(f"written: {spec.folder / name}")
+    written = [spec.folder / name for name in (*summary["files"].values(), SUMMARY)]
+    tell(summary, f"{summary_text(summary)}\n", json_file, written)
     if result.state != "complete":
         click.echo(f"{result.state.replace('_', ' ')}: {result.ended}", err=True)
         raise SystemExit(1)
@@ -179,12 +174,8 @@ def _many(
             files |= merge_maps(folder, done)
         document = many_document(outcomes, files)
         write_json(str(folder / "replays.json"), document)
-    if json_file is not None:
-        write_json(json_file, document)
-    if json_file != "-":
-        click.echo(many_text(outcomes))
-        for name in (*files.values(), "replays.json"):
-            click.echo(f"written: {folder / name}")
+    written = [folder / name for name in (*files.values(), "replays.json")]
+    tell(document, many_text(outcomes), json_file, written)
     _say_how_it_ended(outcomes, stopped)
 
 
@@ -226,12 +217,8 @@ def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: s
             described = settings.robot_description_topic
             inputs = inputs_of(feed.topics, reader.topics, remaps, described)
         content = topics_document(reader, inputs, proposals(reader, inputs))
-    if json_file is not None:
-        write_json(json_file, content)
-    if json_file == "-":
-        return
-    click.echo(_topics_text(content, config is not None))
-    if content["damage"]:
+    tell(content, _topics_text(content, config is not None), json_file)
+    if content["damage"] and json_file != "-":
         click.echo(f"damaged: {content['damage']}", err=True)
         raise SystemExit(1)
 

@@ -13,7 +13,7 @@ from smallwheel_ros.bags import BagReader, BagTopic
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.init import from_bag
 from smallwheel_ros.init.from_bag import JOINTS, joint_names
-from smallwheel_ros.init.names import best_match
+from smallwheel_ros.init.names import best_match, only_or_best_match
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
@@ -171,7 +171,7 @@ def proposals(reader: BagReader, inputs: Sequence[Input]) -> list[dict[str, str]
         if item.wheel and item.type != JOINTS:
             name = best_match(item.wheel, item.kind, free)
         else:
-            name = free[0] if len(free) == 1 else best_match(item.name, "", free)
+            name = only_or_best_match(item.name, free)
         if name is not None and item.name not in found:
             option = f"--remap {item.name}:={name}"
             found[item.name] = {"input": item.stream, "found": name, "add": option}

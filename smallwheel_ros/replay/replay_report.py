@@ -131,6 +131,9 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
     if summary["sensors"]:
         texts = [f"{text[0].upper()}{text[1:]}." for text in summary["sensors"]]
         blocks.append(Callout("Look at these sensors", texts, "warning"))
+    if summary["slip_tests"]:
+        texts = [f"{text[0].upper()}{text[1:]}." for text in summary["slip_tests"]]
+        blocks.append(Callout("A slip test would tell more of the strength", texts))
     if summary["filter"]:
         blocks.append(Callout("The filter is not as it should be", [summary["filter"]], "warning"))
     if summary["missing"]:

@@ -11,7 +11,7 @@ from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.common.results import Result, pandas
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.replay.folder import FILES, files_in
@@ -118,6 +118,7 @@ class Replayed(Result):
             },
             "soil": self._soil(),
             "sensors": list(self.onboard.findings),
+            "slip_tests": [test.text for test in self.onboard.slip_tests],
             "filter": self.onboard.concern,
             "events": [event._asdict() for event in summary.events],
             "unlisted_events": summary.unlisted_events,

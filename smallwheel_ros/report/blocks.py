@@ -66,7 +66,7 @@ class Table:
     """Rows of texts under a header.
 
     Columns in `numbers` are set right, rows in `strong` stressed, shares (0 to 1) in the column
-    `bars` drawn as bars too.
+    `bars` drawn as bars too (`over 0.99` as its number).
     """
 
     header: Sequence[str]
@@ -98,7 +98,9 @@ class Table:
         kind += ' scope="col"' if tag == "th" else ""
         shown = inline(text)
         if tag == "td" and column == self.bars and text not in ("-", ""):
-            shown = f'<b class="bar" style="--part:{100.0 * float(text):.0f}%">{shown}</b>'
+            shown = (
+                f'<b class="bar" style="--part:{100.0 * float(text.split()[-1]):.0f}%">{shown}</b>'
+            )
         return f"<{tag}{kind}>{shown}</{tag}>"
 
     def lines(self) -> list[str]:

@@ -22,6 +22,7 @@ from smallwheel_ros.measurements.display import (
     number,
     p_text,
     percent,
+    probability_text,
     region_words,
     sentence,
     setting_words,
@@ -213,7 +214,7 @@ def ranking_blocks(document: Mapping[str, Any]) -> list[Block]:
 def _ranking(rows: Sequence[Mapping[str, Any]], named: Collection[str]) -> Table:
     cells = [
         [effect_words(r["effect"]), str(r.get("kind") or "-"), _STATUS.get(r["status"], r["status"]),
-         "-" if r.get("probability") is None else f"{r['probability']:.2f}",
+         probability_text(r.get("probability")),
          p_text(r.get("p_value")), percent(r.get("reduction")), _doubts(str(r.get("reason") or ""))]
         for r in rows
     ]  # fmt: skip

@@ -10,7 +10,7 @@ from html import escape
 from typing import Any, NamedTuple
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.measurements.display import words
+from smallwheel_ros.measurements.display import probability_text, words
 from smallwheel_ros.report.blocks import Drawing
 from smallwheel_ros.report.drawings import drawing
 from smallwheel_ros.report.wording import inline
@@ -152,7 +152,7 @@ class EffectsPage(NamedTuple):
                 f'name="effects" value="{name}" data-index="{i}"{ticked}>'
                 f"<span>{escape(words(label.name))}</span>"
                 f'<b style="--part:{share:.0f}%">'
-                f"{'-' if label.chance is None else f'{label.chance:.2f}'}</b></label>"
+                f"{probability_text(label.chance)}</b></label>"
             )
         return "".join(lines)
 

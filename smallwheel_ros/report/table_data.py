@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.measurements.cells import clipped
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import Display, column_display, display, words
 from smallwheel_ros.measurements.settings import levels
@@ -51,7 +52,7 @@ class TableData:
             "run": run.reshape(-1).tolist(),
             "runs": [str(name) for name in runs],
             "texts": {
-                name: [str(value) for value in values[kept]]
+                name: [clipped(str(value)) for value in values[kept]]
                 for name, values in texts.items()
                 if np.unique(values).size > 1
             },

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from smallwheel_ros.estimator.slip_tests import SlipTest
 from smallwheel_ros.estimator.traction import StrengthEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
@@ -16,7 +17,6 @@ from smallwheel_ros.onboard.statements import statements
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
-NO_ALARM = "none"
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
 
@@ -57,7 +57,7 @@ def entries(
             "nothing seems wrong",
             {f"finding {i + 1}": words for i, words in enumerate(findings)},
         ),
-        of("alarms", NO_ALARM, _alarms(onboard, results)),
+        of("alarms", "none", _alarms(onboard, results)),
         cost_status(f"{name}: cost", cost),
         of("vehicle", *_vehicle(onboard, results)),
         *(wheel_status(f"{name}: wheel {result.wheel}", result) for result in results),
@@ -77,6 +77,7 @@ def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
         **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
         **strength_values(onboard.strength, onboard.lacking),
+        **slip_test_values(onboard.slip_tests),
         "soil changes": str(soil.soil_changes),
         "travel [m]": f"{soil.distance:.2f}",
     }
@@ -106,6 +107,12 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
         for key, said in estimate.verdicts.items():
             values[f"verdict on {key.replace('_', ' ')}"] = said
     return values
+
+
+def slip_test_values(tests: Iterable[SlipTest]) -> dict[str, str]:
+    """What a slip test would tell of the strength that driving on does not; nothing where there is none."""
+    said = "; ".join(test.text for test in tests)
+    return {"slip test": said} if said else {}
 
 
 def _filter(onboard: Onboard) -> tuple[str, dict[str, str]]:

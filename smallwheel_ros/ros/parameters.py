@@ -7,7 +7,6 @@ then is what its log says that it was configured with.
 
 from __future__ import annotations
 
-import traceback
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 
@@ -20,8 +19,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from smallwheel_ros.onboard.parameter import Parameter
-from smallwheel_ros.onboard.parameter_table import GENERAL, parameters_for
+from smallwheel_ros.common.parameter import Parameter
+from smallwheel_ros.onboard.parameter_table import GENERAL, NodeSettings, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
@@ -29,7 +28,6 @@ from smallwheel_ros.onboard.parameters import (
     wheel_names,
 )
 from smallwheel_ros.onboard.robot_description import silent_parameters
-from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.ros.qos import OVERRIDES
 
 _WHAT_TO_DO = (
@@ -155,18 +153,17 @@ class NodeParameters:
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
-        try:
-            problem = self._problem(changes)
-        except ParametersError as error:
-            problem = str(error)
-        except Exception as error:  # a defect must not end the node
-            self._node.get_logger().error(f"change of parameters:\n{traceback.format_exc()}")
-            problem = f"the change cannot be judged: {type(error).__name__}: {error}"
+        known = {c.name: _plain(c.value) for c in changes if c.name in self._table}
+        problem = self._problem(known) or self._problem_of_quality([c.name for c in changes])
+        if problem is None:
+            for name in known:
+                self._problems.pop(name, None)
+            if not self._filling:
+                self._silent -= known.keys()
         return SetParametersResult(successful=problem is None, reason=problem or "")
 
-    def _problem(self, changes: Sequence[RosParameter]) -> str | None:
-        known = {c.name: _plain(c.value) for c in changes if c.name in self._table}
-        for name, value in known.items():
+    def _problem(self, values: Mapping[str, object]) -> str | None:
+        for name, value in values.items():
             parameter = self._table[name]
             if value is None:
                 return f"parameter {name} cannot be deleted, expected {parameter.expected}"
@@ -175,15 +172,13 @@ class NodeParameters:
                 return problem
             if self._is_active() and not self._filling:
                 return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
-        for change in changes:
+        return None
+
+    def _problem_of_quality(self, names: Sequence[str]) -> str | None:
+        for name in names:
             # The first time it is rclpy that declares it, for a topic that is being made.
-            overrides = change.name.startswith(OVERRIDES) and self._node.has_parameter(change.name)
-            if self._is_active() and overrides:
-                return f"parameter {change.name} only counts at the start of the node"
-        for name in known:
-            self._problems.pop(name, None)
-        if not self._filling:
-            self._silent -= known.keys()
+            if name.startswith(OVERRIDES) and self._is_active() and self._node.has_parameter(name):
+                return f"parameter {name} only counts at the start of the node"
         return None
 
 

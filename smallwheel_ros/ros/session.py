@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,12 +18,13 @@ from rclpy.timer import Timer
 
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.statements import Kind, Statement, alarms
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
-from smallwheel_ros.ros.diagnostics import NO_ALARM, WARN, entries, status
+from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
 from smallwheel_ros.ros.outputs import OUTPUTS, Outputs
 from smallwheel_ros.ros.qos import override_problems
@@ -126,7 +127,7 @@ class Session:
         self._timers: list[Timer] = []
         self.velocity_frame = ""
         self._time_jumps = 0
-        self._alarm = NO_ALARM  # the newest, in words
+        self._alarms: dict[Kind, Statement] = {}  # as they were when they were looked at last
         self._last_arrival = time.monotonic()
         self._outputs = Outputs(node, settings, self._report)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
@@ -268,17 +269,30 @@ class Session:
         self._outputs.publish_markers(self._feed.odometry_frame)
 
     def diagnostics(self, name: str) -> list[DiagnosticStatus]:
-        """Return the entries of an active node of that name; log an alarm when it is new."""
+        """Return the entries of an active node of that name; log which alarms begin and end."""
         newest = self._outputs.newest.values()
         self._outputs.report_deaf_subscribers()
+        self._onboard.look_for_slip_tests()
         found = [
             self._inputs.status(f"{name}: inputs"),
             *entries(name, self._onboard, newest, self._outputs.cost),
         ]
-        (alarm,) = (entry.message for entry in found if entry.name == f"{name}: alarms")
-        if alarm not in (NO_ALARM, self._alarm):  # not everybody looks at diagnostics
-            self._node.get_logger().error(alarm)
-        self._alarm = alarm
+        self._log_alarms(newest)
         if self._soil_file.problem:
             found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
         return found
+
+    def _log_alarms(self, newest: Iterable[Result]) -> None:
+        """Say once that an alarm begins, and that it has ended: not everybody looks at diagnostics."""
+        log, now = self._node.get_logger(), {a.kind: a for a in alarms(self._onboard, newest)}
+        for alarm in now.values():
+            if alarm.kind in self._alarms:
+                continue
+            if alarm.is_error:
+                log.error(alarm.text)
+            else:
+                log.warning(alarm.text)
+        for alarm in self._alarms.values():
+            if alarm.kind not in now:
+                log.info(f"no longer: {alarm.text}")
+        self._alarms = now

@@ -10,7 +10,7 @@ from typing import Any
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.map_file import read_map, write_map
-from smallwheel_ros.estimator.saved_state import check_may_replace, remove_drafts
+from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import soil_fields
 
@@ -31,10 +31,7 @@ class SoilFile:
         Where there is a `problem`, the estimate may be half restored: it is not to be used.
         """
         self.problem = ""
-        if self._path is None:
-            return ""
-        remove_drafts(self._path)
-        if not self._path.exists():
+        if self._path is None or not self._path.exists():
             return ""
         try:
             onboard.restore(self._path)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import click
 
 from smallwheel_ros.bags.files import STORAGES, Storage, check_new_bag
+from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.options import Command, settings_options
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -23,9 +23,6 @@ _ANSWER = click.option(
     "--answer",
     type=click.Path(path_type=Path, dir_okay=False),
     help="File for the truth (JSON).  [default: the output's name + .answer.json]",
-)
-_JSON = click.option(
-    "--json", "json_file", metavar="FILE", help="Summary as JSON, - for standard output."
 )
 
 
@@ -44,15 +41,6 @@ def _places(output: Path, answer: Path | None, json_file: str | None) -> Path:
     return answer
 
 
-def _report(json_file: str | None, summary: dict[str, Any], text: str) -> None:
-    if json_file == "-":
-        click.echo(json.dumps(summary, indent=1))
-        return
-    if json_file is not None:
-        write_json(Path(json_file), summary)
-    click.echo(f"{text}\n{summary['answer']}: the truth")
-
-
 @click.group()
 def simulate() -> None:
     """Make data or a bag from the truth simulator."""
@@ -63,7 +51,7 @@ def simulate() -> None:
 @settings_options(DriveSettings, _FIRST)
 @click.option("--storage", type=click.Choice(STORAGES), default="mcap", show_default=True)
 @_ANSWER
-@_JSON
+@JSON
 def drive(
     output: Path, storage: Storage, answer: Path | None, json_file: str | None, **settings: Any
 ) -> None:
@@ -84,14 +72,14 @@ def drive(
         "wheels": wheels,
     }
     text = f"{output}: {count} messages, {duration:.0f} s, {way:.1f} m, {len(wheels)} wheels"
-    _report(json_file, summary, text)
+    tell(summary, f"{text}\n{answer}: the truth", json_file)
 
 
 @simulate.command()
 @_output("FILE", "Table to write, .csv or .parquet; one that exists is replaced.")
 @settings_options(RigSettings, _FIRST)
 @_ANSWER
-@_JSON
+@JSON
 def rig(output: Path, answer: Path | None, json_file: str | None, **settings: Any) -> None:
     """Make a table of single-wheel measurements."""
     check_folder(check_suffix(output))
@@ -107,4 +95,5 @@ def rig(output: Path, answer: Path | None, json_file: str | None, **settings: An
         "rows": rows,
         "columns": list(made.table.columns),
     }
-    _report(json_file, summary, f"{output}: {runs} runs, {rows} rows")
+    text = f"{output}: {runs} runs, {rows} rows\n{answer}: the truth"
+    tell(summary, text, json_file)

@@ -315,13 +315,13 @@ def test_a_segment_that_cannot_be_used_leaves_the_filter_as_it_was(monkeypatch) 
     mean, covariance, scatter, used = law.mean, law.covariance, law.scatter.soil, law.used
     update, updates = Member.update, []
 
-    def third_time_bad(self: Member, *given: object) -> object:
+    def second_time_bad(self: Member, *given: object) -> object:
         updates.append(given)
-        if len(updates) == 3:
+        if len(updates) == 2:
             raise ArithmeticError("no law")
         return update(self, *given)
 
-    monkeypatch.setattr(Member, "update", third_time_bad)
+    monkeypatch.setattr(Member, "update", second_time_bad)
     with pytest.raises(ArithmeticError, match="no law"):
         law.absorb(replace(SEGMENT, distance=6.0))
     monkeypatch.setattr(Member, "update", update)

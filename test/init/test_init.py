@@ -17,8 +17,7 @@ from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
 from smallwheel_ros.init.names import usual_names, wheels_named_by
 from smallwheel_ros.init.rover import FILL_IN
-from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import ParametersError, settings_from
+from smallwheel_ros.onboard.parameters import ParametersError, read_parameters, settings_from
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

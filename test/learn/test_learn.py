@@ -40,7 +40,7 @@ from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import write_model
-from smallwheel_ros.onboard.parameters import read_models
+from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.conditions import Conditions
 
 COLUMNS = ["run", "load [N]", "diameter [m]", "width [m]", "slip", "sinkage [m]", "resistance [N]"]
@@ -468,8 +468,9 @@ def test_from_a_table_to_a_model_that_predicts_and_that_the_node_reads(
     beyond = run("predict", *wheel, "--effects", law, "--slip", "0.9")
     assert "a guess" not in inside
     assert "slip_law is used beyond where it was learnt: slip 0.9" in beyond
-    models = read_models({"model_file": str(better), "effects_file": str(law)})
-    assert [effect.id for effect in models.effects] == ["slip_law"]
+    wheels = {"wheels": ["front"], "front.diameter": 0.2, "front.width": 0.1}
+    node = settings_from(wheels | {"model_file": str(better), "effects_file": str(law)})
+    assert [effect.id for effect in node.onboard.effects] == ["slip_law"]
 
 
 @pytest.mark.slow

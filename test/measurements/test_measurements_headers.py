@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -12,6 +13,7 @@ from random_examples import examples
 
 from smallwheel_ros.measurements.columns import COLUMNS, TEXTS
 from smallwheel_ros.measurements.units import UnitsError
+from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.measurements.words import (
     UNKNOWN,
     WORDS,
@@ -188,6 +190,13 @@ def test_contacts_in_three_languages() -> None:
     assert [contact_of(t) for t in ("Platte", "gedrückt", "roulant", "PLATE", "flat")] == [
         "plate", "pressed", "rolling", "plate", "flat",
     ]  # fmt: skip
+
+
+def test_runs_may_be_called_as_symbols_are(tmp_path: Path) -> None:
+    rows = [f"{name},60,0.2,0.1,0.0{i}" for i, name in enumerate("bisrpvzWD", start=1)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["run,load,diameter,width,sinkage", *rows]))
+    assert read_measurements(path).run.tolist() == [*"bisrpvzWD"]
 
 
 @settings(max_examples=examples(300))

@@ -32,16 +32,10 @@ def test_no_measurement_of_made_tables_is_taken_for_a_statistic(tmp_path: Path) 
     lost, tables = [], 0
     for seed in range(2000):
         cells, grid, kind = made.measured(seed)
-        try:
-            data = read(tmp_path, made.text(cells, kind != "none"))
-        except MeasurementsError as error:
-            # runs that are named as symbols are: b, i, s
-            assert "in the first column" in str(error)  # noqa: PT017
-            continue
+        data = read(tmp_path, made.text(cells, kind != "none"))
         tables += 1
         if len(data) < len(cells):
             lost.append((seed, grid, kind))
-    assert tables > 1950
     assert len(lost) <= MOST_LOST * tables, lost
 
 

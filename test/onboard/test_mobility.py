@@ -26,7 +26,13 @@ from smallwheel_ros.onboard.mobility import (
 )
 from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil, soil
+from smallwheel_ros.physics.soil import (
+    REFERENCE_DIAMETER,
+    REFERENCE_SINKAGE,
+    Soil,
+    k_from_reference,
+    soil,
+)
 from smallwheel_ros.physics.stresses import ShearLaw
 from smallwheel_ros.physics.stresses import wheel_forces as stresses_of
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel, wheel_slip
@@ -47,6 +53,11 @@ class Lugged(Effect):
 
     def added_resistance(self, state: WheelState, conditions: Conditions) -> float:
         return 3.0
+
+
+def with_law(kind: Soil, log_reference_pressure: float, n: float, m: float) -> Soil:
+    k = float(k_from_reference(log_reference_pressure, n, m))
+    return replace(kind, k=k, n=float(n), m=float(m))
 
 
 def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: float = 0.0):
@@ -113,7 +124,7 @@ def drawn(slip: Quantity, count: int = 3000) -> dict[str, np.ndarray]:
     mean, covariance = traction.now.kalman.x.copy(), traction.now.kalman.P
     rows = []
     for law in rng.multivariate_normal(centre, spread, count):
-        kind = soil("dry_sand").with_parameters(*law)
+        kind = with_law(soil("dry_sand"), *law)
         traction.now.kalman.x = rng.multivariate_normal(mean, covariance)
         scatter = 1.0 + SCATTER * rng.standard_normal()
         w, i = rng.normal(60.0, 1.5), rng.normal(slip.value, slip.standard_deviation)
@@ -197,7 +208,7 @@ class TestForces:
         load: float,
     ) -> None:
         def margin(pressure: float, angle: float, cohesion: float) -> float:
-            kind = Soil("any", 1.0, 1.0).with_parameters(math.log(pressure), n, 0.4)
+            kind = with_law(Soil("any", 1.0, 1.0), math.log(pressure), n, 0.4)
             strength = Strength(*(Quantity(v, 0.0) for v in (cohesion, angle, shear)))
             made = forces(
                 Quantity(load, 0.0),
@@ -289,7 +300,7 @@ class TestForces:
     def test_slopes_agree_with_differences_of_the_model(
         self, n: float, m: float, pressure: float, load: float, contact: str
     ) -> None:
-        kind = Soil("any", 1.0, 1.0).with_parameters(math.log(pressure), n, m)
+        kind = with_law(Soil("any", 1.0, 1.0), math.log(pressure), n, m)
         given = (
             replace(WHEEL, contact=contact),
             estimate(kind, (0.1, 0.1, 0.1)),

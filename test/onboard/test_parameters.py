@@ -1,30 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from dataclasses import fields
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 import yaml
 
 from docs.parameter_pages import reference, template
-from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.common.parameter import Parameter, out_of_range, parameters_of, settings_of
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.model.model_file import CalibratedModel, write_model
-from smallwheel_ros.onboard.parameter_files import read_parameters
 from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     problems,
-    read_models,
+    read_parameters,
     settings_from,
     unknown_parameters,
 )
-from smallwheel_ros.onboard.settings import DiggingInRules, SensorNoise, Timing
+from smallwheel_ros.onboard.settings import SensorNoise, Timing
 from smallwheel_ros.physics.soil import soil
 
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
@@ -48,30 +50,38 @@ class TestTable:
         names = [p.name for p in parameters_for(["a", "b"])]
         assert len(set(names)) == len(names)
 
-    @pytest.mark.parametrize(
-        ("group", "kind", "elsewhere"),
-        [
-            # Two of a fault's deviations are the same on every vehicle; load.source says whether loads
-            # are measured.
-            (
-                "estimator",
-                EstimatorSettings,
-                {"sinkage_std", "slip_sinkage_std", "pitch_std", "loads_measured"},
-            ),
-            ("noise", SensorNoise, set()),
-            ("timing", Timing, set()),
-            ("digging_in", DiggingInRules, set()),
-            ("cost", CostSettings, {"rules"}),
-            ("cost", CostRules, set()),
-        ],
-    )
-    def test_every_setting_has_its_parameter(
-        self, group: str, kind: type, elsewhere: set[str]
-    ) -> None:
-        names = {p.name for p in GENERAL}
-        for field in fields(kind):
-            if field.name not in elsewhere:
-                assert {f"{group}.{field.name}", field.name} & names
+    def test_parameters_of_a_group_stand_together(self) -> None:
+        groups = [p.name.split(".")[0] for p in parameters_for(["front"])]
+        begins = [g for i, g in enumerate(groups) if i == 0 or groups[i - 1] != g]
+        assert len(set(begins)) == len(begins)
+
+    def test_a_field_says_name_kind_and_choices(self) -> None:
+        @dataclass(frozen=True)
+        class Inner:
+            often: int = Parameter(3, "", 1, 9).means("How often.")
+
+        @dataclass(frozen=True)
+        class Outer:
+            width: float = Parameter(None, "m", 0.0, 2.0, required=True).means("How wide.")
+            names: Sequence[str] = Parameter(required=True).means("Of what.")
+            side: Literal["left", "right"] = Parameter("left").means("Which side.")
+            mass: float | None = Parameter(None, "kg", 0.0, 9.0, "body.mass").means("How heavy.")
+            inner: Inner = field(default_factory=Inner)
+            derived: float = 1.0
+
+        globals().update(Inner=Inner)  # where types of a class are looked up
+        found = {p.name: p for p in parameters_of(Outer, "rig.")}
+        assert list(found) == ["rig.width", "rig.names", "rig.side", "body.mass", "inner.often"]
+        kinds = ["double", "string_array", "string", "double", "integer"]
+        assert [p.kind for p in found.values()] == kinds
+        assert found["rig.side"].choices == ("left", "right")
+        assert [p.required for p in found.values()] == [True, True, False, False, False]
+        values = {"rig.width": 1.5, "rig.names": ["a"], "inner.often": 4}
+        made = settings_of(Outer, values, "rig.")
+        assert made == Outer(1.5, ["a"], "left", None, Inner(4))
+        assert out_of_range(made) == ""
+        wrong = out_of_range(replace(made, width=math.nan))
+        assert wrong == "width is nan, expected a double from 0 to 2 m"
 
 
 class TestSettings:
@@ -202,6 +212,7 @@ class TestSettings:
                 "front.joint is integer 5, expected a string: write '5' in quotes",
             ),
             ({"load_sign": 0}, "load_sign is 0, expected 1 or -1"),
+            ({"estimator.surprises_to_reopen": 10**400}, "expected an integer from 1 to 1000"),
             ({"load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
             ({"front.joint_sign": 0}, "front.joint_sign is 0, expected 1 or -1"),
             ({"maximum_speed": 0.0}, r"maximum_speed is 0\.0, expected a double from 0\.01"),
@@ -294,7 +305,7 @@ class TestModelFile:
         made = settings_from(self.given(model_file=str(path))).onboard
         assert made.prior.soil.name == "moist_earth"
 
-    def test_files_are_read_once(self, tmp_path: Path) -> None:
+    def test_an_effects_file_is_run_once(self, tmp_path: Path) -> None:
         model, effects, proof = (tmp_path / name for name in ("m.yaml", "e.py", "runs"))
         effects.write_text(
             "from smallwheel_ros.effects.slip import Exponential\n"
@@ -302,13 +313,8 @@ class TestModelFile:
             "from dataclasses import dataclass\n"
             "@dataclass(frozen=True)\nclass Mine(Exponential):\n    id = 'mine'\n"
         )
-        write_model(model, CalibratedModel(Model([soil("dry_sand"), soil("moist_earth")])))
-        values = self.given(model_file=str(model), effects_file=str(effects))
-        models = read_models(values)
-        model.unlink()
-        for name in ("dry_sand", "moist_earth"):
-            made = settings_from({**values, "soil.name": name}, models)
-            assert made.onboard.prior.soil.name == name
+        write_model(model, CalibratedModel(Model(soil("dry_sand"))))
+        settings_from(self.given(model_file=str(model), effects_file=str(effects)))
         assert proof.read_text() == "x"
 
     def test_closed_form_and_missing_covariates_are_refused(self, tmp_path: Path) -> None:

@@ -218,6 +218,23 @@ def test_a_slip_far_from_the_others_is_theirs_until_it_agrees_again() -> None:
     assert step.wheels["fl"].doubt == 0.0
 
 
+def test_an_axle_that_is_braked_is_no_broken_encoder() -> None:
+    """Both of its wheels slip alike: so it is, and nothing is doubted or changed."""
+    watch = MotionWatch(WHEELS)
+    front = {w.name for w in WHEELS if w.longitudinal_position > 0.0}
+    slips = {w.name: -0.2 if w.name in front else 0.4 for w in WHEELS}
+    for i in range(12):
+        found = compared(watch, slips, i)
+        assert {name: mean.slip.value for name, mean in found.wheels.items()} == slips
+        assert all(mean.doubt == 0.0 for mean in found.wheels.values())
+    assert watch.findings == ()
+    alone = {**slips, min(front): 0.4 - 0.6}
+    alone[max(front)] = 0.4
+    for i in range(12, 24):
+        found = compared(watch, alone, i)
+    assert min(front) in "".join(watch.findings)
+
+
 def test_odometry_that_repeats_is_said_until_it_changes() -> None:
     watch = MotionWatch(WHEELS)
     for one in drive(1.0):

@@ -24,8 +24,7 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.map_file import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.feed import angles_of
-from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.replay.drive_data import read_courses, with_gaps
 from smallwheel_ros.replay.inputs import read_remaps

@@ -14,8 +14,7 @@ from readings import Given as Onboard
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
-from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.replay.trial import Trial, TrialError, TrialSettings, read_trial, write_trial
 
 START = 1_700_000_000 * 10**9

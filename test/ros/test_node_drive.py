@@ -22,8 +22,7 @@ from readings import Given as Onboard
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.onboard.parameter_files import read_parameters
-from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.ros.node_process import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive

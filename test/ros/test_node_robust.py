@@ -239,20 +239,17 @@ def test_no_saved_soil_stops_the_start(
 ) -> None:
     """What the node does then is in test_node_saved_soil.py."""
     from smallwheel_ros.onboard.onboard import Onboard
-    from smallwheel_ros.onboard.parameter_files import read_parameters
-    from smallwheel_ros.onboard.parameters import settings_from
+    from smallwheel_ros.onboard.parameters import read_parameters, settings_from
     from smallwheel_ros.ros.soil_file import SoilFile
 
-    file, draft = tmp_path / "soil.json", tmp_path / ".soil.json.abcd1234"
+    file = tmp_path / "soil.json"
     if content is None:
         os.mkfifo(file)
     else:
         file.write_text(content)
-    draft.write_text("")
     soil_file = SoilFile(str(file))
     assert soil_file.restore(Onboard(settings_from(read_parameters(one_wheel)).onboard)) == ""
     assert soil_file.problem.startswith(f"the saved soil is not used: {file}")
-    assert not draft.exists()
 
 
 def saving(peer: Peer) -> str:
@@ -293,7 +290,7 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
 
-    from smallwheel_ros.onboard.parameter_files import read_parameters
+    from smallwheel_ros.onboard.parameters import read_parameters
     from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.inputs import Inputs
     from smallwheel_ros.ros.mobility_estimator import MobilityEstimator

@@ -114,5 +114,13 @@ def test_digging_in_is_an_alarm_and_lethal_on_the_map(
         peer.spin_until(lambda: max(grids[-1].data) == 99, "ground that it may still leave")
         peer.drive(1.65, 4.0, slip=0.1, step=0.01, period=0.025)
         peer.spin_until(lambda: max(grids[-1].data) == 100, "lethal ground behind it")
+        peer.spin_until(lambda: peer.entry("alarms").message == "none", "the alarms end")
         assert node.death() is None
-    assert "Traceback" not in log.read_text()
+    said = log.read_text()
+    assert "Traceback" not in said
+    # Each alarm once when it begins and once when it ends, whatever its numbers are meanwhile.
+    for level, words in (("ERROR", "digging in"), ("WARN", "may get stuck")):
+        began = [line for line in said.splitlines() if words in line and "no longer" not in line]
+        ended = [line for line in said.splitlines() if words in line and "no longer" in line]
+        assert len(began) == len(ended) == 1, said
+        assert level in began[0]

@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Certifies fits of k, n, m: the estimate of the likelihood with variance components, at its exact maximum.
+
+    y = f(theta) + e,  e ~ N(0, V),  theta ~ N(c, P^-1),  ln phi_k ~ N(ln median_k, 0.7^2)
+
+    V_ij = (0.001 L_i)^2 (i = j)
+         + tau^2 j_i j_j + own^2 L_i L_j + zero^2 med(L)^2      within a run (own, zero: and channel)
+         + along^2 L_i L_j exp(-|path_i - path_j| / l)          within a run that is a curve
+         + 0.05^2 L_i L_j [(1 + b) exp(-|ln L_i - ln L_j|) + b] all curves; b = 1 within one body, else 0
+
+with L = |f|, at least 0.05 of its median by channel, j = df/d ln k, l the best of 0.1, 0.25, 0.6 of a
+curve. theta and phi solve together, at the estimate itself (`equations`):
+
+    J' V^-1 (y - f) = P (theta - c)                                          V held
+    -1/2 tr(S^-1 dS/d ln phi) + 1/2 e' S^-1 dS/d ln phi S^-1 e = (ln phi - ln median) / 0.49
+    S = V + J P^-1 J',  e = y - f + J (theta - c)                            J held
+
+Matrices are whole and solved by elimination, derivatives exact, the equations solved by Newton's method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import mpmath
+from mpmath import mp
+from precise import Number
+
+Vector = list[Number]
+Matrix = mpmath.matrix
+# Predictions and their slopes by parameter, shape (values, parameters).
+Law = Callable[[Vector], tuple[Vector, list[Vector]]]
+
+SPREAD = mp.mpf("0.7")
+LENGTHS = [mp.mpf(v) for v in ("0.1", "0.25", "0.6")]
+MEDIANS = {"tau": "0.05", "own": "0.03", "zero": "0.01", "along": "0.03"}
+SHAPE, RESOLUTION, FLOOR = mp.mpf("0.05"), mp.mpf("0.001"), mp.mpf("0.05")
+STEPS, LEAST_STEP = 60, 0.01  # of Newton's method
+ROOM = 15  # digits that sums and quadrature may lose: at 50, 35 are left, of which 30 are shown
+
+
+@dataclass(frozen=True)
+class Data:
+    """What was measured: values, and of each its run, channel, body and place along a curve."""
+
+    value: Vector
+    run: Sequence[str]
+    channel: Sequence[str]
+    body: Sequence[str]
+    path: Vector
+    curves: bool
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Of theta: mean c and covariance P^-1. stiffness: d ln k of each parameter (1 for ln p_ref)."""
+
+    mean: Vector
+    covariance: Matrix
+    stiffness: Vector
+
+    @property
+    def precision(self) -> Matrix:
+        """P."""
+        return self.covariance**-1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What was found. names, log_deviation: of the components; level: L.
+
+    residual: standard deviation of y - f.
+    """
+
+    theta: Vector
+    covariance: Matrix
+    names: Sequence[str]
+    log_deviation: Vector
+    length: Number
+    level: Vector
+    residual: Number
+
+
+def levels(data: Data, predicted: Vector) -> Vector:
+    """L."""
+    found = [abs(f) for f in predicted]
+    for channel in set(data.channel):
+        mine = [i for i in range(len(data)) if data.channel[i] == channel]
+        least = FLOOR * median([found[i] for i in mine])
+        for i in mine:
+            found[i] = max(found[i], least)
+    return found
+
+
+def median(values: Vector) -> Number:
+    """The middle one, or the mean of the two in the middle."""
+    ordered, half = sorted(values), len(values) // 2
+    return ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2
+
+
+@dataclass(frozen=True)
+class Components:
+    """The parts of V: base + sum of phi_k^2 kernel_k."""
+
+    names: Sequence[str]
+    medians: Vector
+    base: Matrix
+    kernels: Sequence[Matrix]
+
+    @classmethod
+    def of(cls, data: Data, level: Vector, stiff: Vector, length: Number) -> Components:
+        """For these levels, stiffnesses j and length of correlation."""
+        size, channels = len(data), list(dict.fromkeys(data.channel))
+        middle = {
+            c: median([level[i] for i in range(size) if data.channel[i] == c]) for c in channels
+        }
+        many = len(set(data.body)) > 1
+
+        def matrix(element: Callable[[int, int], Number]) -> Matrix:
+            found = mp.matrix(size)
+            for i in range(size):
+                for j in range(i + 1):
+                    found[i, j] = found[j, i] = element(i, j)
+            return found
+
+        def base(i: int, j: int) -> Number:
+            alone = (RESOLUTION * level[i]) ** 2 if i == j else mp.mpf(0)
+            if not data.curves:
+                return alone
+            same = 1 if data.body[i] == data.body[j] else 0
+            near = mp.exp(-abs(mp.log(level[i] / level[j])))
+            shape = (1 + same) * near + (same if many else 0)
+            return alone + SHAPE**2 * level[i] * level[j] * shape
+
+        def run(i: int, j: int) -> bool:
+            return data.run[i] == data.run[j]
+
+        def own(i: int, j: int, channel: str) -> bool:
+            return run(i, j) and data.channel[i] == data.channel[j] == channel
+
+        parts = {"tau": matrix(lambda i, j: stiff[i] * stiff[j] * run(i, j))}
+        for c in channels:
+            parts[f"own:{c}"] = matrix(lambda i, j, c=c: level[i] * level[j] * own(i, j, c))
+            parts[f"zero:{c}"] = matrix(lambda i, j, c=c: middle[c] ** 2 * own(i, j, c))
+        if data.curves:
+            parts["along"] = matrix(
+                lambda i, j: level[i] * level[j] * run(i, j)
+                * mp.exp(-abs(data.path[i] - data.path[j]) / length)
+            )  # fmt: skip
+        medians = [mp.log(mp.mpf(MEDIANS[name.partition(":")[0]])) for name in parts]
+        return cls(tuple(parts), medians, matrix(base), tuple(parts.values()))
+
+    def total(self, log_deviation: Vector) -> Matrix:
+        """V."""
+        found = self.base.copy()
+        for ln, kernel in zip(log_deviation, self.kernels, strict=True):
+            found += mp.exp(2 * ln) * kernel
+        return found
+
+    def slopes(self, log_deviation: Vector) -> list[Matrix]:
+        """dV/d ln phi."""
+        pairs = zip(log_deviation, self.kernels, strict=True)
+        return [2 * mp.exp(2 * ln) * kernel for ln, kernel in pairs]
+
+
+def trace(a: Matrix, b: Matrix) -> Number:
+    """Trace of a b', b symmetric."""
+    return mp.fsum(a[i, j] * b[i, j] for i in range(a.rows) for j in range(a.cols))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data, law and prior. held: components and L that another fit found, and which stay as they are."""
+
+    data: Data
+    law: Law
+    prior: Prior
+    length: Number = LENGTHS[1]
+    held: Estimate | None = None
+
+    def at(self, theta: Vector) -> tuple[Matrix, Matrix, Components]:
+        """J, y - f and the components there."""
+        predicted, slopes = self.law(theta)
+        level = self.held.level if self.held else levels(self.data, predicted)
+        length = self.held.length if self.held else self.length
+        stiff = [mp.fdot(row, self.prior.stiffness) for row in slopes]
+        left = mp.matrix([y - f for y, f in zip(self.data.value, predicted, strict=True)])
+        return mp.matrix(slopes), left, Components.of(self.data, level, stiff, length)
+
+    def spread(
+        self, jacobian: Matrix, theta: Vector, left: Matrix, v: Matrix
+    ) -> tuple[Matrix, Matrix]:
+        """S and e."""
+        away = mp.matrix([t - c for t, c in zip(theta, self.prior.mean, strict=True)])
+        return v + jacobian * self.prior.covariance * jacobian.T, left + jacobian * away
+
+    def equations(self, unknown: Vector) -> Vector:
+        """The stationary equations of the head, of theta and then of ln phi, each 0 at the estimate."""
+        size = len(self.prior.mean)
+        theta, free = list(unknown[:size]), list(unknown[size:])
+        jacobian, left, parts = self.at(theta)
+        logs = list(self.held.log_deviation) if self.held else free
+        v = parts.total(logs)
+        away = mp.matrix([t - c for t, c in zip(theta, self.prior.mean, strict=True)])
+        pull = jacobian.T * mp.lu_solve(v, left) - self.prior.precision * away
+        found = list(pull)
+        if self.held:
+            return found
+        s, e = self.spread(jacobian, theta, left, v)
+        inverse = s**-1
+        white = inverse * e
+        for ln, middle, slope in zip(logs, parts.medians, parts.slopes(logs), strict=True):
+            gain = -trace(inverse, slope) / 2 + (white.T * slope * white)[0] / 2
+            found.append(gain - (ln - middle) / SPREAD**2)
+        return found
+
+    def likelihood(self, unknown: Vector) -> Number:
+        """Restricted likelihood of phi, with its prior, less constants."""
+        size = len(self.prior.mean)
+        jacobian, left, parts = self.at(list(unknown[:size]))
+        logs = list(unknown[size:])
+        s, e = self.spread(jacobian, list(unknown[:size]), left, parts.total(logs))
+        away = mp.fsum(
+            (((ln - m) / SPREAD) ** 2) for ln, m in zip(logs, parts.medians, strict=True)
+        )
+        return -(mp.log(mp.det(s)) + (e.T * mp.lu_solve(s, e))[0] + away) / 2
+
+    def covariance(self, theta: Vector, logs: Vector) -> Matrix:
+        """(J' V^-1 J + P)^-1, mean over ln phi at logs +- sqrt(q) times the columns of a root.
+
+        The root is Cholesky's of the inverse of the average information of ln phi (its prior's included).
+        """
+        jacobian, left, parts = self.at(theta)
+        s, e = self.spread(jacobian, theta, left, parts.total(logs))
+        inverse = s**-1
+        moved = [slope * inverse * e for slope in parts.slopes(logs)]
+        size = len(logs)
+        information = mp.eye(size) / SPREAD**2
+        for a in range(size):
+            for b in range(size):
+                information[a, b] += (moved[a].T * inverse * moved[b])[0] / 2
+        root = mp.cholesky(information**-1)
+        total = mp.zeros(len(theta))
+        for column in range(size):
+            for sign in (1, -1):
+                there = [ln + sign * mp.sqrt(size) * root[i, column] for i, ln in enumerate(logs)]
+                weighted = jacobian.T * mp.lu_solve_mat(parts.total(there), jacobian)
+                total += (weighted + self.prior.precision) ** -1 / (2 * size)
+        return total
+
+    def solved(self, theta: Vector) -> Estimate:
+        """The estimate, from a start near it."""
+        if self.held:
+            unknown = newton(self.equations, theta)
+            logs = list(self.held.log_deviation)
+            return self._estimate(unknown, logs)
+        best: tuple[Number, Problem, Vector] | None = None
+        for length in LENGTHS if self.data.curves else LENGTHS[1:2]:
+            here = replace(self, length=length)
+            start = [*theta, *here.at(theta)[2].medians]
+            with mp.workdps(20):
+                unknown = newton(here.equations, start)
+                value = here.likelihood(unknown)
+            if best is None or value > best[0]:
+                best = value, here, unknown
+        assert best is not None
+        unknown = newton(best[1].equations, best[2])
+        size = len(theta)
+        return best[1]._estimate(unknown[:size], unknown[size:])
+
+    def _estimate(self, theta: Vector, logs: Vector) -> Estimate:
+        _, left, parts = self.at(theta)
+        predicted = self.law(theta)[0]
+        level = self.held.level if self.held else levels(self.data, predicted)
+        free = len(self.data) - len(theta)
+        residual = mp.sqrt(mp.fsum(r**2 for r in left) / free)
+        return Estimate(theta, self.covariance(theta, logs), parts.names, logs,
+                        self.held.length if self.held else self.length, level, residual)  # fmt: skip
+
+
+def newton(equations: Callable[[Vector], Vector], start: Vector) -> Vector:
+    """Newton's method with central differences, and half a step where a whole one does not help."""
+    x, f = list(start), equations(start)
+    for _ in range(STEPS):
+        columns = []
+        step = mp.mpf(10) ** (-mp.dps // 3)
+        for i in range(len(x)):
+            ends = [equations([v + s * step * (i == j) for j, v in enumerate(x)]) for s in (1, -1)]
+            columns.append([(a - b) / (2 * step) for a, b in zip(*ends, strict=True)])
+        move = mp.lu_solve(mp.matrix(columns).T, mp.matrix(f))
+        share = mp.mpf(1)
+        while True:
+            tried = [v - share * d for v, d in zip(x, move, strict=True)]
+            try:
+                reached = equations(tried)
+                if norm(reached) < norm(f) or share < LEAST_STEP:
+                    break
+            except ArithmeticError:  # out of the law's domain
+                pass
+            share /= 2
+        x, f = tried, reached
+        if max(abs(d) for d in move) < mp.mpf(10) ** (ROOM - mp.dps):
+            return x
+    raise ArithmeticError("Newton's method did not come to rest")
+
+
+def norm(values: Vector) -> Number:
+    """Sum of squares."""
+    return mp.fsum(v**2 for v in values)
+
+
+def deviation(slopes: Vector, covariance: Matrix) -> Number:
+    """Standard deviation of a number with these slopes by theta, to first order (delta method)."""
+    g = mp.matrix(slopes)
+    return mp.sqrt((g.T * covariance * g)[0])
