@@ -32,6 +32,7 @@ from smallwheel_ros.onboard.passes import PassCounter
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.slip_warning import SlipWarning
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import STALE, StuckWarning
 from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth
@@ -90,6 +91,7 @@ class Assessor:
         self._odometry: OdometryWatch | None = None
         if settings.without_soil_sensors:
             self._odometry = OdometryWatch(rolling, settings.standstill_speed)
+            self._slips = SlipWarning(len(rolling), settings.reference_slip)
         self._passes = PassCounter(settings.wheels)
         # m, paths of the wheels at the newest look at an innovation.
         self._looked: dict[str, float] = {}
@@ -186,6 +188,8 @@ class Assessor:
         if step is not None:
             self._know_margin(instant.wheel.name, instant.stamp)
             self.stuck.take(step, instant, self.settings.reference_slip)
+        if self._odometry is not None:
+            self.stuck.warning = self._slips.add(instant, self.stuck.risk)
         return self._result(instant, load, update, digging) if due else None
 
     def _is_due(self, instant: Instant) -> bool:
