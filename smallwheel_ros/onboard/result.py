@@ -98,6 +98,11 @@ class Result:
         """Name of the wheel."""
         return self.instant.wheel.name
 
+    @property
+    def travel(self) -> float:
+        """Way of the vehicle (m) up to what the soil rests on; where that is nothing, up to here."""
+        return self.soil.distance if self.soil.accepted else self.instant.distance
+
 
 def mobility_fields(result: Result) -> dict[str, Any]:
     """Return all fields of MobilityEstimate.msg but its header.
