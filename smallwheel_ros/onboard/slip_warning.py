@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The warning before a vehicle gets stuck, by slip as odometry and wheel speeds alone show it.
 
-A straight line through the slip of the middle wheel over 1.5 s, weighted by the deviations of the readings,
-gives the slip now, its trend, and by both the slip when a driver who is warned now has stopped: 3 s or half a
-metre on, whichever is later. It is warned where, surely,
+A straight line through the slip of the middle wheel over 1.5 s, or half a metre of the rims where that is
+longer, weighted by the deviations of the readings, gives the slip now, its trend, and by both the slip when a
+driver who is warned now has stopped: 3 s or half a metre on, whichever is later. It is
+warned where, surely,
 
     slip is over 0.3: from there on the net traction of small wheels hardly rises;
     slip is over 0.2 and rises, and will be over the reference slip by then;
 
 or slip is over 0.2 and the risk over 0.8 (see `stuck_warning`). Surely: by 1.5 deviations of the line, which
-leave one reading in fifteen; errors of an odometry are alike over 0.3 s (`path_steps`). By steps of the path,
-as where sinkage is measured, the same drives were warned of as early with twice the false warnings, since a
-step takes long where wheels slip, and does not know how sure its slip is. Who gains speed slips because of
-that, and who turns on the spot gets nowhere: neither is warned.
+leave one reading in fifteen; errors of an odometry are alike over 0.3 s (`path_steps`). Steps of the path, by
+which it goes where sinkage is measured, take long where wheels slip. Who gains speed slips because of that, and
+who turns on the spot gets nowhere: neither is warned.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class SlipWarning:
         if newest is not None and (newest[2] * rim < 0.0 or time - newest[0] > _SHORTEST):
             self._readings.clear()
         self._readings.append((time, slips[(len(slips) - 1) // 2], rim))
-        while time - self._readings[0][0] > _WINDOW:
+        window = min(max(_WINDOW, _WAY / max(abs(rim), 1e-3)), _LONGEST)
+        while time - self._readings[0][0] > window:
             self._readings.popleft()
 
     def _words(self, risk: float | None) -> str:
