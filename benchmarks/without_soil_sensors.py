@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 
 SETTLE = 2.0  # m, before which nothing is scored
 THRESHOLDS = (0.2, 0.3, 0.4, 0.5, 0.6)
+TRUE = (0.2, 0.25, 0.3)  # of thresholds on a slip that is known without error
 METRES, SECONDS = 0.5, 3.0  # ahead of being stuck that is in time
 _PAUSE = 1.0  # s without a warning between two of them
 _HARMLESS = 0.3  # slip under which a warning was a false one
@@ -148,13 +149,26 @@ def run(drive: SlipDrive, seed: int = 0) -> tuple[Onboard, SlipScore]:
                 score.words[words] = at
         if math.isnan(score.said) and any("shows no slip" in words for words in onboard.findings):
             score.said = at
-    for name, series in warned.items():
+    for name, series in (*warned.items(), *_by_true_slip(drive).items()):
         _score_warnings(drive, name, series, score)
     return onboard, score
 
 
 def _detectors() -> tuple[str, ...]:
     return OURS, *(f"slip over {threshold}" for threshold in THRESHOLDS)
+
+
+def _by_true_slip(drive: SlipDrive) -> dict[str, list[tuple[float, bool]]]:
+    """What thresholds would say if somebody knew the slip without any error."""
+    middle = np.nanmedian(np.nan_to_num(drive.slip), axis=1)
+    times = np.arange(0.0, drive.time[-1], 0.1)
+    slip = np.interp(times, drive.time, middle)
+    return {
+        f"true slip over {threshold}": [
+            (float(t), bool(s > threshold)) for t, s in zip(times, slip, strict=True)
+        ]
+        for threshold in TRUE
+    }
 
 
 def _path(drive: SlipDrive, time: float) -> float:
@@ -294,7 +308,7 @@ def summary(scores: Sequence[SlipScore]) -> list[str]:
     ]
     lines += [
         f"| {n} | {in_time(other, n)} | {false(other, n, 500.0)} | {false(quiet, n, 1000.0)} |"
-        for n in _detectors()
+        for n in (*_detectors(), *(f"true slip over {threshold}" for threshold in TRUE))
     ]
     return lines
 
