@@ -25,7 +25,7 @@ class Rover:
     ahead: float = 0.02
 
 
-def _axle(name: str, x: float, half_track: float, diameter: float, width: float) -> list[Wheel]:
+def axle(name: str, x: float, half_track: float, diameter: float, width: float) -> list[Wheel]:
     return [
         Wheel(
             f"{name}_{side}",
@@ -40,26 +40,26 @@ def _axle(name: str, x: float, half_track: float, diameter: float, width: float)
 
 ROVERS = {
     "equal": Rover(
-        (*_axle("front", 0.35, 0.28, 0.25, 0.10), *_axle("rear", -0.35, 0.28, 0.25, 0.10)),
+        (*axle("front", 0.35, 0.28, 0.25, 0.10), *axle("rear", -0.35, 0.28, 0.25, 0.10)),
         23.6,
         0.30,
     ),
     "two sizes": Rover(
-        (*_axle("front", 0.35, 0.28, 0.25, 0.10), *_axle("rear", -0.35, 0.42, 0.40, 0.12)),
+        (*axle("front", 0.35, 0.28, 0.25, 0.10), *axle("rear", -0.35, 0.42, 0.40, 0.12)),
         30.0,
         0.35,
     ),
     "six": Rover(
         (
-            *_axle("front", 0.45, 0.30, 0.22, 0.09),
-            *_axle("middle", 0.0, 0.30, 0.22, 0.09),
-            *_axle("rear", -0.45, 0.30, 0.22, 0.09),
+            *axle("front", 0.45, 0.30, 0.22, 0.09),
+            *axle("middle", 0.0, 0.30, 0.22, 0.09),
+            *axle("rear", -0.45, 0.30, 0.22, 0.09),
         ),
         26.0,
         0.28,
     ),
     "long": Rover(
-        (*_axle("front", 0.60, 0.35, 0.40, 0.15), *_axle("rear", -0.50, 0.35, 0.40, 0.15)),
+        (*axle("front", 0.60, 0.35, 0.40, 0.15), *axle("rear", -0.50, 0.35, 0.40, 0.15)),
         80.0,
         0.45,
         0.05,

@@ -27,10 +27,12 @@ from smallwheel_ros.onboard.level import Level
 from smallwheel_ros.onboard.load_watch import LoadWatch
 from smallwheel_ros.onboard.mobility import WheelForces, wheel_forces, wheel_margin
 from smallwheel_ros.onboard.motion_watch import MotionWatch
+from smallwheel_ros.onboard.odometry_watch import OdometryWatch
 from smallwheel_ros.onboard.passes import PassCounter
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.slip_warning import SlipWarning
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import STALE, StuckWarning
 from smallwheel_ros.onboard.watches import DiggingInAlarm, FilterHealth
@@ -85,6 +87,11 @@ class Assessor:
         self.stuck = StuckWarning(len(rolling))
         self.health = FilterHealth()
         self._motion = MotionWatch(rolling)
+        self._law_unknown = settings.law_unknown
+        self._odometry: OdometryWatch | None = None
+        if settings.without_soil_sensors:
+            self._odometry = OdometryWatch(rolling, settings.standstill_speed)
+            self._slips = SlipWarning(len(rolling), settings.reference_slip)
         self._passes = PassCounter(settings.wheels)
         # m, paths of the wheels at the newest look at an innovation.
         self._looked: dict[str, float] = {}
@@ -135,7 +142,8 @@ class Assessor:
     def findings(self) -> tuple[str, ...]:
         """What seems wrong with sensors, joints or wheels, in words."""
         watches = self.problems, self._motion, self._loads, self._level, self.estimator
-        return tuple(words for watch in watches for words in watch.findings)
+        found = tuple(words for watch in watches for words in watch.findings)
+        return found if self._odometry is None else (*self._odometry.findings, *found)
 
     @property
     def concern(self) -> str:
@@ -158,6 +166,10 @@ class Assessor:
 
     def assess(self, instant: Instant) -> Result | None:
         """Use an instant for soil, strength and warnings; return the wheel's mobility where it is due."""
+        if self._odometry is not None:
+            instant = self._odometry.add(instant)
+            if not self._odometry.shows_slip:
+                self.stuck.reset()
         self.latest = instant = self._way(self._motion.add(instant))
         due = self._is_due(instant)
         update = self._update(instant, due)
@@ -176,6 +188,8 @@ class Assessor:
         if step is not None:
             self._know_margin(instant.wheel.name, instant.stamp)
             self.stuck.take(step, instant, self.settings.reference_slip)
+        if self._odometry is not None:
+            self.stuck.warning = self._slips.add(instant, self.stuck.risk)
         return self._result(instant, load, update, digging) if due else None
 
     def _is_due(self, instant: Instant) -> bool:
@@ -219,7 +233,7 @@ class Assessor:
             instant=instant,
             status=max((status for status, _ in conditions), default=Status.OK),
             status_text="; ".join(words),
-            sinkage_predicted=predicted,
+            sinkage_predicted=None if self._law_unknown else predicted,
             forces=forces,
             digging_in=digging,
             risk=self.stuck.risk,
@@ -449,11 +463,15 @@ class Assessor:
         """All conditions that apply, in words."""
         found: list[tuple[Status, str]] = []
         if soil.accepted == 0:
-            name = self.settings.prior.soil.name
-            found.append((Status.PRIOR_ONLY, f"soil not measured yet: {name} as configured"))
+            words = f"soil not measured yet: {self.settings.prior.soil.name} as configured"
+            if self._law_unknown:
+                words = "nobody measures sinkage or names the soil: sinkage and resistance unknown"
+            found.append((Status.PRIOR_ONLY, words))
         if instant.slip is None and instant.wheel.contact == ROLLING:
             why = "no odometry or wheel speed near this instant"
-            if self.settings.velocity == "none":
+            if self._odometry is not None and not self._odometry.shows_slip:
+                why = "odometry shows none: it agrees with the wheels wherever they are"
+            elif self.settings.velocity == "none":
                 why = "odometry comes from the wheels, and there is no velocity_topic"
             elif instant.speed is not None and abs(instant.speed) <= _SLOW:
                 why = "the wheel stands"

@@ -63,7 +63,8 @@ class Result:
         All conditions that apply, in words.
     sinkage_predicted, forces
         Of the soil as estimated before this sinkage was used, and after; None where load is missing
-        or the wheel is sunk to its axle.
+        or the wheel is sunk to its axle. The former, and resistances, are also unknown where nobody
+        measures sinkage nor has named the soil.
     digging_in
         Slip and sinkage grow while the wheel travels slower and slower.
     risk
@@ -97,6 +98,11 @@ class Result:
         """Name of the wheel."""
         return self.instant.wheel.name
 
+    @property
+    def travel(self) -> float:
+        """Way of the vehicle (m) up to what the soil rests on; where that is nothing, up to here."""
+        return self.soil.distance if self.soil.accepted else self.instant.distance
+
 
 def mobility_fields(result: Result) -> dict[str, Any]:
     """Return all fields of MobilityEstimate.msg but its header.
@@ -112,6 +118,8 @@ def mobility_fields(result: Result) -> dict[str, Any]:
         "mobility_margin": None if forces is None else forces.margin,
         **{name: getattr(forces, name, None) for name in _OF_FORCES},
     }
+    if result.sinkage_predicted is None:
+        quantities |= dict.fromkeys(VALID["prediction_valid"])
     positive = None if forces is None else forces.probability_drawbar_pull_positive
     fields: dict[str, Any] = {
         "status": int(result.status),

@@ -124,6 +124,8 @@ class OnboardSettings:
         m, of the centre of gravity above ground, for static loads.
     mobility_rate
         Hz, estimates of each wheel at most; 0: one for each measured sinkage.
+    soil_told
+        Whether the user has said which soil it is; else it is any.
     """
 
     wheels: tuple[Wheel, ...]
@@ -147,6 +149,17 @@ class OnboardSettings:
     mass: float = 0.0
     gravity_height: float = 0.0
     mobility_rate: float = 10.0
+    soil_told: bool = True
+
+    @property
+    def without_soil_sensors(self) -> bool:
+        """Whether nobody measures the sinkage of any wheel."""
+        return len(self.without_sinkage) == len(self.wheels)
+
+    @property
+    def law_unknown(self) -> bool:
+        """Whether nobody will ever know how deep a wheel sinks into this soil."""
+        return self.without_soil_sensors and not self.soil_told
 
     @property
     def streams(self) -> tuple[str, ...]:

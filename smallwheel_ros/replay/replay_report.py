@@ -122,6 +122,9 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
     headline += f", and a wheel began to dig in {_times(digging)}." if digging else "."
     if soil["changes"] == 0 and not digging:
         headline = "One soil throughout, and no wheel dug itself in."
+    if not any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+        warned = sum(event["kind"] == "stuck" for event in summary["events"])
+        headline = f"No sinkage was used: the soil's law is unknown. Getting stuck: warned {_times(warned)}."
     blocks.append(Callout(headline, lines, "warning" if digging else "result"))
     alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
     if alarms:

@@ -85,7 +85,7 @@ class DriveSummary:
         measured, predicted = instant.sinkage, result.sinkage_predicted
         loaded = instant.load is not None
         used = measured is not None and loaded and result.status is not Status.REJECTED
-        self.travel = max(self.travel, result.soil.distance)
+        self.travel = max(self.travel, result.travel)
         self.statuses[result.status.name] += 1
         counts = self.wheels[result.wheel]
         counts["estimates"] += 1
@@ -133,7 +133,7 @@ class DriveSummary:
             before = self._said.get(statement.about, -math.inf)
             self._said[statement.about] = time
             if time - before > _PAUSE:
-                way, place = result.soil.distance, result.instant.vehicle
+                way, place = result.travel, result.instant.vehicle
                 self._event(time, way, statement.kind, statement.text, place)
 
     def _note_change(self) -> None:

@@ -317,12 +317,16 @@ class TestLoads:
         assert guessed > 1.4 * spread()
 
     def test_without_sinkage_and_load_sensors_odometry_gives_the_times(self) -> None:
-        feed = make(**{"load.source": "static", "load.mass": 6.0, "front.sinkage_topic": ""})
-        results: list[Result] = []
-        for i in range(100):
-            results += topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
-        assert len(results) == pytest.approx(20, abs=3)
-        assert all(r.sinkage_predicted is not None for r in results)
+        without = {"load.source": "static", "load.mass": 6.0, "front.sinkage_topic": ""}
+        for told in ({}, {"soil.name": "dry_sand"}):
+            feed = make(**without, **told)
+            results: list[Result] = []
+            for i in range(100):
+                results += topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+            assert len(results) == pytest.approx(20, abs=3)
+            assert all(r.forces is not None for r in results)
+            # How deep it sinks into a soil that nobody has named nobody knows.
+            assert all((r.sinkage_predicted is not None) == bool(told) for r in results)
 
 
 class TestVelocity:

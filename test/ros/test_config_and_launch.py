@@ -27,7 +27,7 @@ OUTPUTS = {
     "/diagnostics": "",
 }
 INPUTS = {"/odom", "/terrain_classes"}
-LAUNCH_FILES = ["mobility_estimator", "nav2_cost", "replay"]
+LAUNCH_FILES = ["mobility_estimator", "nav2_cost", "replay", "without_soil_sensors"]
 
 
 def load(path: Path) -> Any:

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Slip, grip and warnings where nobody measures sinkage and load, beside thresholds on slip alone.
+
+    python benchmarks/without_soil_sensors.py --seeds 0:8 --jobs 1 --scores out/plain.jsonl
+    python benchmarks/without_soil_sensors.py --seeds 0:0 --scores out/plain.jsonl
+
+A drive of `slip_drives` goes message by message through the pipeline of the node, with the parameters that
+its user would give. The same messages go to thresholds on the middle wheel's slip, as a driver of its own
+would have them: over half a second, with no other knowledge.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import binomtest, chi2
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.field_drives import EPOCH
+from benchmarks.robot_rates import run_worlds
+from benchmarks.slip_drives import TICK, SlipDrive, make_drive
+from benchmarks.slip_worlds import WORLDS
+from smallwheel_ros.onboard.feed import Feed
+from smallwheel_ros.onboard.ground import vehicle_margin
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.result import Result
+
+Array = NDArray[np.float64]
+
+SETTLE = 2.0  # m, before which nothing is scored
+THRESHOLDS = (0.2, 0.3, 0.4, 0.5, 0.6)
+TRUE = (0.2, 0.25, 0.3)  # of thresholds on a slip that is known without error
+METRES, SECONDS = 0.5, 3.0  # ahead of being stuck that is in time
+_PAUSE = 1.0  # s without a warning between two of them
+_HARMLESS = 0.3  # slip under which a warning was a false one
+OURS = "this program"
+
+
+@dataclass
+class SlipScore:
+    """What came of a drive.
+
+    counts, inside, squares, variances: of each quantity, estimates, those with the truth in their 95 % band,
+    sums of squared errors and of what was stated. ahead: by detector, m and s from the last warning to where
+    it was stuck; empty where it was not. false: warnings that nothing came of, by detector. said: m after
+    which its odometry was said to show no slip, NaN: never. words: with the first place, m.
+    """
+
+    world: str
+    seed: int
+    length: float = 0.0
+    stuck: bool = False
+    counts: dict[str, int] = field(default_factory=dict)
+    inside: dict[str, int] = field(default_factory=dict)
+    squares: dict[str, float] = field(default_factory=dict)
+    variances: dict[str, float] = field(default_factory=dict)
+    ahead: dict[str, list[float]] = field(default_factory=dict)
+    false: dict[str, int] = field(default_factory=dict)
+    said: float = math.nan
+    words: dict[str, float] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For a file."""
+        return asdict(self)
+
+    def add(self, name: str, value: float, deviation: float, true: float) -> None:
+        """Count an estimate."""
+        off = value - true
+        for sums, more in (
+            (self.counts, 1),
+            (self.inside, int(abs(off) <= 1.96 * deviation)),
+            (self.squares, off * off),
+            (self.variances, deviation * deviation),
+        ):
+            sums[name] = sums.get(name, 0) + more  # type: ignore[operator]
+
+    def in_time(self, detector: str) -> bool:
+        """Whether it was warned of early enough."""
+        metres, seconds = self.ahead.get(detector, [0.0, 0.0])
+        return metres >= METRES or seconds >= SECONDS
+
+
+class _SlipAlone:
+    """Thresholds on the slip of the middle wheel, mean of half a second."""
+
+    def __init__(self, diameter: float) -> None:
+        self._radius = 0.5 * diameter
+        self._rims: list[float] = []
+        self._recent: deque[tuple[int, float]] = deque()
+        self.slip = 0.0
+
+    def handle(self, stamp: int, topic: str, message: Any) -> None:
+        """Take a message."""
+        if topic == "joint_states":
+            self._rims = [abs(speed) * self._radius for speed in message.velocity]
+        elif topic == "odom" and self._rims:
+            rim, speed = median(self._rims), abs(message.twist.twist.linear.x)
+            # Slower than this nobody trusts a slip; nor while it turns on the spot.
+            turning = abs(message.twist.twist.angular.z) * 0.3 > speed
+            slip = 1.0 - speed / rim if rim > 0.05 and not turning else 0.0
+            self._recent.append((stamp, slip))
+            while stamp - self._recent[0][0] > 500_000_000:
+                self._recent.popleft()
+            self.slip = sum(s for _, s in self._recent) / len(self._recent)
+
+
+def run(drive: SlipDrive, seed: int = 0) -> tuple[Onboard, SlipScore]:
+    """Drive through the pipeline, from messages on."""
+    settings = settings_from(drive.parameters)
+    onboard = Onboard(settings.onboard)
+    topics = {topic.name: topic for topic in Feed(onboard, settings).topics}
+    score = SlipScore(drive.world.name, seed, float(drive.path[-1]), drive.stuck is not None)
+    alone = _SlipAlone(drive.rover.wheels[0].diameter)
+    newest: dict[str, Result] = {}
+    warned: dict[str, list[tuple[float, bool]]] = {name: [] for name in _detectors()}
+    looked = 0
+    for stamp, topic, message in drive.messages:
+        alone.handle(stamp, topic, message)
+        for result in topics[topic].handle(message, None) if topic in topics else ():
+            newest[result.wheel] = result
+            _judge(drive, result, newest, score)
+        if stamp - looked < 100_000_000:
+            continue
+        looked, time = stamp, (stamp - EPOCH) / 1e9
+        at = _path(drive, time)
+        digging = any(result.digging_in for result in newest.values())
+        warning = onboard.stuck.warning or ("digs itself in" if digging else "")
+        warned[OURS].append((time, bool(warning)))
+        for threshold in THRESHOLDS:
+            warned[f"slip over {threshold}"].append((time, alone.slip > threshold))
+        for words in (warning, *onboard.findings):
+            plain = re.sub(r"[\d.]+", "#", words)
+            if words and plain not in {re.sub(r"[\d.]+", "#", known) for known in score.words}:
+                score.words[words] = at
+        if math.isnan(score.said) and any("shows no slip" in words for words in onboard.findings):
+            score.said = at
+    for name, series in (*warned.items(), *_by_true_slip(drive).items()):
+        _score_warnings(drive, name, series, score)
+    return onboard, score
+
+
+def _detectors() -> tuple[str, ...]:
+    return OURS, *(f"slip over {threshold}" for threshold in THRESHOLDS)
+
+
+def _by_true_slip(drive: SlipDrive) -> dict[str, list[tuple[float, bool]]]:
+    """What thresholds would say if somebody knew the slip without any error."""
+    middle = np.nanmedian(np.nan_to_num(drive.slip), axis=1)
+    times = np.arange(0.0, drive.time[-1], 0.1)
+    slip = np.interp(times, drive.time, middle)
+    return {
+        f"true slip over {threshold}": [
+            (float(t), bool(s > threshold)) for t, s in zip(times, slip, strict=True)
+        ]
+        for threshold in TRUE
+    }
+
+
+def _path(drive: SlipDrive, time: float) -> float:
+    return float(np.interp(time, drive.time, drive.path))
+
+
+def _judge(drive: SlipDrive, result: Result, newest: dict[str, Result], score: SlipScore) -> None:
+    """Compare with the truth of that instant."""
+    i = bisect_right(drive.time, (result.instant.stamp - EPOCH) / 1e9) - 1
+    j = [w.name for w in drive.rover.wheels].index(result.wheel)
+    slip, true = result.instant.slip, float(drive.slip[i, j])
+    if slip is not None and not math.isnan(true):
+        score.add("slip", slip.value, slip.standard_deviation, true)
+    if drive.path[i] < SETTLE:
+        return
+    margin = vehicle_margin(list(newest.values()))
+    if j == 0 and margin is not None:
+        score.add("margin", margin.value, margin.standard_deviation, float(drive.held[i]))
+    forces = [r.forces.thrust for r in newest.values() if r.forces and r.forces.thrust]
+    if j == 0 and len(forces) == len(drive.rover.wheels) and not math.isnan(true):
+        load = sum(r.instant.load.value for r in newest.values() if r.instant.load is not None)
+        value = sum(force.value for force in forces) / load
+        deviation = sum(force.standard_deviation for force in forces) / load
+        score.add("used grip", value, deviation, float(drive.used[i]))
+
+
+def _score_warnings(
+    drive: SlipDrive, name: str, series: Sequence[tuple[float, bool]], score: SlipScore
+) -> None:
+    """How far ahead the last warning began; and how many came to nothing."""
+    begin = math.inf
+    if drive.stuck is not None:
+        before = [(time, on) for time, on in series if time <= drive.stuck]
+        last = drive.stuck
+        for time, on in reversed(before):
+            if on:
+                begin = last = time
+            elif last - time > _PAUSE:
+                break
+        score.ahead[name] = [0.0, 0.0]
+        if begin < math.inf:
+            metres = _path(drive, drive.stuck) - _path(drive, begin)
+            score.ahead[name] = [metres, drive.stuck - begin]
+    turning = np.all(np.isnan(drive.slip), axis=1) | (np.abs(drive.speed) < 0.02)
+    middle = np.where(turning, 0.0, np.nanmedian(np.nan_to_num(drive.slip), axis=1))
+    slip = uniform_filter1d(middle, round(0.5 / TICK))
+    last, count = -math.inf, 0
+    for time, on in series:
+        if not on:
+            continue
+        at = _path(drive, time)
+        if time - last > _PAUSE and time < begin and at >= SETTLE:
+            near = (drive.path > at - 0.5) & (drive.path < at + 2.0)
+            count += drive.world.quiet or slip[near].max() < _HARMLESS
+        last = time
+    score.false[name] = int(count)
+
+
+def drive_and_score(task: tuple[str, int]) -> SlipScore:
+    """Make and run one drive."""
+    name, seed = task
+    return run(make_drive(WORLDS[name], seed), seed)[1]
+
+
+def band(scores: Sequence[SlipScore], name: str) -> str:
+    """Share inside the band, its 95 % interval by the bootstrap over drives, and stated over true error."""
+    pairs = np.array([(s.inside.get(name, 0), s.counts.get(name, 0)) for s in scores], dtype=float)
+    if not pairs[:, 1].sum():
+        return "unknown"
+    drawn = pairs[np.random.default_rng(1).integers(len(pairs), size=(1000, len(pairs)))].sum(
+        axis=1
+    )
+    drawn = drawn[drawn[:, 1] > 0]
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], (0.025, 0.975))
+    whole = pairs.sum(axis=0)
+    squares = sum(s.squares.get(name, 0.0) for s in scores)
+    wide = math.sqrt(sum(s.variances.get(name, 0.0) for s in scores) / max(squares, 1e-12))
+    off = math.sqrt(squares / whole[1])
+    return f"{whole[0] / whole[1]:.3f} ({low:.3f} to {high:.3f}; rms {off:.3f}, stated {wide:.1f} of it)"
+
+
+def in_time(scores: Sequence[SlipScore], name: str) -> str:
+    """How many of the drives that got stuck were warned of in time, with Wilson's 95 % interval."""
+    stuck = [score for score in scores if score.stuck]
+    if not stuck:
+        return "-"
+    good = sum(score.in_time(name) for score in stuck)
+    bounds = binomtest(good, len(stuck)).proportion_ci(method="wilson")
+    return f"{good} of {len(stuck)} ({100 * bounds.low:.0f} to {100 * bounds.high:.0f} %)"
+
+
+def false(scores: Sequence[SlipScore], name: str, per: float) -> str:
+    """Warnings that nothing came of, and by Poisson's law how many in so many metres."""
+    count, metres = sum(s.false[name] for s in scores), sum(s.length for s in scores)
+    if not metres:
+        return "-"
+    low = 0.5 * chi2.ppf(0.025, 2 * count) if count else 0.0
+    high = 0.5 * chi2.ppf(0.975, 2 * count + 2)
+    each = per / metres
+    return f"{count} in {metres:.0f} m: {count * each:.1f} ({low * each:.1f} to {high * each:.1f})"
+
+
+def table(scores: Sequence[SlipScore], worlds: Sequence[str]) -> list[str]:
+    """One line a world."""
+    lines = [
+        "| world | drives | slip in its band | margin | used grip | in time | false | shows no slip |",
+        "| --- " * 8 + "|",
+    ]
+    for world in worlds:
+        mine = [score for score in scores if score.world == world]
+        if mine:
+            said = sum(not math.isnan(s.said) for s in mine)
+            cells = [band(mine, n) for n in ("slip", "margin", "used grip")]
+            cells += [in_time(mine, OURS), str(sum(s.false[OURS] for s in mine)), str(said)]
+            lines.append(f"| {world} | {len(mine)} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def summary(scores: Sequence[SlipScore]) -> list[str]:
+    """The rates over all worlds, and of thresholds beside."""
+    knows = [s for s in scores if WORLDS[s.world].odometry == "own"]
+    made = [s for s in scores if WORLDS[s.world].odometry in ("wheels", "filter")]
+    quiet = [s for s in knows if WORLDS[s.world].quiet]
+    other = [s for s in knows if not WORLDS[s.world].quiet]
+    lines = [f"slip in its band: {band(knows, 'slip')}"]
+    for name, mine in (("made of wheels", made), ("of its own", knows)):
+        said = [s.said for s in mine if not math.isnan(s.said)]
+        if mine:
+            middle = f", after {median(said):.1f} m" if said else ""
+            lines.append(
+                f"odometry {name}: {len(said)} of {len(mine)} said to show no slip{middle}"
+            )
+    lines += [
+        "",
+        "| warned where | warned in time | false in 500 m, soil | in 1000 m, firm, on the spot, bumps |",
+        "| --- | --- | --- | --- |",
+    ]
+    lines += [
+        f"| {n} | {in_time(other, n)} | {false(other, n, 500.0)} | {false(quiet, n, 1000.0)} |"
+        for n in (*_detectors(), *(f"true slip over {threshold}" for threshold in TRUE))
+    ]
+    return lines
+
+
+def main() -> None:
+    """Run the worlds and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--words", action="store_true", help="what was said in each drive, too")
+    given, worlds, scores = run_worlds(parser, WORLDS, SlipScore, drive_and_score)
+    print("\n".join([*summary(scores), "", *table(scores, worlds)]))
+    if given.words:
+        for score in scores:
+            print(f"\n{score.world}, seed {score.seed}: {score.ahead.get(OURS)}, {score.false}")
+            for words, at in score.words.items():
+                print(f"  {at:6.1f}  {words}")
+
+
+if __name__ == "__main__":
+    main()

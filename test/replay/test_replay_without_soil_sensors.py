@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag of a vehicle that measures neither sinkage nor load: what the replay knows of it, and what not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.cli import main
+from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive_bag import write_drive_bag
+
+RADIUS = 0.125  # m, of the wheels of config/without_soil_sensors.yaml
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A drive without loads and sinkages, once as it is, once with odometry that is made of the wheels."""
+    folder = tmp_path_factory.mktemp("plain")
+    write_drive_bag(simulate_drive(DriveSettings(seed=3, distance=10.0)), folder / "whole")
+    found = {}
+    for name in ("own", "wheels"):
+        found[name] = folder / name
+        rims = 0.0
+        with BagReader(folder / "whole") as reader, BagWriter(found[name]) as writer:
+            for topic, kind, log_time, message in reader.messages():
+                if topic.endswith(("/load", "/sinkage")):
+                    continue
+                if topic == "/joint_states":
+                    rims = RADIUS * float(np.mean(message.velocity))
+                elif topic == "/odom" and name == "wheels":
+                    message.twist.twist.linear.x = rims
+                writer.write(topic, kind, log_time, message)
+    return found
+
+
+def replay(bag: Path, repository: Path, folder: Path) -> tuple[dict, pd.DataFrame]:
+    config = repository / "config" / "without_soil_sensors.yaml"
+    arguments = ["replay", str(bag), "--config", str(config), "-o", str(folder), "--copy", "none"]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, (done.output, done.exception)
+    return json.loads((folder / "replay.json").read_text()), pd.read_csv(folder / "estimates.csv")
+
+
+def test_slip_grip_and_risk_are_known_and_sinkage_is_not(
+    bags: dict[str, Path], repository: Path, tmp_path: Path
+) -> None:
+    _, table = replay(bags["own"], repository, tmp_path / "out")
+    rolls = table[table["slip"].notna()]
+    assert len(rolls) > 0.5 * len(table) > 100
+    assert (rolls["slip_standard_deviation"] > 0.0).all()
+    for name in ("thrust", "drawbar_pull", "mobility_margin", "load"):
+        assert rolls[name].notna().all(), name
+    assert rolls["risk_of_getting_stuck"].iloc[-20:].between(0.0, 1.0).all()
+    for name in ("sinkage_predicted", "compaction_resistance", "rolling_resistance_coefficient"):
+        assert table[name].isna().all(), name
+    assert table["status_text"].str.contains("sinkage and resistance unknown").all()
+    with BagReader(tmp_path / "out" / "bag") as reader:
+        messages = [m.message for m in reader.messages({"/mobility_estimator/mobility"})]
+    for message in messages:
+        assert not message.prediction_valid
+        assert message.sinkage_predicted == message.compaction_resistance == 0.0
+        assert message.sinkage_predicted_standard_deviation == 0.0
+        numbers = [v for v in vars(message).values() if isinstance(v, float)]
+        assert np.isfinite(numbers).all()
+    assert all(message.margin_valid for message in messages)
+    assert sum(message.traction_valid for message in messages) == len(rolls)
+
+
+def test_the_user_may_say_which_soil_it_is(
+    bags: dict[str, Path], repository: Path, tmp_path: Path
+) -> None:
+    text = (repository / "config" / "without_soil_sensors.yaml").read_text()
+    named = tmp_path / "named.yaml"
+    named.write_text(
+        text.replace("  ros__parameters:\n", "  ros__parameters:\n    soil.name: dry_sand\n")
+    )
+    arguments = ["replay", str(bags["own"]), "--config", str(named), "-o", str(tmp_path / "out")]
+    assert CliRunner().invoke(main, [*arguments, "--copy", "none"]).exit_code == 0
+    table = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    assert table["sinkage_predicted"].notna().all()
+    assert table["status_text"].str.contains("dry_sand as configured").all()
+
+
+def test_odometry_that_is_made_of_the_wheels_is_said(
+    bags: dict[str, Path], repository: Path, tmp_path: Path
+) -> None:
+    summary, table = replay(bags["wheels"], repository, tmp_path / "out")
+    said = [event["text"] for event in summary["events"]]
+    assert any("odometry shows no slip" in words for words in said), said
+    last = table.iloc[-1]
+    assert np.isnan(last["slip"])
+    assert np.isnan(last["risk_of_getting_stuck"])
+    assert np.isnan(last["thrust"])
+    assert "odometry shows none" in last["status_text"]
