@@ -183,7 +183,7 @@ class Estimate:
             x,
             y,
             instant.speed,
-            soil.distance,
+            result.travel,
             result.status.name,
             result.status_text,
             *[own[name] for name in _own_columns()],

@@ -58,6 +58,7 @@ def test_slip_grip_and_risk_are_known_and_sinkage_is_not(
     for name in ("thrust", "drawbar_pull", "mobility_margin", "load"):
         assert rolls[name].notna().all(), name
     assert rolls["risk_of_getting_stuck"].iloc[-20:].between(0.0, 1.0).all()
+    assert table["travel"].iloc[-1] == pytest.approx(10.0, abs=0.5)
     for name in ("sinkage_predicted", "compaction_resistance", "rolling_resistance_coefficient"):
         assert table[name].isna().all(), name
     assert table["status_text"].str.contains("sinkage and resistance unknown").all()
