@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from effect_forms import FORMS, ROLLING, named
 
 import smallwheel_ros.effects
 from smallwheel_ros.effects.base import STAGES, Effect, EffectError, WheelState
-from smallwheel_ros.effects.registry import covariate, effect, families
+from smallwheel_ros.effects.registry import effect, families
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
@@ -23,26 +24,7 @@ CONTRACT = {
     "sinkage_gain", "load_offset", "load_gain", "resistance_offset", "resistance_gain",
     "rig_friction", "slip_resistance",
 }  # fmt: skip
-FORMS = [form for forms in families().values() for form in forms] + list(covariate("temperature"))
 SAND = soil("dry_sand")
-# Every covariate that an effect reads, varied, so that no form is at its neutral point.
-ROLLING = Conditions.of(
-    load=[40.0, 60.0, 90.0],
-    diameter=[0.15, 0.2, 0.3],
-    width=[0.08, 0.1, 0.15],
-    slip=[-0.3, 0.2, 0.6],
-    speed=[0.02, 0.2, 0.4],
-    slip_angle=[0.2, -0.3, 0.5],
-    pass_number=[2, 3, 5],
-    grouser_height=[0.005, 0.01, 0.015],
-    moisture=[0.05, 0.12, 0.2],
-    temperature=[270.0, 290.0, 320.0],
-    slope=[-0.2, 0.1, 0.3],
-)
-
-
-def named(form: type[Effect]) -> str:
-    return f"{form.id}/{form.form}"
 
 
 def acting(form: type[Effect]) -> Effect:

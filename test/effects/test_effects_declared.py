@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effect_forms import FORMS, ROLLING, named
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
@@ -19,22 +20,7 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 
 SAND = soil("dry_sand")
-FORMS = [form for forms in families().values() for form in forms] + list(covariate("temperature"))
 SETTINGS = ("load", "diameter", "width")
-# Every covariate that an effect reads, varied, in rows where each effect acts.
-EVERYWHERE = Conditions.of(
-    load=[40.0, 60.0, 90.0],
-    diameter=[0.15, 0.2, 0.3],
-    width=[0.08, 0.1, 0.15],
-    slip=[-0.3, 0.2, 0.6],
-    speed=[0.02, 0.2, 0.4],
-    slip_angle=[0.2, -0.3, 0.5],
-    pass_number=[2, 3, 5],
-    grouser_height=[0.005, 0.01, 0.015],
-    moisture=[0.05, 0.12, 0.2],
-    temperature=[270.0, 290.0, 320.0],
-    slope=[-0.2, 0.1, 0.3],
-)
 USERS = """
 from dataclasses import dataclass
 import numpy as np
@@ -54,10 +40,6 @@ class Mine(Effect):
 """
 
 
-def named(form: type[Effect]) -> str:
-    return f"{form.id}/{form.form}"
-
-
 @pytest.mark.parametrize("form", FORMS, ids=named)
 class TestEveryForm:
     def test_says_what_to_do_next(self, form: type[Effect]) -> None:
@@ -70,7 +52,7 @@ class TestEveryForm:
         assert form.side == 0 or form.drivers
 
     def test_acts_where_all_is_varied(self, form: type[Effect]) -> None:
-        assert form.never_acts(EVERYWHERE) == ""
+        assert form.never_acts(ROLLING) == ""
 
     def test_acts_nowhere_without_its_columns(self, form: type[Effect]) -> None:
         bare = Conditions.of(60.0, 0.2, 0.1)
@@ -81,12 +63,12 @@ class TestEveryForm:
         """Rows on the other side of its first driver, by the prediction itself."""
         if not form.side:
             return
-        other = dict(EVERYWHERE.covariates)
+        other = dict(ROLLING.covariates)
         driver = form.drivers[0]
         other[driver] = -form.side * np.abs(other[driver])
         if driver == "grouser_height":
             other[driver] = np.zeros(3)
-        rows = Conditions.of(EVERYWHERE.load, EVERYWHERE.diameter, EVERYWHERE.width, **other)
+        rows = Conditions.of(ROLLING.load, ROLLING.diameter, ROLLING.width, **other)
         assert form.never_acts(rows) != ""
         with_it, without = predict(Model(SAND) + form(), rows), predict(Model(SAND), rows)
         assert with_it.sinkage == pytest.approx(without.sinkage, rel=1e-14)
@@ -99,8 +81,8 @@ class TestEveryForm:
             p.name: data.draw(st.floats(*p.bounds, allow_subnormal=False), label=p.name)
             for p in form.parameters()
         }
-        made = replace(form.suited_to(EVERYWHERE), **strengths)
-        predicted = predict(Model(SAND) + made, EVERYWHERE)
+        made = replace(form.suited_to(ROLLING), **strengths)
+        predicted = predict(Model(SAND) + made, ROLLING)
         for name in ("sinkage", "resistance", "drawbar_pull", "true_sinkage", "true_resistance"):
             assert np.isfinite(getattr(predicted, name)).all(), name
 
@@ -217,7 +199,7 @@ def test_stages_are_called_in_the_order_of_stages() -> None:
         type("Base", (Effect,), {"id": "all", "__annotations__": {"a": float}, "a": parameter(
             0.0, (0.0, 1.0), "any")} | {stage: noting(stage) for stage in STAGES})
     )  # fmt: skip
-    predict(Model(SAND) + base(), EVERYWHERE)
+    predict(Model(SAND) + base(), ROLLING)
     order = list(dict.fromkeys(called))
     # The resistance is added up after the sinkage is known; each is shown at the end.
     assert order == list(STAGES)
