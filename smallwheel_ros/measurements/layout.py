@@ -144,7 +144,7 @@ def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     # A row of a run called b is no header: most of its cells are numbers.
-    known = [known_cells(row) if known_cells(row) >= _numbers(row) else 0 for row in first]
+    known = [names if (names := known_cells(row)) >= _numbers(row) else 0 for row in first]
     turned = _named([row[0] for row in first])
     if len(rows) <= SEARCHED and turned[1] > 2 and turned > max(map(_named, first)):
         raise MeasurementsError(
