@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement
+from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.drive import Drive
 from smallwheel_ros.simulate.sensors import EPOCH
 
 
-def measurements(drive: Drive) -> list[SinkageMeasurement]:
+def measurements(drive: Drive) -> list[Reading]:
     """Everything as measured, noise included, put together by time and in its order.
 
     Slip comes from wheel speed and odometry, as on a robot; below 0.05 m/s it is not known.
@@ -36,19 +39,16 @@ def measurements(drive: Drive) -> list[SinkageMeasurement]:
         at = np.maximum.accumulate(np.interp(time, t_odometry, way))
         rows = zip(time, sinkage.sinkage, sinkage.variance, carried, at, slip, own, strict=True)
         found += [
-            SinkageMeasurement(
-                t,
-                wheel.name,
-                z,
-                v,
-                w,
-                0.4**2 + (0.012 * w) ** 2,
-                wheel.diameter,
-                wheel.width,
-                d,
-                None if np.isnan(s) else float(np.clip(s, -1.0, 1.0)),
+            Reading(
+                Wheel(wheel.name, wheel.diameter, wheel.width),
+                round(1e9 * t),
+                Quantity(w, math.hypot(0.4, 0.012 * w)),
+                None if np.isnan(s) else Quantity(float(np.clip(s, -1.0, 1.0)), 0.0),
+                Quantity(z, math.sqrt(v)),
                 abs(u),
+                d,
+                d,
             )
             for t, z, v, w, d, s, u in ((float(x) for x in row) for row in rows)
         ]
-    return sorted(found, key=lambda one: (one.time, one.wheel))
+    return sorted(found, key=lambda one: (one.stamp, one.wheel.name))

@@ -8,13 +8,14 @@ import time
 
 import numpy as np
 
-from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.soil_estimator import Reading, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 RATE = 100.0  # Hz
 
 
-def measurements(wheels: int, steps: int) -> list[SinkageMeasurement]:
+def measurements(wheels: int, steps: int) -> list[Reading]:
     """Wheels of two sizes on one soil, loads that vary, noise of sinkage and load."""
     rng = np.random.default_rng(1)
     sand = soil("dry_sand")
@@ -26,15 +27,14 @@ def measurements(wheels: int, steps: int) -> list[SinkageMeasurement]:
             load = 55.0 * math.exp(0.3 * math.sin(0.02 * i + j))
             z = estimator.predict(load, diameter, width).sinkage
             found.append(
-                SinkageMeasurement(
-                    i / RATE + 1e-4 * j,
-                    f"wheel {j}",
-                    z * math.exp(0.07 * rng.standard_normal()),
-                    (0.05 * z) ** 2,
-                    load * math.exp(0.015 * rng.standard_normal()),
-                    (0.015 * load) ** 2,
-                    diameter,
-                    width,
+                Reading(
+                    Wheel(f"wheel {j}", diameter, width),
+                    round(1e9 * (i / RATE + 1e-4 * j)),
+                    Quantity(load * math.exp(0.015 * rng.standard_normal()), 0.015 * load),
+                    None,
+                    Quantity(z * math.exp(0.07 * rng.standard_normal()), 0.05 * z),
+                    None,
+                    0.5 * i / RATE,
                     0.5 * i / RATE,
                 )
             )

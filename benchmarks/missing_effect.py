@@ -22,14 +22,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._drives import measurements
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import effect, effect_class
-from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.soil_estimator import Reading, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.replay.innovations_picture import Innovations, innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 
 def follow(
-    title: str, given: Sequence[SinkageMeasurement], effects: Sequence[Effect]
+    title: str, given: Sequence[Reading], effects: Sequence[Effect]
 ) -> tuple[SoilEstimator, Innovations]:
     """Run the estimator over a drive."""
     e = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), effects=effects)

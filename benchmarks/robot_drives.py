@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.robot_worlds import VEHICLES, World
-from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilPrior
+from smallwheel_ros.estimator.soil_estimator import Reading, SoilPrior
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, soil
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.truth import static_sinkage
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class RobotDrive:
 
     world: World
     prior: SoilPrior
-    readings: list[SinkageMeasurement]
+    readings: list[Reading]
     sinkage: Array
     at: Array
     soils: Array
@@ -175,26 +175,22 @@ def make_drive(world: World, seed: int) -> RobotDrive:
             if world.silent == j and unheard[i]:
                 continue
             readings.append(
-                SinkageMeasurement(
-                    float(time[i] + 0.001 * j),
-                    wheel.name,
-                    float(shown[i]),
-                    world.noise**2,
-                    float(weighed[i]),
-                    float((world.told * world.load_noise * weighed[i]) ** 2),
-                    wheel.diameter,
-                    wheel.width,
-                    float(world.odometry * path[i]),
-                    slip=float(np.clip(slip[i] + 0.02 * rng.standard_normal(), -1, 1))
+                Reading(
+                    wheel,
+                    round(1e9 * (time[i] + 0.001 * j)),
+                    Quantity(float(weighed[i]), float(world.told * world.load_noise * weighed[i])),
+                    Quantity(float(np.clip(slip[i] + 0.02 * rng.standard_normal(), -1, 1)), 0.02)
                     if moving[i]
                     else None,
-                    speed=float(world.odometry * abs(speed[i])),
-                    path=float(world.odometry * own[i]),
+                    Quantity(float(shown[i]), world.noise),
+                    float(world.odometry * abs(speed[i])),
+                    float(world.odometry * path[i]),
+                    float(world.odometry * own[i]),
                     pitch=float(-climb[i]),
                 )
             )
             true.append(float(z[i]))
-    order = sorted(range(len(readings)), key=lambda i: readings[i].time)
+    order = sorted(range(len(readings)), key=lambda i: readings[i].stamp)
     prior = replace(
         SoilPrior.from_soil(base),
         log_reference_pressure=base.log_reference_pressure - world.prior[0],

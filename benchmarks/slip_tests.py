@@ -28,8 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.robot_worlds import VEHICLES
 from benchmarks.traction_rates import settings_of
 from benchmarks.traction_worlds import GRAVITY, MASS, RATE, WORLDS, drawn, make_truth
-from smallwheel_ros.onboard.assessment import Assessor
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Rover:
         self.at, self.time = 0.0, 0.0
 
     def drive(
-        self, assessor: Assessor, kind: str, length: float, slips: Callable[[Array], Array]
+        self, assessor: Onboard, kind: str, length: float, slips: Callable[[Array], Array]
     ) -> None:
         """slips: of the wheels, from their pulls by `_SLIPS` here, shape (wheels, slips)."""
         end = self.at + length
@@ -71,7 +71,7 @@ class Rover:
             self.time += 1.0 / RATE
             self.at += _TRAVEL / RATE
 
-    def _show(self, assessor: Assessor, kind: str, cell: int, slips: Array) -> None:
+    def _show(self, assessor: Onboard, kind: str, cell: int, slips: Array) -> None:
         normal = self._rng.standard_normal
         speed = _TRAVEL + 0.008 * normal() / math.sqrt(5.0)
         tilt = GRAVITY * math.sin(self._tilt + math.radians(0.3) * normal())
@@ -83,7 +83,7 @@ class Rover:
             pull = float(np.interp(slip, _SLIPS, self._nets[j, cell]))
             noise = Quantity(speed, 0.01), Quantity(float(rim), 0.01 * abs(float(rim)))
             assessor.assess(
-                Instant(
+                Reading(
                     wheel, int(1e9 * self.time) + j,
                     Quantity(max(float(self._loads[j, cell]) * (1.0 + 0.02 * normal()), 1.0), 1.2),
                     wheel_slip(*noise, 0.01),
@@ -118,11 +118,11 @@ def testing(axle: list[int], slip: float) -> Callable[[Array], Array]:
 
 def driven(
     world: str, seed: int, kind: str, testing_axle: list[int] | None
-) -> tuple[Rover, Assessor]:
+) -> tuple[Rover, Onboard]:
     """The same 4 m, and then 1 m more: as before, or the slip test of an axle."""
     rover = Rover(world, seed)
     mass = MASS if "balance" in kind else 0.0
-    assessor = Assessor(settings_of(WORLDS[world].vehicle, mass))
+    assessor = Onboard(settings_of(WORLDS[world].vehicle, mass))
     rover.drive(assessor, kind, _WAY, plain)
     assessor.find_slip_tests()
     way = plain if testing_axle is None else testing(testing_axle, 0.4)

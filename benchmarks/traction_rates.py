@@ -28,9 +28,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._traction_table import AHEAD, KINDS, Row, draw, in_words, table
 from benchmarks.robot_worlds import VEHICLES
 from benchmarks.traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
-from smallwheel_ros.onboard.assessment import Assessor
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
@@ -75,10 +75,10 @@ def settings_of(vehicle: str, mass: float) -> OnboardSettings:
     )
 
 
-def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assessor, Run]:
+def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Onboard, Run]:
     """Let the pipeline's estimators drive. settle: m, before which nothing is scored."""
     settings = settings_of(drive.world.vehicle, MASS if "balance" in kind else 0.0)
-    assessor, out, wheels = Assessor(settings), Run(), settings.wheels
+    assessor, out, wheels = Onboard(settings), Run(), settings.wheels
     warned = np.zeros(len(drive.time), dtype=bool)
     speed = np.convolve(np.pad(drive.odometry, 2, mode="edge"), np.ones(5) / 5, mode="valid")
     acceleration = np.gradient(speed, drive.time)
@@ -89,7 +89,7 @@ def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Assess
             slope = GRAVITY * math.sin(-drive.pitch[i]) if "balance" in kind else None
             noise = Quantity(travel, 0.01), Quantity(rim, 0.01 * rim)
             made = assessor.assess(
-                Instant(
+                Reading(
                     wheel,
                     int(1e9 * time) + j,
                     Quantity(float(drive.weighed[i, j]), 1.2),

@@ -13,15 +13,16 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.estimator.saved_state import read_state
 from smallwheel_ros.estimator.soil_estimator import (
-    SinkageMeasurement,
+    Reading,
     SoilEstimator,
     SoilPrior,
 )
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.onboard.urdf import Urdf
+from smallwheel_ros.onboard.robot_description import Urdf
 from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 PRIOR = SoilPrior.from_soil(soil("dry_sand"))
 YAML_WORDS = (
@@ -188,18 +189,15 @@ class SavedSoil(Target):
         estimator = SoilEstimator(PRIOR)
         for i in range(300):
             estimator.update(
-                SinkageMeasurement(
+                Reading(
+                    Wheel("w", 0.25, 0.1),
+                    20_000_000 * i,
+                    Quantity(60.0, 0.7),
+                    Quantity(0.1, 0.0),
+                    Quantity(0.012, 5e-4),
+                    0.2,
                     0.02 * i,
-                    "w",
-                    0.012,
-                    2.5e-7,
-                    60.0,
-                    0.5,
-                    0.25,
-                    0.1,
                     0.02 * i,
-                    slip=0.1,
-                    speed=0.2,
                 )
             )
         path = self.folder / "seed.json"

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.streams import Motion
 
 
 class Given(Onboard):

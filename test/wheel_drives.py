@@ -6,26 +6,54 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilEstimator
+from smallwheel_ros.estimator.soil_estimator import Reading, SoilEstimator
 from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.truth import static_sinkage
 
 Array = NDArray[np.float64]
 
-READING = SinkageMeasurement(
-    time=1.0,
-    wheel="left",
-    sinkage=0.012,
-    variance=1e-6,
-    load=60.0,
-    load_variance=1.0,
-    diameter=0.2,
-    width=0.1,
+_WHEEL = {"wheel": "name", "diameter": "diameter", "width": "width", "contact": "contact"}
+_NUMBERS = ("load", "sinkage", "slip")  # given without a deviation, they keep theirs
+
+
+def changed(one: Reading, **changes: Any) -> Reading:
+    """A reading with other values, as people say them.
+
+    wheel: its name; diameter, width, contact: of it. time: s. load, sinkage, slip: N, m, 1; load_std: N.
+    A distance is that of the wheel, too, where no path is given.
+    """
+    of_wheel = {name: changes.pop(key) for key, name in _WHEEL.items() if key in changes}
+    changes["wheel"] = replace(one.wheel, **of_wheel)
+    if "time" in changes:
+        time = changes.pop("time")
+        changes["stamp"] = round(1e9 * time) if math.isfinite(1e9 * time) else time
+    if "distance" in changes:
+        changes.setdefault("path", changes["distance"])
+    for name in _NUMBERS:
+        if isinstance(changes.get(name), float):
+            before = getattr(one, name) or Quantity(0.0, 0.0)
+            changes[name] = Quantity(changes[name], before.standard_deviation)
+    if "load_std" in changes:
+        load = changes.get("load", one.load)
+        changes["load"] = Quantity(load.value, changes.pop("load_std"))
+    return one._replace(**changes)
+
+
+READING = Reading(
+    wheel=Wheel("left", 0.2, 0.1),
+    stamp=1_000_000_000,
+    load=Quantity(60.0, 1.0),
+    slip=None,
+    sinkage=Quantity(0.012, 1e-3),
+    speed=None,
     distance=5.0,
+    path=5.0,
 )
 SAND = soil("dry_sand")
 N = 0.55  # of the ground here; dry sand has another
@@ -48,9 +76,9 @@ def rolled(
     load_noise: float = 0.012,
     factor: float = 0.6,
     noise: float = NOISE,
-    one: SinkageMeasurement = READING,
+    one: Reading = READING,
     start: float = 0.0,
-) -> list[SinkageMeasurement]:
+) -> list[Reading]:
     """Readings of a wheel under these loads (N), one every `STEP`.
 
     load_noise: share. factor: on the modulus of dry sand. start: distance (m) of the first one.
@@ -60,25 +88,26 @@ def rolled(
     modulus = (
         factor
         * SAND.k
-        * one.diameter**SAND.m
+        * one.wheel.diameter**SAND.m
         * 0.01 ** (SAND.n - N)
         * np.exp(smooth(rng, count, 0.06))
     )
     full = np.ones(count)
     z = static_sinkage(
-        lambda depth: modulus[:, None] * depth**N, loads, one.diameter * full, one.width * full
+        lambda depth: modulus[:, None] * depth**N,
+        loads,
+        one.wheel.diameter * full,
+        one.wheel.width * full,
     )
     shown = z + noise * rng.standard_normal(count)
     weighed = loads * np.exp(load_noise * rng.standard_normal(count))
     return [
-        replace(
+        changed(
             one,
             time=one.time + 0.1 * i,
             distance=start + STEP * i,
-            load=float(weighed[i]),
-            load_variance=float((load_noise * weighed[i]) ** 2),
-            sinkage=float(shown[i]),
-            variance=noise**2,
+            load=Quantity(float(weighed[i]), float(load_noise * weighed[i])),
+            sinkage=Quantity(float(shown[i]), noise),
         )
         for i in range(count)
     ]
@@ -94,7 +123,7 @@ def varied(count: int, seed: int = 0, amplitude: float = 0.35) -> Array:
     return 60.0 * np.exp(amplitude * waves)
 
 
-def follow(estimator: SoilEstimator, readings: Iterable[SinkageMeasurement]) -> SoilEstimator:
+def follow(estimator: SoilEstimator, readings: Iterable[Reading]) -> SoilEstimator:
     """Give an estimator all readings."""
     for reading in readings:
         estimator.update(reading)

@@ -52,7 +52,6 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
-from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
 from smallwheel_ros.estimator.stretches import Segment
 from smallwheel_ros.estimator.wheel_sinkage import (
     Law,
@@ -99,7 +98,7 @@ class Shown(NamedTuple):
         return float(self.row @ covariance @ self.row)
 
 
-def reference_wheel(given: SinkageMeasurement, prior: SoilPrior) -> tuple[float, float, float]:
+def reference_wheel(given: Segment, prior: SoilPrior) -> tuple[float, float, float]:
     """Load (N), diameter and width (m) of the reference wheel: the one measured first.
 
     A wheel that is pressed begins without load, so its reference is the load under which the prior's

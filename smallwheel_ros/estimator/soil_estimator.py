@@ -2,7 +2,7 @@
 """Online estimate of the soil from measured sinkage: ROS-free, one for node and replay.
 
 estimator = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=vehicle.wheels)
-result = estimator.update(SinkageMeasurement(time=0.1, wheel="front_left", sinkage=0.011, ...))
+result = estimator.update(Reading(wheel, stamp, load, slip, sinkage, speed, distance, path))
 estimate = estimator.estimate()
 
 The algorithm (symbols as in `law_model` and `soil_filter`):
@@ -45,17 +45,17 @@ from smallwheel_ros.estimator.missing_effect import (
     MissingEffect,
     MissingEffectWatch,
 )
-from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.estimator.sensor_watch import SensorWatch
-from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
-from smallwheel_ros.estimator.sinkage_measurement import (
+from smallwheel_ros.estimator.reading import (
     Outcome,
-    SinkageMeasurement,
+    Reading,
     SinkagePrediction,
     UpdateResult,
     covariates_of,
     find_problem,
 )
+from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
+from smallwheel_ros.estimator.sensor_watch import SensorWatch
+from smallwheel_ros.estimator.settings import EstimatorError, EstimatorSettings, SoilPrior
 from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.soils import Reported, Soils
 from smallwheel_ros.estimator.stretches import NOWHERE, Position, Segment, WheelTrack
@@ -70,7 +70,7 @@ __all__ = [
     "Identifiable",
     "MissingEffect",
     "Outcome",
-    "SinkageMeasurement",
+    "Reading",
     "SinkagePrediction",
     "SoilEstimate",
     "SoilEstimator",
@@ -92,7 +92,7 @@ class SoilEstimator:
 
     effects: act on every prediction, with the parameters that they have. wheels: of the vehicle;
     their places say which of them runs in whose rut. Raises EstimatorError for an effect whose
-    covariate a SinkageMeasurement does not carry.
+    covariate a Reading does not carry.
     """
 
     def __init__(
@@ -124,18 +124,19 @@ class SoilEstimator:
 
     # -- in
 
-    def update(self, measurement: SinkageMeasurement, judged: bool = True) -> UpdateResult:
-        """Use one measurement; never raises for what is in it (see `UpdateResult.reason`).
+    def update(self, reading: Reading, judged: bool = True) -> UpdateResult:
+        """Use load and sinkage of a reading; never raises for what is in it (see `UpdateResult.reason`).
 
         judged: work out what was expected of it, too; else only where it is far from the newest ones.
         """
-        wheel = self._wheels.get(measurement.wheel)
-        given = measurement if wheel is None else wheel.in_its_rut(measurement)
+        name = reading.wheel.name
+        wheel = self._wheels.get(name)
+        given = reading if wheel is None else wheel.in_its_rut(reading)
         problem = find_problem(given, self._needs)
         if problem is None and wheel is not None:
             problem = wheel.out_of_order(given)
         elif problem is None and len(self._wheels) >= _MOST_WHEELS:
-            words = f"wheel '{given.wheel}': there are {_MOST_WHEELS} other wheels already"
+            words = f"wheel '{name}': there are {_MOST_WHEELS} other wheels already"
             problem = "too_many_wheels", words
         if problem is not None:
             return UpdateResult(Outcome.REFUSED, *problem)
@@ -144,35 +145,37 @@ class SoilEstimator:
         except NO_SINKAGE as error:
             return UpdateResult(Outcome.REFUSED, "numerical", _no_sinkage(given, error))
 
-    def _arrive(self, given: SinkageMeasurement) -> WheelTrack:
+    def _arrive(self, given: Reading) -> WheelTrack:
         """Give a wheel that was never measured its place; the first one is the reference wheel.
 
         Raises one of `NO_SINKAGE`, and changes nothing, where it has none.
         """
-        now = Segment.single(given, given.load, given.load_variance / given.load**2)
+        load, name = given.load, given.wheel.name
+        assert load is not None, "`find_problem` says so"
+        told = load.standard_deviation / load.value or _TOLD_LOAD
+        now = Segment.single(given, load.value, (load.standard_deviation / load.value) ** 2)
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            law = self._soils.law or self._soils.new_law(reference_wheel(given, self.prior))
+            law = self._soils.law or self._soils.new_law(reference_wheel(now, self.prior))
             law.sinkage(now, 0.0)
         self._soils.law = law
         index = self._soils.add_wheel()
         forward, backward = (
-            Position.of(index, given.wheel, self._known_wheels, way) for way in (True, False)
+            Position.of(index, name, self._known_wheels, way) for way in (True, False)
         )
-        told = math.sqrt(given.load_variance) / given.load or _TOLD_LOAD
         length = self.settings.scatter_length
-        if given.contact != ROLLING:
-            length = min(length, _PRESSED * given.diameter)
+        if now.contact != ROLLING:
+            length = min(length, _PRESSED * now.diameter)
         wheel = WheelTrack(length, self.settings.sinkage_std, told, (forward, backward))
-        self._wheels[given.wheel] = wheel
+        self._wheels[name] = wheel
         return wheel
 
-    def _use(self, given: SinkageMeasurement, wheel: WheelTrack, judged: bool) -> UpdateResult:
-        changes = self._soils.changes
-        if given.forward is not self._forward:
-            self._forward = given.forward
+    def _use(self, given: Reading, wheel: WheelTrack, judged: bool) -> UpdateResult:
+        changes, (_, sinkage) = self._soils.changes, given.measured
+        if given.onward is not self._forward:
+            self._forward = given.onward
             self._soils.turn_back()
-        newest = median([*wheel.recent, given.sinkage])
-        far = abs(given.sinkage - newest) > _FAR * math.sqrt(wheel.reading_variance)
+        newest = median([*wheel.recent, sinkage])
+        far = abs(sinkage - newest) > _FAR * math.sqrt(wheel.reading_variance)
         result = self._judge(given, wheel, far) if judged or far else _FITS
         closed = wheel.add(given)
         self._distance = max(self._distance, given.distance)
@@ -182,7 +185,7 @@ class SoilEstimator:
             result = result._replace(outcome=Outcome.ACCEPTED, reason="soil_changed", message="")
         return result
 
-    def _judge(self, given: SinkageMeasurement, wheel: WheelTrack, far: bool) -> UpdateResult:
+    def _judge(self, given: Reading, wheel: WheelTrack, far: bool) -> UpdateResult:
         """Compare a reading with what is expected of it, before it counts.
 
         far: it is off the wheel's newest ones. Raises one of `NO_SINKAGE` where the model has none for it.
@@ -196,12 +199,12 @@ class SoilEstimator:
         spread = variance + wheel.reading_variance + law.scatter.additive
         if not math.isfinite(true + true_variance + spread):
             raise ArithmeticError("its uncertainty has no bounds")
-        miss = given.sinkage - shown
+        miss = now.sinkage - shown
         numbers = true, true_variance, miss, spread, miss * miss / spread
         if not far or numbers[-1] <= self._gate:
             return UpdateResult(Outcome.ACCEPTED, "accepted", "", *numbers)
         message = (
-            f"wheel '{given.wheel}': sinkage {1e3 * given.sinkage:.1f} mm, expected "
+            f"wheel '{now.wheel}': sinkage {1e3 * now.sinkage:.1f} mm, expected "
             f"{1e3 * shown:.1f} +- {1e3 * math.sqrt(spread):.1f} mm"
         )
         return UpdateResult(Outcome.OUTLIER, "gate", message, *numbers)
@@ -342,27 +345,28 @@ class SoilEstimator:
         slip: float | None = None,
         speed: float | None = None,
         contact: str = ROLLING,
-        load_variance: float = 0.0,
+        load_std: float = 0.0,
         wheel: str | None = None,
     ) -> SinkagePrediction:
         """Predict the sinkage of a wheel; of `wheel`, in its rut, where that one has been measured.
 
-        Raises EstimatorError for a load, diameter or width that is not a number over 0, a slip or
-        speed that an effect needs and that is not given, and where the model has no sinkage.
+        load: N, load_std: of its noise. Raises EstimatorError for a load, diameter or width that is not a
+        number over 0, a slip or speed that an effect needs and that is not given, and where the model has
+        no sinkage.
         """
-        size = diameter, width
-        given = SinkageMeasurement(
-            0.0, wheel or "", 0.0, 0.0, load, load_variance, *size, 0.0, slip, speed, contact
-        )
+        exact = None if slip is None else Quantity(slip, 0.0)
+        carried = Quantity(load, load_std)
+        of = Wheel(wheel or "", diameter, width, contact)
+        given = Reading(of, 0, carried, exact, Quantity(0.0, 0.0), speed, 0.0, 0.0)
         problem = find_problem(given, self._needs)
         if problem is not None:
             raise EstimatorError(problem[1])
         known = self._wheels.get(wheel) if wheel is not None else None
         position = NOWHERE if known is None else known.position
-        now = Segment.single(given, load, load_variance / load**2, position)
+        now = Segment.single(given, load, (load_std / load) ** 2, position)
         law, _ = self._soils.under(known)
         try:
-            law = law or self._soils.new_law(reference_wheel(given, self.prior))
+            law = law or self._soils.new_law(reference_wheel(now, self.prior))
             value, variance = law.sinkage(now, self._watch.missed_variance)
         except NO_SINKAGE as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
@@ -398,5 +402,6 @@ class SoilEstimator:
             self._soils.resume(state.soil, state.variety, state.accepted)
 
 
-def _no_sinkage(given: SinkageMeasurement, error: Exception) -> str:
-    return f"wheel '{given.wheel}': the model has no sinkage under {given.load:g} N ({error})"
+def _no_sinkage(given: Reading, error: Exception) -> str:
+    load, _ = given.measured
+    return f"wheel '{given.wheel.name}': the model has no sinkage under {load:g} N ({error})"

@@ -12,17 +12,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 Array = NDArray[np.float64]
 
@@ -95,54 +94,57 @@ NOWHERE = Position()
 
 
 @dataclass(frozen=True)
-class Segment(SinkageMeasurement):
-    """A mean of readings; time and distance are those of the last one.
+class Segment:
+    """A wheel on one stretch of its path: means of readings, distance is that of the last one.
 
-    variance: of the mean sinkage, from the sensor's noise. log_load_variance: of ln load, from the
-    sensor's. load_rate: d ln load / d time, 1/s. place: of the wheel along the vehicle's path, m.
-    count: readings in the mean; dropped: left out as outliers. shown: least and most that was shown, m. step:
-    least difference of two readings of this sensor so far, m.
+    wheel: its name. sinkage, load, diameter, width, distance: m, N. slip, speed: 1, m/s, None where not
+    known. pitch: rad. variance: m^2, of the mean sinkage, from the sensor's noise. log_load_variance: of ln
+    load, from the sensor's. load_rate: d ln load / d time, 1/s. place: of the wheel along the vehicle's path,
+    m. count: readings in the mean; dropped: left out as outliers. shown: least and most that was shown, m.
+    step: least difference of two readings of this sensor so far, m.
     """
 
-    log_load_variance: float = 0.0
+    wheel: str
+    diameter: float
+    width: float
+    contact: str
+    sinkage: float
+    load: float
+    distance: float
+    slip: float | None
+    speed: float | None
+    pitch: float
+    position: Position
+    log_load_variance: float
+    variance: float = 0.0
     load_rate: float = 0.0
     place: float = 0.0
     count: int = 1
     dropped: int = 0
     shown: tuple[float, float] = (0.0, 0.0)
     step: float = 0.0
-    position: Position = NOWHERE
-
-    @classmethod
-    def of(cls, reading: SinkageMeasurement, **means: Any) -> Segment:
-        """What a reading says, but for these means."""
-        return cls(**{name: getattr(reading, name) for name in _OF_READINGS} | means)
 
     @classmethod
     def single(
-        cls,
-        reading: SinkageMeasurement,
-        load: float,
-        log_load_variance: float,
-        position: Position = NOWHERE,
+        cls, reading: Reading, load: float, log_load_variance: float, position: Position = NOWHERE
     ) -> Segment:
         """One reading, to predict by. load: N, without its noise."""
-        slip, speed = (
-            None if value is None or not math.isfinite(value) else value
-            for value in (reading.slip, reading.speed)
+        wheel, sinkage, speed = reading.wheel, reading.sinkage, reading.speed
+        slip = None if reading.slip is None else reading.slip.value
+        return cls(
+            wheel.name,
+            wheel.diameter,
+            wheel.width,
+            wheel.contact,
+            0.0 if sinkage is None else sinkage.value,
+            load,
+            reading.distance,
+            slip if slip is not None and math.isfinite(slip) else None,
+            speed if speed is not None and math.isfinite(speed) else None,
+            reading.pitch,
+            position,
+            log_load_variance,
         )
-        return cls.of(
-            reading,
-            variance=0.0,
-            load=load,
-            log_load_variance=log_load_variance,
-            slip=slip,
-            speed=speed,
-            position=position,
-        )
-
-
-_OF_READINGS = tuple(field.name for field in fields(SinkageMeasurement))
 
 
 class WheelTrack:
@@ -167,93 +169,82 @@ class WheelTrack:
         self._noise_readings = _TOLD_READINGS
         self._step = math.inf  # m, least difference of two readings so far
         self._load_mean, self._load_spread, self._segments = 0.0, _LEAST_LOAD_SPREAD**2, 0
-        self._rows: list[tuple[float, ...]] = []
-        self._log_loads = 0.0  # sum over the rows
+        self._readings: list[Reading] = []
+        self._log_loads: list[float] = []
+        self._log_load = 0.0  # their sum
         self._start = 0.0
-        self._last: SinkageMeasurement | None = None
-        self._slip: tuple[float, float] | None = None  # the newest that was known, and where
+        self._last: Reading | None = None
+        self._slip: tuple[Quantity, float] | None = None  # the newest that was known, and where
         self.recent: deque[float] = deque(maxlen=_RECENT)
         self.at = 0.0
 
-    def in_its_rut(self, given: SinkageMeasurement) -> SinkageMeasurement:
+    def in_its_rut(self, given: Reading) -> Reading:
         """A wheel that stands is as deep as it dug itself when it last rolled: so is its slip."""
         if given.slip is not None or self._slip is None:
             return given
         slip, where = self._slip
-        return given if given.own_path - where > _STANDS else replace(given, slip=slip)
+        return given if given.path - where > _STANDS else given._replace(slip=slip)
 
-    def out_of_order(self, given: SinkageMeasurement) -> tuple[str, str] | None:
+    def out_of_order(self, given: Reading) -> tuple[str, str] | None:
         """Reason and message if a reading is not behind the newest one."""
-        last = self._last
-        if last is not None and given.time <= last.time:
+        last, name = self._last, given.wheel.name
+        if last is not None and given.stamp <= last.stamp:
             return "time_backwards", (
-                f"wheel '{given.wheel}': time {given.time:.6f} s is not after the last one, "
-                f"{last.time:.6f} s"
+                f"wheel '{name}': time {given.time:.6f} s is not after the last one, {last.time:.6f} s"
             )
-        if last is not None and (given.distance < last.distance or given.own_path < last.own_path):
+        if last is not None and (given.distance < last.distance or given.path < last.path):
             return "distance_backwards", (
-                f"wheel '{given.wheel}': distance {given.distance:g} m is less than the last one, "
+                f"wheel '{name}': distance {given.distance:g} m is less than the last one, "
                 f"{last.distance:g} m"
             )
         return None
 
-    def add(self, given: SinkageMeasurement) -> Segment | None:
-        """Take a reading; return the segment that it closes, if any."""
-        closed, path = None, given.own_path
-        turns = self._last is not None and given.forward is not self._last.forward
+    def add(self, given: Reading) -> Segment | None:
+        """Take a reading with load and sinkage; return the segment that it closes, if any."""
+        closed, path = None, given.path
+        load, sinkage = given.measured
+        turns = self._last is not None and given.onward is not self._last.onward
         if self._closes(path) or turns:
-            if self._rows and self._last is not None:
+            if self._readings and self._last is not None:
                 whole = self._length if not turns else 0.5 * self._length
                 closed = self._close() if path - self._start >= whole else None
-            self._rows, self._log_loads = [], 0.0
+            self._readings, self._log_loads, self._log_load = [], [], 0.0
         self.position = self.position_of(given)
-        if not self._rows:
+        if not self._readings:
             self._start = path
-        elif len(self._rows) >= _MOST_ROWS:
-            del self._rows[1::2]
-            self._log_loads = sum(row[3] for row in self._rows)
-        log_load = math.log(given.load)
-        self._log_loads += log_load
-        slip = math.nan if given.slip is None else given.slip
-        speed = math.nan if given.speed is None else given.speed
-        self._rows.append(
-            (
-                given.time,
-                given.distance,
-                given.sinkage,
-                log_load,
-                slip,
-                speed,
-                given.pitch,
-                math.nan if given.pass_number is None else float(given.pass_number),
-            )
-        )
-        if math.isfinite(slip):
-            self._slip = slip, path
-        self.recent.append(given.sinkage)
+        elif len(self._readings) >= _MOST_ROWS:
+            del self._readings[1::2], self._log_loads[1::2]
+            self._log_load = sum(self._log_loads)
+        log_load = math.log(load)
+        self._log_load += log_load
+        self._log_loads.append(log_load)
+        self._readings.append(given)
+        if given.slip is not None and math.isfinite(given.slip.value):
+            self._slip = given.slip, path
+        self.recent.append(sinkage)
         self.at = given.distance + self.position.ahead
         self._last = given
         return closed
 
-    def position_of(self, given: SinkageMeasurement) -> Position:
+    def position_of(self, given: Reading) -> Position:
         """Position of the wheel at a reading."""
-        return self._positions[0 if given.forward else 1].on_pass(given.pass_number)
+        return self._positions[0 if given.onward else 1].on_pass(given.pass_number)
 
-    def load(self, new: SinkageMeasurement | None = None) -> tuple[float, float]:
+    def load(self, new: Reading | None = None) -> tuple[float, float]:
         """Load (N) without its noise, and variance of its logarithm, from this stretch's readings.
 
         new: a reading that is not added yet, and counts too.
         """
-        total, count = self._log_loads, len(self._rows)
+        total, count = self._log_load, len(self._readings)
         if new is not None:
-            if self._closes(new.own_path):
+            if self._closes(new.path):
                 total, count = 0.0, 0
-            total, count = total + math.log(new.load), count + 1
+            total, count = total + math.log(new.measured[0]), count + 1
         return self._calibrated(total / count, count)
 
     def _closes(self, path: float) -> bool:
         """Whether a reading there is behind the end of this stretch."""
-        return bool(self._rows) and path - self._start >= self._length
+        return bool(self._readings) and path - self._start >= self._length
 
     def _calibrated(self, mean: float, count: int) -> tuple[float, float]:
         """Regression calibration (Carroll et al. 2006, section 4): shrink by the share of noise."""
@@ -264,34 +255,43 @@ class WheelTrack:
         return math.exp(mean - share * (mean - self._load_mean)), noise * (1.0 - share)
 
     def _close(self) -> Segment:
-        last = self._last
-        assert last is not None
-        time, distance, sinkage, log_load, slip, speed, pitch, passes = np.array(self._rows).T
-        position = self._positions[0 if last.forward else 1].on_pass(_known_mean(passes))
+        readings, last = self._readings, self._readings[-1]
+        wheel, count = last.wheel, len(readings)
+        time, distance, pitch = np.array(
+            [(one.time, one.distance, one.pitch) for one in readings]
+        ).T
+        sinkage = np.array([one.measured[1] for one in readings])
+        log_load = np.array(self._log_loads)
+        passes = _known_mean([one.pass_number for one in readings])
+        position = self._positions[0 if last.onward else 1].on_pass(passes)
         self._learn_noise(sinkage, log_load)
         middle = float(np.median(sinkage))
         deviation = math.sqrt(self.reading_variance) + float(np.median(np.abs(sinkage - middle)))
         kept = np.abs(sinkage - middle) <= _KEPT * deviation
-        count = int(kept.sum())
+        in_mean = int(kept.sum())
         mean_log_load = float(log_load.mean())
-        self._learn_loads(mean_log_load, len(self._rows))
-        load, load_variance = self._calibrated(mean_log_load, len(self._rows))
-        return Segment.of(
-            last,
-            sinkage=float(sinkage[kept].mean()),
-            variance=self.reading_variance / count,
-            load=load,
-            log_load_variance=load_variance,
-            slip=_known_mean(slip),
-            speed=_known_mean(speed),
-            pitch=float(pitch.mean()),
+        self._learn_loads(mean_log_load, count)
+        load, load_variance = self._calibrated(mean_log_load, count)
+        return Segment(
+            wheel.name,
+            wheel.diameter,
+            wheel.width,
+            wheel.contact,
+            float(sinkage[kept].mean()),
+            load,
+            last.distance,
+            _known_mean([None if one.slip is None else one.slip.value for one in readings]),
+            _known_mean([one.speed for one in readings]),
+            float(pitch.mean()),
+            position,
+            load_variance,
+            variance=self.reading_variance / in_mean,
             load_rate=_slope(time, log_load),
             place=float(distance.mean()) + position.ahead,
-            count=count,
-            dropped=len(self._rows) - count,
+            count=in_mean,
+            dropped=count - in_mean,
             shown=(float(sinkage.min()), float(sinkage.max())),
             step=self._step,
-            position=position,
         )
 
     def _learn_noise(self, sinkage: Array, log_load: Array) -> None:
@@ -334,6 +334,6 @@ def _slope(time: Array, values: Array) -> float:
     return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
 
 
-def _known_mean(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else None
+def _known_mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return float(np.mean(known)) if known else None

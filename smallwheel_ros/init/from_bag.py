@@ -12,8 +12,7 @@ from smallwheel_ros.common.parameter import Value
 from smallwheel_ros.init.left_out import OF_A_BAG, LeftOut
 from smallwheel_ros.init.names import best_match, only_or_best_match, wheels_named_by
 from smallwheel_ros.init.rover import InitError, Rover, completed, wheel_joints, with_joints
-from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.urdf import RobotDescriptionError
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, RobotDescriptionError
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"

@@ -14,13 +14,12 @@ from functools import partial
 from typing import Any
 
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY
-from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.onboard.synchroniser import Reading
+from smallwheel_ros.onboard.streams import SECOND, Motion
+from smallwheel_ros.onboard.synchroniser import Measured
 
 JOINT_STATES = "joint_states"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -50,7 +49,7 @@ class Topic:
     type: str
     onboard: Onboard
     streams: dict[str, str]
-    read: Callable[[Any], Iterable[Reading]]
+    read: Callable[[Any], Iterable[Measured]]
 
     def handle(self, message: Any, now: int | None) -> list[Result]:
         """Take a message, any object with the type's fields; return what it has made ready.
@@ -127,7 +126,7 @@ class Feed:
             topics.append(Topic(name, kind, onboard, {stream: ""}, read))
         return topics
 
-    def _range(self, wheel: str, message: Any) -> Iterable[Reading]:
+    def _range(self, wheel: str, message: Any) -> Iterable[Measured]:
         """Read the distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
         distance, low, high = message.range, message.min_range, message.max_range
         limited = high > low  # drivers that do not know the limits leave both at 0
@@ -140,7 +139,7 @@ class Feed:
         # Messages before Jazzy have no variance; 0 means "not known".
         return ((f"{wheel}/sinkage", (height - distance, getattr(message, "variance", 0.0))),)
 
-    def _odometry(self, message: Any) -> Iterable[Reading]:
+    def _odometry(self, message: Any) -> Iterable[Measured]:
         self.odometry_frame = message.header.frame_id
         place, turn = message.pose.pose.position, message.pose.pose.orientation
         yaw, pitch, roll = angles_of(turn.x, turn.y, turn.z, turn.w)
@@ -154,12 +153,12 @@ class Feed:
         moves = place.x, place.y, speed, yaw_rate, yaw, pitch, variances, roll
         return ((ODOMETRY, Motion.of(*moves)),)
 
-    def _velocity(self, message: Any) -> Iterable[Reading]:
+    def _velocity(self, message: Any) -> Iterable[Measured]:
         turn, over_ground = self.settings.velocity_yaw, message.twist.linear
         speed = math.cos(turn) * over_ground.x - math.sin(turn) * over_ground.y
         return ((VELOCITY, (speed, message.twist.angular.z, 0.0)),)
 
-    def _slope(self, message: Any) -> Iterable[Reading]:
+    def _slope(self, message: Any) -> Iterable[Measured]:
         """Read what gravity pulls the vehicle back and to the right with, m/s^2.
 
         Without orientation, all that is felt.
@@ -190,7 +189,7 @@ class Feed:
         force, across = ahead * felt_x - aside * felt_y, aside * felt_x + ahead * felt_y
         return ((IMU, (force, math.nan, across) if oriented else (math.nan, force, across)),)
 
-    def _joint_states(self, message: Any) -> Iterable[Reading]:
+    def _joint_states(self, message: Any) -> Iterable[Measured]:
         joints = tuple(message.name)
         if joints != self._joints:  # they hardly ever change
             self._joints = joints
@@ -198,26 +197,26 @@ class Feed:
                 [(i, *part) for i, joint in enumerate(joints) for part in wanted.get(joint, ())]
                 for wanted in (self._velocities, self._efforts)
             )
-        readings: list[Reading] = []
+        found: list[Measured] = []
         for what, values, places in zip(
             ("velocities", "efforts"), (message.velocity, message.effort), self._places, strict=True
         ):
             count = len(values)
             if count == len(joints):
-                readings += [(name, (by * float(values[i]),)) for i, name, by in places]
+                found += [(name, (by * float(values[i]),)) for i, name, by in places]
                 continue
             text = f"{len(joints)} joints have {count} {what}, expected as many"
             for _, name, _ in places:
                 self.onboard.refuse(name, f"no_{what}", text)
-        return readings
+        return found
 
 
-def _forces(parts: Iterable[tuple[str, str, int]], message: Any) -> Iterable[Reading]:
+def _forces(parts: Iterable[tuple[str, str, int]], message: Any) -> Iterable[Measured]:
     force = message.wrench.force
     return [(stream, (sign * getattr(force, axis),)) for stream, axis, sign in parts]
 
 
-def _sinkage(stream: str, message: Any) -> Iterable[Reading]:
+def _sinkage(stream: str, message: Any) -> Iterable[Measured]:
     return ((stream, (message.sinkage, message.variance)),)
 
 

@@ -8,17 +8,24 @@ and strength, load and slip.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from smallwheel_ros.estimator.path_steps import RollingContact, Sample
+from smallwheel_ros.estimator.reading import Reading, UpdateResult
+from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.estimator.strength_filter import OTHER, WheelStep
 from smallwheel_ros.estimator.traction import TractionEstimator
+from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.wheel_on_soil import (
     REFERENCE_SLIP,
     MobilityError,
     WheelOnSoil,
+    mean_contacts,
+    wheel_on_soil,
 )
 from smallwheel_ros.physics import stresses
 from smallwheel_ros.physics.conditions import ROLLING
@@ -69,6 +76,111 @@ class WheelForces:
             return None
         value, deviation = self.margin.value, self.margin.standard_deviation
         return Quantity(math.atan(value), deviation / (1.0 + value**2))
+
+
+class Mobility:
+    """What the wheels of a vehicle can do on soil and strength as they are believed now."""
+
+    def __init__(
+        self, settings: OnboardSettings, estimator: SoilEstimator, traction: TractionEstimator
+    ) -> None:
+        self._settings, self._estimator, self._traction = settings, estimator, traction
+
+    def sinkage(
+        self, reading: Reading, load: Quantity, update: UpdateResult | None
+    ) -> Quantity | None:
+        """Sinkage (m) as predicted without this measurement; None where sunk to the axle.
+
+        update: what became of the measurement. Raises EstimatorError where the model has no sinkage.
+        """
+        if (
+            update is not None
+            and update.predicted_sinkage is not None
+            and update.predicted_variance is not None
+        ):
+            return Quantity(update.predicted_sinkage, math.sqrt(update.predicted_variance))
+        wheel = reading.wheel
+        prediction = self._estimator.predict(
+            load.value,
+            wheel.diameter,
+            wheel.width,
+            slip=None if reading.slip is None else reading.slip.value,
+            speed=reading.speed,
+            contact=wheel.contact,
+            load_std=load.standard_deviation,
+            wheel=wheel.name,
+        )
+        if prediction.sunk_to_axle:
+            return None
+        return Quantity(prediction.sinkage, prediction.standard_deviation)
+
+    def forces(self, reading: Reading, shown: Quantity) -> WheelForces | None:
+        """Forces of a wheel under the load (N) that is shown; None where it is sunk to its axle.
+
+        Raises MobilityError if they are not finite.
+        """
+        on = self._on_soil(reading, shown, reading.slip)
+        if on is None:
+            return None
+        return wheel_forces(
+            on,
+            self._traction,
+            reading.slip,
+            time=reading.time,
+            torque=reading.torque,
+            reference=self._at_reference_slip(reading, shown, on),
+            reference_slip=self._settings.reference_slip,
+        )
+
+    def margin(self, reading: Reading, shown: Quantity) -> Quantity | None:
+        """Margin of a wheel under the load (N) that is shown.
+
+        None where it is sunk to its axle now, and for a pressed wheel.
+        """
+        on = None
+        if reading.wheel.contact == ROLLING:
+            on = self._on_soil(reading, shown, reading.slip)
+        if on is None:
+            return None
+        reference = self._at_reference_slip(reading, shown, on)
+        return wheel_margin(reference, self._traction, self._settings.reference_slip)
+
+    def mean_contacts(
+        self, samples: Mapping[str, Sequence[Sample]]
+    ) -> Mapping[str, RollingContact]:
+        """Mean contacts of wheels over a step of the path, by name."""
+        effects = self._settings.effects
+        return mean_contacts(
+            samples,
+            scatter=self._settings.estimator.soil_scatter,
+            effects=effects,
+            strength=self._traction.estimate().strength if effects else None,
+        )
+
+    def _on_soil(
+        self, reading: Reading, shown: Quantity, slip: Quantity | None
+    ) -> WheelOnSoil | None:
+        effects = self._settings.effects
+        soil, load, together = self._estimator.under(reading.wheel.name, shown)
+        return wheel_on_soil(
+            reading.wheel,
+            soil,
+            load,
+            with_load=together,
+            scatter=self._settings.estimator.soil_scatter,
+            slip=None if slip is None else slip.value,
+            speed=reading.speed,
+            effects=effects,
+            strength=self._traction.estimate().strength if effects else None,
+        )
+
+    def _at_reference_slip(
+        self, reading: Reading, shown: Quantity, on: WheelOnSoil
+    ) -> WheelOnSoil | None:
+        """The wheel as it is at the reference slip; on: at the slip of now."""
+        if not self._settings.effects:
+            return on
+        return self._on_soil(reading, shown, Quantity(self._settings.reference_slip, 0.0))
 
 
 def wheel_forces(

@@ -14,20 +14,46 @@ nearly alike. A wheel is doubted where its joint
 Its slip is that of the others then, give or take 0.2, and in each step in which it is so far off, until it
 moves and agrees with them again over 0.3 m. The speed over ground is not known while its messages repeat one
 and the same (see `SensorBuffer`).
+
+
+What odometry and wheel speeds alone tell of slip, where nothing else is measured, is `OdometryWatch`.
+
+How sure. The difference d between the speed of a rim and that of its place over ground has the noise of both
+in it. Slip changes little within half a second, so second differences of d over 0.5 s are noise: their
+variance is six times that of d, whatever the messages say of it. What does not change from reading to reading
+comes on top: the radius of the wheel and the scale of the odometry.
+
+How late. An odometry of pictures or echoes is late by some tenths of a second, which looks like slip while
+speed changes. Over each metre, with s the way of the rims and i the slip, means of all wheels,
+
+    integral of (rim - speed) dt = i s + tau (change of rim speed)
+
+so that starts and stops tell tau, with a prior of 0.1 s; the rim is compared as it was tau ago.
+
+Whether it shows any. An odometry that is made of the wheels, alone or by a filter with an imu, has their
+speed: i is 0 wherever it drives, but for radii and scales. The best odometries that know nothing of wheels
+wander by half a hundredth of the way (Geiger and others 2012, "Are we ready for autonomous driving?", and its
+table since), and slip on soil by more. So where i is surely the same within that from metre to metre, and no
+more than radii and scales are off by, odometry shows no slip: slip is not known then. An odometry of its own
+on a firm floor may be as good; the first metre that slips shows it.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
+import numpy as np
+from scipy.stats import chi2
+
 from smallwheel_ros.estimator.path_steps import PathStep
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
 
 _AGAINST = 0.5  # m of the wheel's own path on which it turned against its travel throughout
 _RATIO = 0.3  # of rim speed over speed: less may be a wheel that is locked
@@ -68,7 +94,7 @@ class MotionWatch:
         self._repeated: int | None = None  # stamp since which the speed repeats
         self._odometry = ""
 
-    def add(self, instant: Instant) -> Instant:
+    def add(self, instant: Reading) -> Reading:
         """Take an instant; return it without a slip that is none."""
         name = instant.wheel.name
         joint = self._joints.get(name)
@@ -86,7 +112,7 @@ class MotionWatch:
             return instant._replace(slip=None)
         return instant
 
-    def _watch_odometry(self, instant: Instant) -> None:
+    def _watch_odometry(self, instant: Reading) -> None:
         if not instant.speed_repeats:
             self._repeated, self._odometry = None, ""
             return
@@ -97,7 +123,7 @@ class MotionWatch:
                 " slip is unknown and no way is counted until it changes; check its driver"
             )
 
-    def _compare(self, joint: _Joint, instant: Instant, others: list[float]) -> None:
+    def _compare(self, joint: _Joint, instant: Reading, others: list[float]) -> None:
         """Look at one reading of a joint."""
         speed, rim = instant.speed or 0.0, instant.rim_speed or 0.0
         way = max(instant.path - joint.last, 0.0)
@@ -172,3 +198,154 @@ class MotionWatch:
             f"wheel '{name}': {joint.why}" for name, joint in self._joints.items() if joint.why
         )
         return (*wheels, *([self._odometry] if self._odometry else []))
+
+
+_DIFFERENCE = 0.5  # s, between the differences
+_MEMORY, _ENOUGH = 100, 20  # second differences of a wheel
+_NORMAL = 0.6745  # median of the size of a standard normal number
+_SCALE_STD = 0.01  # of an odometry: a camera's height, a lens
+_LATE_STD = 0.1  # s: a picture or two at 10 to 20 Hz
+_PATCHES = 0.02  # of the way, by which slip differs from metre to metre
+_LATEST = 0.5  # s
+_STRETCH, _STRETCHES = 1.0, 12  # m, and how many of the newest count
+_FEWEST = 4  # stretches, before anything is said
+_OWN = 0.005  # of the way: the best odometry that knows nothing of the wheels
+_EXPLAINED = 3.0 * math.hypot(
+    _SCALE_STD, 0.01
+)  # a slip that is none: scale, and a tread's hundredth of a radius
+_SURE = 0.975
+
+
+class OdometryWatch:
+    """Of a vehicle; feed it every instant in the order of time.
+
+    Attributes
+    ----------
+    shows_slip
+        False where the odometry has agreed with the wheels as only one that is made of them does.
+    late
+        s, by which its speed is behind that of the wheels.
+    """
+
+    def __init__(self, wheels: Sequence[Wheel], standstill: float) -> None:
+        """Begin. wheels: of the vehicle; standstill: m/s, at or below which nobody moves."""
+        self._standstill = standstill
+        self._noise = {wheel.name: _Noise() for wheel in wheels if wheel.contact == ROLLING}
+        self._now: dict[str, tuple[float, float]] = {}  # rim and speed (m/s) of this instant
+        self._stamp: int | None = None
+        # m, way of the rims in this stretch, and what it is more than the odometry's.
+        self._way = self._apart = 0.0
+        self._begin = self._rim = 0.0  # m/s, of the rims where the stretch began, and now
+        self._stretches: deque[tuple[float, float, float]] = deque(maxlen=_STRETCHES)
+        self.shows_slip = True
+        self.late = Quantity(0.0, _LATE_STD)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """In words, with what to check."""
+        if self.shows_slip:
+            return ()
+        return (
+            "odometry shows no slip: over the last metres it has agreed with the wheels to"
+            f" {self._scatter()[1]:.1%} of the way, as one does that is made of the wheels, or filtered"
+            " with them. Slip, risk and warnings are unknown until it differs from them: give an odometry"
+            " that the wheels have no part in (odom, or velocity_topic: visual odometry, radar, optical"
+            " flow)",
+        )
+
+    def add(self, instant: Reading) -> Reading:
+        """Take an instant; return it with a slip that is as sure as it is, or with none."""
+        noise = self._noise.get(instant.wheel.name)
+        if noise is None or instant.speed is None or instant.rim_speed is None:
+            return instant
+        self._travelled(instant, instant.rim_speed, instant.speed)
+        then, deviation = noise.add(instant, instant.rim_speed, instant.speed, self.late)
+        if not self.shows_slip:
+            return instant._replace(slip=None, rim_speed=None)
+        if instant.stands or instant.slip is None:
+            return instant
+        speed = Quantity(instant.speed, deviation)
+        rim = Quantity(then, math.hypot(instant.rim_std, _SCALE_STD * then))
+        return instant._replace(
+            slip=wheel_slip(speed, rim, self._standstill),
+            rim_speed=then,
+            speed_std=speed.standard_deviation,
+            rim_std=rim.standard_deviation,
+        )
+
+    def _travelled(self, instant: Reading, rim: float, speed: float) -> None:
+        """Add up the ways of one instant of all wheels."""
+        if self._stamp is not None and instant.stamp != self._stamp:
+            if len(self._now) == len(self._noise):
+                seconds = min((instant.stamp - self._stamp) / SECOND, _DIFFERENCE)
+                rims, speeds = np.mean(list(self._now.values()), axis=0).tolist()
+                self._rim = abs(rims)
+                self._way += abs(rims) * seconds
+                self._apart += math.copysign(1.0, rims) * (rims - speeds) * seconds
+            self._now = {}
+        self._stamp = instant.stamp
+        self._now[instant.wheel.name] = rim, speed
+        if self._way >= _STRETCH:
+            self._stretches.append((self._way, self._apart, self._rim - self._begin))
+            self._way, self._apart, self._begin = 0.0, 0.0, self._rim
+            self._judge()
+
+    def _judge(self) -> None:
+        """Say of the newest stretches how late the odometry is, and whether it shows slip."""
+        way, apart, gained = np.array(self._stretches).T
+        # Least squares of slip and delay, the latter with its prior.
+        columns = np.stack([way, gained], axis=1)
+        known = columns.T @ columns + np.diag([0.0, (_PATCHES / _LATE_STD) ** 2])
+        late = float(np.linalg.solve(known, columns.T @ apart)[1])
+        spread = _PATCHES * math.sqrt(float(np.linalg.inv(known)[1, 1]))
+        self.late = Quantity(min(max(late, 0.0), _LATEST), spread)
+        count = len(self._stretches)
+        if count >= _FEWEST:
+            mean, deviation = self._scatter()
+            # How large the variance of normal numbers may be.
+            largest = (count - 2) * deviation**2 / float(chi2.ppf(1.0 - _SURE, count - 2))
+            self.shows_slip = largest > _OWN**2 or abs(mean) > _EXPLAINED
+
+    def _scatter(self) -> tuple[float, float]:
+        """Mean slip of the newest stretches, and how they scatter about it; the delay is taken out."""
+        way, apart, gained = np.array(self._stretches).T
+        columns = np.stack([np.ones(len(way)), gained / way], axis=1)
+        found = np.linalg.lstsq(columns, apart / way)[0]
+        left = apart / way - columns @ found
+        return float(found[0]), math.sqrt(float(left @ left) / (len(way) - 2))
+
+
+class _Noise:
+    """Of the difference between rim and ground at one wheel."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[int, float, float]] = (
+            deque()
+        )  # stamp (ns), difference and rim (m/s)
+        self._found: deque[float] = deque(maxlen=_MEMORY)  # sizes of second differences, m/s
+
+    def add(
+        self, instant: Reading, rim: float, speed: float, late: Quantity
+    ) -> tuple[float, float]:
+        """Take an instant; return the rim's speed as late as the odometry, and the deviation of both.
+
+        In m/s.
+        """
+        recent, step = self._recent, int(_DIFFERENCE * SECOND)
+        if instant.stands or (recent and instant.stamp - recent[-1][0] > step):
+            recent.clear()
+        stamps, rims = zip(*((one[0], one[2]) for one in recent), (instant.stamp, rim), strict=True)
+        then = float(np.interp(instant.stamp - late.value * SECOND, stamps, rims))
+        recent.append((instant.stamp, then - speed, rim))
+        while instant.stamp - recent[0][0] > 2 * step + step // 2:
+            recent.popleft()
+        first = recent[0]
+        if instant.stamp - first[0] >= 2 * step:
+            middle = min(recent, key=lambda one: abs(2 * one[0] - first[0] - instant.stamp))
+            self._found.append(abs(first[1] - 2.0 * middle[1] + then - speed))
+        old = recent[max(len(recent) - 4, 0)]
+        gaining = (rim - old[2]) / max((instant.stamp - old[0]) / SECOND, 0.1)
+        deviation = instant.speed_std
+        if len(self._found) >= _ENOUGH:
+            deviation = median(self._found) / _NORMAL / math.sqrt(6.0)
+        return then, math.hypot(deviation, late.standard_deviation * gaining)

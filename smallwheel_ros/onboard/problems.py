@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What could not be used: counted by stream and reason, and put in words, with the unit that explains it."""
+"""What could not be used: counted by stream and reason, and put in words, with the unit that explains it.
+
+And whether what was used is as the filter expects it.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,9 @@ from collections import Counter, defaultdict, deque
 from dataclasses import dataclass, field
 from statistics import median
 from typing import NamedTuple
+
+from smallwheel_ros.estimator.law_model import LARGEST
+from smallwheel_ros.estimator.reading import Outcome, UpdateResult
 
 _KEPT = 1000
 _MEMORY = 50  # messages of a stream over which the share of the refused is averaged
@@ -124,3 +130,84 @@ def unit_of(ratio: float, quantity: str, factor: float = 1.05) -> tuple[float, s
         return None
     name, value = min(units.items(), key=lambda unit: abs(math.log(ratio / unit[1])))
     return (value, name) if abs(math.log(ratio / value)) <= math.log(factor) else None
+
+
+# ---- whether the filter fits
+
+_RECENT = 200
+_TOO_SURE, _TOO_MODEST = 2.0, 0.15  # mean of squared normalised innovations; 1 is right
+_MANY_OUTLIERS = 0.2
+_ENOUGH_UPDATES = 30  # before anything is said
+
+
+class FilterHealth:
+    """The newest 200 updates: squared innovation over its variance, how many were outliers or refused.
+
+    A filter whose model and noise are right has a mean of 1. Readings on one stretch have the ground's part
+    of the innovation in common, and a wheel that stands shows one and the same: squares are of the first
+    reading on each stretch, the newest 100 of them.
+    """
+
+    def __init__(self) -> None:
+        self._squares: deque[float] = deque(maxlen=_RECENT // 2)
+        self._outliers: deque[bool] = deque(maxlen=_RECENT)
+        self._refused: deque[bool] = deque(maxlen=_RECENT)
+
+    def add(self, update: UpdateResult, elsewhere: bool = True) -> None:
+        """Take what became of a measurement. elsewhere: its wheel has come to another stretch."""
+        self._refused.append(update.outcome is Outcome.REFUSED)
+        if update.outcome is Outcome.REFUSED or update.normalised_innovation_squared is None:
+            return
+        outlier = update.outcome is Outcome.OUTLIER
+        self._outliers.append(outlier)
+        if elsewhere and not outlier:
+            # A border shows some that are huge until it is found: they count as in the filter.
+            self._squares.append(min(update.normalised_innovation_squared, LARGEST))
+
+    def forget(self) -> None:
+        """Another soil was found, which is what did not fit lately."""
+        self._squares.clear()
+        self._outliers.clear()
+
+    @property
+    def count(self) -> int:
+        """How many updates this is about."""
+        return len(self._outliers)
+
+    @property
+    def mean_square(self) -> float | None:
+        """Mean of the squared normalised innovations of those used; None where there is none."""
+        return sum(self._squares) / len(self._squares) if self._squares else None
+
+    @property
+    def outlier_share(self) -> float:
+        """Share of outliers, 0 .. 1."""
+        return sum(self._outliers) / len(self._outliers) if self._outliers else 0.0
+
+    @property
+    def concern(self) -> str:
+        """What is wrong, in words; empty where nothing is."""
+        mean, refused = self.mean_square, sum(self._refused) / max(len(self._refused), 1)
+        if len(self._refused) >= _ENOUGH_UPDATES and refused > _MANY_OUTLIERS:
+            return (
+                f"{refused:.0%} of the newest {len(self._refused)} sinkages are refused, so the soil is"
+                " hardly measured: see the sensors"
+            )
+        if self.count >= _ENOUGH_UPDATES and self.outlier_share > _MANY_OUTLIERS:
+            return (
+                f"{self.outlier_share:.0%} of the newest {self.count} sinkages do not fit: a sensor,"
+                " or physics that the model lacks"
+            )
+        if mean is None or len(self._squares) < _ENOUGH_UPDATES:
+            return ""
+        if mean > _TOO_SURE:
+            return (
+                f"innovations are larger than they should be (mean square {mean:.1f}, expected 1):"
+                " noise parameters too small, or physics that the model lacks"
+            )
+        if mean < _TOO_MODEST and len(self._squares) == self._squares.maxlen:
+            return (
+                f"innovations are smaller than they should be (mean square {mean:.2f}, expected 1):"
+                " noise parameters too large, standard deviations too"
+            )
+        return ""

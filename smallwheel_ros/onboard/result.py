@@ -8,7 +8,7 @@ from enum import IntEnum
 from typing import Any
 
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.mobility import WheelForces
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -81,7 +81,7 @@ class Result:
         Wheels that are on another soil than this one, just before or after a border.
     """
 
-    instant: Instant
+    instant: Reading
     status: Status
     status_text: str
     sinkage_predicted: Quantity | None

@@ -8,10 +8,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.onboard.instant import Instant, Motion, drives_forward
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
-from smallwheel_ros.onboard.streams import SECOND, Series, StampFault, Travel, nanoseconds
+from smallwheel_ros.onboard.streams import (
+    SECOND,
+    Motion,
+    Series,
+    StampFault,
+    Travel,
+    drives_forward,
+    nanoseconds,
+)
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
 
@@ -162,7 +170,7 @@ class SensorBuffer:
             self._travel.move(stamp, *values[:4])
         return fault
 
-    def instant(self, stamp: int, order: int, measured: Sequence[float]) -> Instant:
+    def instant(self, stamp: int, order: int, measured: Sequence[float]) -> Reading:
         """Put together what belongs to a wheel's instant; call it in the order of stamps.
 
         measured: its sinkage (m) and variance (m^2, not known where it is not over 0), if any.
@@ -198,7 +206,7 @@ class SensorBuffer:
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(value, deviation)
         self._advance(state, order, stamp, sinkage, stands or repeats)
-        return Instant(
+        return Reading(
             state.wheel,
             stamp,
             carried,

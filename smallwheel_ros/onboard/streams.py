@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Header stamps (ns), recent values by stamp, and the paths that speeds add up to."""
+"""Header stamps (ns), recent values by stamp, how a vehicle moves, and the paths that speeds add up to."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from enum import Enum
+from typing import NamedTuple
 
 from smallwheel_ros.onboard.settings import Timing
+from smallwheel_ros.physics.wheel import Wheel
 
 SECOND = 1_000_000_000  # ns
 _EVER = 1 << 63  # ns: further apart are no stamps
@@ -204,3 +206,69 @@ class Travel(Series):
             mean = min(first, last) if is_gap else 0.5 * (first + last)
             found.append(path + mean * duration)
         return tuple(found)
+
+
+def drives_forward(speed: float | None, rim_speed: float | None) -> bool:
+    """Whether a wheel drives forward; speeds of its place over ground and of its rim, m/s.
+
+    The faster of them tells: the speed over ground of a wheel that spins on one place is noise of
+    either sign, and so is the rim of one that is dragged.
+    """
+    if speed is None:
+        return True
+    return (rim_speed if rim_speed is not None and abs(rim_speed) > abs(speed) else speed) >= 0.0
+
+
+class Motion(NamedTuple):
+    """Of a vehicle: forward speed (m/s), yaw rate (rad/s), place (m), cosine and sine of the yaw.
+
+    Between two messages the latter two are not of unit length; they are NaN where yaw is not known.
+    speed_variance, yaw_rate_variance: as the message has them, 0 where it does not. pitch: rad,
+    positive nose down, and roll, positive left side up; 0 where not known.
+    """
+
+    speed: float
+    yaw_rate: float
+    x: float
+    y: float
+    cosine: float = math.nan
+    sine: float = math.nan
+    speed_variance: float = 0.0
+    yaw_rate_variance: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        x: float,
+        y: float,
+        speed: float,
+        yaw_rate: float,
+        yaw: float | None,
+        pitch: float,
+        variances: tuple[float, float],
+        roll: float = 0.0,
+    ) -> Motion:
+        """Return the motion in an odometry; what of it may be unknown is so where it is no number."""
+        turn = (math.nan, math.nan)
+        if yaw is not None and math.isfinite(yaw):
+            turn = (math.cos(yaw), math.sin(yaw))
+        of_speed, of_yaw = (value if 0.0 < value < math.inf else 0.0 for value in variances)
+        angles = (angle if math.isfinite(angle) else 0.0 for angle in (pitch, roll))
+        return cls(speed, yaw_rate, x, y, *turn, of_speed, of_yaw, *angles)
+
+    @property
+    def heading(self) -> float | None:
+        """Yaw (rad); None where it is not known."""
+        known = math.isfinite(self.cosine + self.sine)
+        return math.atan2(self.sine, self.cosine) if known else None
+
+    def place(self, wheel: Wheel) -> tuple[float, float] | None:
+        """Where a wheel is; None where nobody knows which way the vehicle looks."""
+        length = math.hypot(self.cosine, self.sine)
+        if not length > 0.0:
+            return None
+        cosine, sine = self.cosine / length, self.sine / length
+        ahead, left = wheel.longitudinal_position, wheel.lateral_position
+        return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left

@@ -22,6 +22,23 @@ A warning is given where
 
 Slip has to be up in each of them, and not of a vehicle that gains speed: it is known without mass, slope and
 strength, and the margin within a few hundredths of the load only.
+
+By slip as odometry and wheel speeds alone show it, where no sinkage is measured, it is `SlipWarning`.
+
+A straight line through the slip of the middle wheel over 1.5 s, or half a metre of the rims where that is
+longer, weighted by the deviations of the readings, gives the slip now, its trend, and by both the slip when a
+driver who is warned now has stopped: 3 s or half a metre on, whichever is later.
+It is warned where, surely,
+
+    slip is over 0.3: from there on the net traction of small wheels hardly rises;
+    slip is over 0.2 and rises, and will be over the reference slip by then;
+
+or slip is over 0.2 and the risk over 0.8 (see `stuck_warning`). Surely: by 1.5 deviations of the line, which
+leave one reading in fifteen; errors of an odometry are alike over 0.3 s (`path_steps`). Steps of the path, by
+which it goes where sinkage is measured, take long where wheels slip. Who gains speed slips because of that,
+and who turns on the spot gets nowhere: neither is warned.
+
+That a wheel digs itself in is told by its slip, sinkage and speed: `DiggingInAlarm`.
 """
 
 from __future__ import annotations
@@ -34,10 +51,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.path_steps import CELL, PathStep
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.traction import GRAVITY
-from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import probability_positive
-from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.settings import DiggingInRules
+from smallwheel_ros.onboard.streams import SECOND, nanoseconds
 from smallwheel_ros.physics.wheel import Quantity
 
 Array = NDArray[np.float64]
@@ -96,13 +114,13 @@ class StuckWarning:
         self._wheels: dict[str, _Wheel] = {}
         self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / CELL))
 
-    def know(self, instant: Instant, margin: Quantity | None) -> None:
+    def know(self, instant: Reading, margin: Quantity | None) -> None:
         """Take the margin of a wheel."""
         if instant.load is not None and margin is not None:
             found = _Wheel(instant.stamp, instant.load.value, margin)
             self._wheels[instant.wheel.name] = found
 
-    def take(self, step: PathStep, instant: Instant, reference_slip: float) -> None:
+    def take(self, step: PathStep, instant: Reading, reference_slip: float) -> None:
         """A step of the path has ended; instant: the one that ended it."""
         slips = sorted((mean.slip for mean in step.wheels.values()), key=lambda slip: slip.value)
         # Of wheels half of which stand nobody knows.
@@ -176,3 +194,148 @@ def _line(distance: Array, value: Array, length: float) -> tuple[float, float]:
 
 def _in_time(left: float, speed: float | None) -> str:
     return f", {left / abs(speed):.0f} s" if speed else ""
+
+
+_WINDOW, _SHORTEST = 1.5, 0.6  # s
+_ALIKE = 0.3  # s
+_SURE_OF_SLIP = 1.5  # deviations
+_STOPS, _WAY, _LONGEST = 3.0, 0.5, 10.0  # s, m, s
+_GAINS = 0.1  # m/s^2
+
+
+class SlipWarning:
+    """Of a vehicle; feed it every instant in the order of time. wheels: that roll."""
+
+    def __init__(self, wheels: int, reference_slip: float) -> None:
+        self._wheels, self._reference = wheels, reference_slip
+        self._now: list[Reading] = []  # of one stamp
+        # s; slip of the middle wheel; m/s, mean of the rims.
+        self._readings: deque[tuple[float, Quantity, float]] = deque()
+        self.warning = ""
+
+    def add(self, instant: Reading, risk: float | None) -> str:
+        """Take an instant; return the warning in words, empty where there is none."""
+        if self._now and instant.stamp != self._now[0].stamp:
+            self._take()
+            self.warning = self._words(risk)
+            self._now = []
+        self._now.append(instant)
+        return self.warning
+
+    def _take(self) -> None:
+        """Keep the middle of the wheels' slips.
+
+        Begin anew where the vehicle stands, turns back or turns on the spot.
+        """
+        slips = sorted((one.slip for one in self._now if one.slip is not None), key=_value)
+        ways = {one.forward for one in self._now if one.slip is not None}
+        if 2 * len(slips) <= self._wheels or len(ways) > 1:
+            self._readings.clear()
+            return
+        rims = [one.rim_speed for one in self._now if one.rim_speed is not None]
+        rim = sum(rims) / len(rims)
+        newest = self._readings[-1] if self._readings else None
+        time = self._now[0].stamp / SECOND
+        if newest is not None and (newest[2] * rim < 0.0 or time - newest[0] > _SHORTEST):
+            self._readings.clear()
+        self._readings.append((time, slips[(len(slips) - 1) // 2], rim))
+        window = min(max(_WINDOW, _WAY / max(abs(rim), 1e-3)), _LONGEST)
+        while time - self._readings[0][0] > window:
+            self._readings.popleft()
+
+    def _words(self, risk: float | None) -> str:
+        first, last = (self._readings[0], self._readings[-1]) if self._readings else (None, None)
+        if first is None or last is None or last[0] - first[0] < _SHORTEST:
+            return ""
+        seconds = last[0] - first[0]
+        if (abs(last[2]) - abs(first[2])) / seconds > _GAINS:
+            return ""
+        times = np.array([reading[0] - last[0] for reading in self._readings])
+        slips = np.array([reading[1].value for reading in self._readings])
+        weights = [1.0 / max(reading[1].standard_deviation, 1e-3) for reading in self._readings]
+        line, spread = np.polyfit(times, slips, 1, w=weights, cov="unscaled")
+        alike = max(_ALIKE * (len(times) - 1) / seconds, 1.0)
+        trend, now = line.tolist()
+        travel = max((1.0 - now) * abs(last[2]), 1e-3)
+        until = min(max(_STOPS, _WAY / travel), _LONGEST)
+        later = now + trend * until
+        unsure, unsure_later = (
+            _SURE_OF_SLIP * math.sqrt(alike * float(row @ spread @ row))
+            for row in (np.array([0.0, 1.0]), np.array([until, 1.0]))
+        )
+        words = f"the wheels slip by {now:.2f}"
+        if now > _ORDINARY and trend > 0.0 and later - unsure_later > self._reference:
+            left = max((self._reference - now) / trend, 0.0)
+            when = f"in {left:.0f} s" if left >= 0.5 else "at any moment"
+            return f"{words} and more and more: the vehicle may get stuck {when}"
+        if now - unsure > _HIGH:
+            return f"{words}: the vehicle may get stuck"
+        if now > _ORDINARY and risk is not None and risk > _LIKELY:
+            return (
+                f"{words}, and the ground asks for more than they pull: the vehicle may get stuck"
+            )
+        return ""
+
+
+def _value(slip: Quantity) -> float:
+    return slip.value
+
+
+_ORDINARY_SLIP = 0.3  # up to here driving is ordinary
+_MEMORY = 20  # measurements over which ordinary driving is averaged
+_NO_DOUBT = 0.8  # slip that needs no ordinary speed to compare with
+
+
+class DiggingInAlarm:
+    """The alarm that a wheel digs itself in: slip up, sinkage up, speed over ground down.
+
+    What is up and down is told by ordinary driving: the wheel's sinkage and speed while its slip was
+    small. All three have to hold at once, for some time; slip alone is a slippery patch, sinkage alone
+    a softer soil, and a low speed alone a driver who takes it easy.
+
+    Of one wheel; feed it every instant of that wheel in the order of time.
+    """
+
+    def __init__(self, rules: DiggingInRules) -> None:
+        self.rules = rules
+        self.on = False
+        self._sinkage: float | None = None
+        self._speed: float | None = None
+        self._since: int | None = None
+
+    def update(self, instant: Reading) -> bool:
+        """Take an instant; return whether the wheel digs itself in.
+
+        An instant without slip, speed or measured sinkage changes nothing: a wheel that was stopped
+        while it dug in still stands in its hole.
+        """
+        if instant.slip is None or instant.sinkage is None or instant.speed is None:
+            return self.on
+        slip, sinkage, speed = instant.slip.value, instant.sinkage.value, abs(instant.speed)
+        if slip <= _ORDINARY_SLIP:
+            self._sinkage = _averaged(self._sinkage, sinkage)
+            self._speed = _averaged(self._speed, speed)
+            self._since, self.on = None, False
+            return False
+        if self._sinkage is None:
+            self._sinkage = sinkage
+        if not self._digs(slip, sinkage, instant.sinkage.standard_deviation, speed):
+            self._since = None
+            # Between ordinary driving and digging an alarm stays as it is.
+            return self.on
+        if self._since is None:
+            self._since = instant.stamp
+        self.on |= instant.stamp - self._since >= nanoseconds(self.rules.time)
+        return self.on
+
+    def _digs(self, slip: float, sinkage: float, noise: float, speed: float) -> bool:
+        assert self._sinkage is not None
+        rise = max(self.rules.sinkage_rise * self._sinkage, 2.0 * noise)
+        slow = slip >= _NO_DOUBT
+        if self._speed is not None:
+            slow = speed <= (1.0 - self.rules.speed_drop) * self._speed
+        return slip >= self.rules.slip and slow and sinkage >= self._sinkage + rise
+
+
+def _averaged(mean: float | None, value: float) -> float:
+    return value if mean is None else mean + (value - mean) / _MEMORY

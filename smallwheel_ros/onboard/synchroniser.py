@@ -13,7 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.sensor_buffer import SensorBuffer
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardError, OnboardSettings
@@ -25,7 +25,7 @@ from smallwheel_ros.onboard.streams import (
     stamp_problem,
 )
 
-Reading = tuple[str, Sequence[float]]  # the name of a stream, and its values
+Measured = tuple[str, Sequence[float]]  # the name of a stream, and its values
 
 # By the end of a stream's name: what has to be a number, with its unit; further values may be
 # unknown. In SI units nothing on a vehicle is larger than 1e9; squares of such numbers are finite.
@@ -82,20 +82,22 @@ class Synchroniser:
         """Return the newest stamp (ns) of what was kept of a stream; None where there is none."""
         return self._buffer.streams[stream].newest
 
-    def add(self, stamp: int, readings: Iterable[Reading], now: int | None = None) -> list[Instant]:
+    def add(
+        self, stamp: int, measured: Iterable[Measured], now: int | None = None
+    ) -> list[Reading]:
         """Take what was measured at one instant; return the instants that are complete now.
 
         stamp: when it was measured. now: what the clock says, None or 0 where there is no clock.
         Raises OnboardError for an unknown wheel.
         """
-        for name, values in readings:
+        for name, values in measured:
             self._take(name, stamp, values, now)
         ready = []
         while self._waiting and not self._is_held():
             ready.append(self._buffer.instant(*heapq.heappop(self._waiting)))
         return ready
 
-    def flush(self) -> list[Instant]:
+    def flush(self) -> list[Reading]:
         """Give everything that waits, with what is there: nothing more will come."""
         waiting, self._waiting = sorted(self._waiting), []
         return [self._buffer.instant(*one) for one in waiting]

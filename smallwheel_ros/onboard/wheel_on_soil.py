@@ -2,14 +2,15 @@
 """Sinkage and motion resistance of one wheel on the soil as it is estimated, and how sure they are.
 
 Without effects their slopes by the law are worked out by hand; with effects they are differences of the
-model itself. `mean_contact` is what the strength needs of all readings of a wheel on a step of the path:
-arrays, one solution for all of them.
+model itself. `mean_contacts` are what the strength needs of all readings on a step of the path: arrays, one
+solution for all wheels.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -20,9 +21,8 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.path_steps import RollingContact
-from smallwheel_ros.estimator.sinkage_measurement import covariates_of
-from smallwheel_ros.estimator.soil_filter import LocalLaw
+from smallwheel_ros.estimator.path_steps import RollingContact, Sample
+from smallwheel_ros.estimator.reading import Reading, covariates_of
 from smallwheel_ros.estimator.wheel_sinkage import (
     NO_SINKAGE,
     Law,
@@ -198,6 +198,11 @@ class _Rows(NamedTuple):
     factor: Array
     immobilised: NDArray[np.bool_]
 
+    def where(self, own: slice) -> _Rows:
+        """Some of the rows."""
+        columns = self.values[:, own], self.slopes[:, :, own], self.reaching[own], self.factor[own]
+        return _Rows(*columns, self.immobilised[own])
+
 
 def _of_model(
     laws: Array,
@@ -232,53 +237,105 @@ def _of_model(
     return _Rows(table[:, :count], by_law, reaching, factor, found.immobilised[:count])
 
 
-class ContactReading(NamedTuple):
-    """One reading of a wheel: the law under it, its load as shown (N), slip and speed (m/s)."""
-
-    law: LocalLaw
-    load: Quantity
-    slip: float | None
-    speed: float | None
-
-
-def mean_contact(
-    wheel: Wheel,
-    readings: Sequence[ContactReading],
+def mean_contacts(
+    samples: Mapping[str, Sequence[Sample]],
     *,
     scatter: float = 0.0,
     effects: Sequence[Effect] = (),
     strength: Strength | None = None,
-) -> RollingContact | None:
-    """Mean of the contacts of a rolling wheel's readings, as `WheelOnSoil.contact` has them.
+) -> dict[str, RollingContact]:
+    """Means of the contacts of rolling wheels' readings, by name, as `WheelOnSoil.contact` has them.
 
-    None where the first has none: a wheel sunk to its axle, or one of which the effects do not know enough.
+    A wheel is left out whose first reading has none: it is sunk to its axle, or the effects do not know
+    enough of it.
     """
     needs = covariates_of(effects)
-    if any(getattr(readings[0], name) is None for name in needs):
-        return None
-    readings = [one for one in readings if all(getattr(one, name) is not None for name in needs)]
-    loads, deviations = np.array(
-        [(q.value, q.standard_deviation) for q in (one.law.load(one.load) for one in readings)]
-    ).T
-    laws = np.array([one.law.law for one in readings])
+    known = {
+        name: [one for one in found if _knows(one.reading, needs)]
+        for name, found in samples.items()
+        if _knows(found[0].reading, needs)
+    }
+    rows = _of_wheels(known, effects, strength) if effects else _plain(known)
+    found = {}
+    for name, (laws, noise, row) in rows.items():
+        contact = _mean_contact(known[name][0].reading.wheel, laws, noise, row, scatter)
+        if contact is not None:
+            found[name] = contact
+    return found
+
+
+_Loaded = tuple[
+    Array, Array, _Rows
+]  # laws (rows, 3), variance of ln load (rows,), what comes of them
+
+
+def _knows(reading: Reading, needs: Sequence[str]) -> bool:
+    return all(getattr(reading, name) is not None for name in needs)
+
+
+def _laws_and_loads(samples: Sequence[Sample]) -> tuple[Array, Array, Array]:
+    """Rows of `Law`, loads (N), and the variances of their logarithms by their noise."""
+    carried = [one.law.load(one.load) for one in samples if one.load is not None]
+    loads, deviations = np.array([(q.value, q.standard_deviation) for q in carried]).T
+    laws = np.array([one.law.law for one in samples])
     laws[:, 0] -= laws[:, 1] * math.log(REFERENCE_SINKAGE)
+    return laws, loads, (deviations / loads) ** 2
+
+
+def _plain(samples: Mapping[str, Sequence[Sample]]) -> dict[str, _Loaded]:
+    """Without effects: sinkage alone, one solution for the readings of all wheels."""
+    if not samples:
+        return {}
+    laws, loads, noise = _laws_and_loads([one for found in samples.values() for one in found])
+    sizes = [
+        (one.reading.wheel.diameter, one.reading.wheel.width)
+        for found in samples.values()
+        for one in found
+    ]
+    diameter, width = np.array(sizes).T
+    modulus = np.exp(laws[:, 0] + laws[:, 2] * np.log(diameter / REFERENCE_DIAMETER))
     try:
-        if effects:
-            at = LoadedWheel(0.0, wheel.diameter, wheel.width, wheel.contact)
-            known = {
-                name: np.array(column)
-                for name in ("slip", "speed")
-                if None not in (column := [getattr(one, name) for one in readings])
-            }
-            rows = _of_model(laws, loads, at, known, effects, strength)
-        else:
-            rows = _plain(wheel, laws, loads)
+        solved = contact_sinkage(loads, diameter, width, modulus, laws[:, 1])
     except NO_SINKAGE:
-        return None
+        return {}
+    values, by_law = np.zeros((3, loads.size)), np.zeros((3, 4, loads.size))
+    values[0] = solved.sinkage
+    by_law[0, 3] = solved.sinkage * solved.slope_load
+    by_law[0, 0] = -by_law[0, 3]
+    whole = _Rows(values, by_law, loads, np.ones(loads.size), solved.sunk_to_axle)
+    rows, begin = {}, 0
+    for name, found in samples.items():
+        own = slice(begin, begin + len(found))
+        rows[name] = laws[own], noise[own], whole.where(own)
+        begin += len(found)
+    return rows
+
+
+def _of_wheels(
+    samples: Mapping[str, Sequence[Sample]], effects: Sequence[Effect], strength: Strength | None
+) -> dict[str, _Loaded]:
+    """With effects: wheel by wheel; one in whose soil they leave it no sinkage is left out."""
+    rows = {}
+    for name, found in samples.items():
+        readings, wheel = [one.reading for one in found], found[0].reading.wheel
+        laws, loads, noise = _laws_and_loads(found)
+        at = LoadedWheel(0.0, wheel.diameter, wheel.width, wheel.contact)
+        slips = [one.slip.value for one in readings if one.slip is not None]
+        speeds = [one.speed for one in readings if one.speed is not None]
+        columns = {"slip": slips, "speed": speeds}
+        known = {n: np.array(column) for n, column in columns.items() if len(column) == len(found)}
+        with suppress(*NO_SINKAGE):
+            rows[name] = laws, noise, _of_model(laws, loads, at, known, effects, strength)
+    return rows
+
+
+def _mean_contact(
+    wheel: Wheel, laws: Array, noise: Array, rows: _Rows, scatter: float
+) -> RollingContact | None:
+    """Mean over a wheel's readings. scatter: of ln k from place to place."""
     good = ~rows.immobilised & np.isfinite(rows.values).all(axis=0)
     if not good[0]:
         return None
-    noise = (deviations / loads) ** 2
     by_modulus, by_load = rows.slopes[0, 0], rows.slopes[0, 3]
     own = by_modulus**2 * scatter**2 + by_load**2 * noise, by_load * noise, noise
     columns = [rows.reaching, *rows.values[[0, 2]], rows.factor, *own]
@@ -286,14 +343,3 @@ def mean_contact(
     size, n = (wheel.diameter, wheel.width), float(laws[0, 1])
     zz, zw, ww = spread
     return RollingContact(load, sinkage, *size, n, other, factor, (zz, zw, ww))
-
-
-def _plain(wheel: Wheel, laws: Array, loads: Array) -> _Rows:
-    """Sinkage alone, without effects."""
-    modulus = np.exp(laws[:, 0] + laws[:, 2] * math.log(wheel.diameter / REFERENCE_DIAMETER))
-    found = contact_sinkage(loads, wheel.diameter, wheel.width, modulus, laws[:, 1])
-    values, by_law = np.zeros((3, loads.size)), np.zeros((3, 4, loads.size))
-    values[0] = found.sinkage
-    by_law[0, 3] = found.sinkage * found.slope_load
-    by_law[0, 0] = -by_law[0, 3]
-    return _Rows(values, by_law, loads, np.ones(loads.size), found.sunk_to_axle)

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement, UpdateResult
+from smallwheel_ros.estimator.reading import Reading, UpdateResult
 from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, style
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Innovations:
     def of(
         cls,
         title: str,
-        given: Sequence[SinkageMeasurement],
+        given: Sequence[Reading],
         results: Sequence[UpdateResult],
         alarm: float | None,
     ) -> Innovations:
@@ -53,9 +53,9 @@ class Innovations:
             (
                 one.distance,
                 result.innovation / math.sqrt(result.innovation_variance),
-                math.nan if one.slip is None else one.slip,
+                math.nan if one.slip is None else one.slip.value,
                 result.reason in ("accepted", "soil_changed"),
-                numbers.setdefault(one.wheel, len(numbers)),
+                numbers.setdefault(one.wheel.name, len(numbers)),
             )
             for one, result in zip(given, results, strict=True)
             if result.innovation is not None and result.innovation_variance

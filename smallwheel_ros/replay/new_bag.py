@@ -10,7 +10,7 @@ from smallwheel_ros.bags import BagReader, BagWriter, Message, header
 from smallwheel_ros.bags.files import RawMessage, Storage, storage_kind
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.estimates import MOBILITY, SOIL, Estimate
@@ -98,7 +98,7 @@ class NewBag(BagWriter):
         message = Message(header=stamped, info=info, data=grid.cells.ravel())
         self.write(f"{self.prefix}/cost", _GRID, log_time, message)
 
-    def write_pose(self, instant: Instant, log_time: int, frame: str) -> None:
+    def write_pose(self, instant: Reading, log_time: int, frame: str) -> None:
         """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
         if self._has_tf or not frame or instant.vehicle is None or instant.heading is None:
             return

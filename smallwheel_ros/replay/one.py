@@ -15,9 +15,9 @@ from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.layers import wide
 from smallwheel_ros.costmap.map_file import write_map
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
-from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
@@ -235,7 +235,7 @@ class _Session:
             self._write_grid(found.instant.stamp)
         self.result.summary.add(found)
 
-    def _on_reading(self, instant: Instant) -> None:
+    def _on_reading(self, instant: Reading) -> None:
         """Every reading counts for the steady stretches, whether an estimate was due or not."""
         way, changing = self._onboard.estimator.distance, self.result.summary.changing
         self.result.segments.add(instant, way, changing)

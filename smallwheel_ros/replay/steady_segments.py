@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -72,7 +72,7 @@ class SteadySegments:
         self.at_changes = 0
         self.unusable = 0
 
-    def add(self, instant: Instant, way: float, changing: bool) -> None:
+    def add(self, instant: Reading, way: float, changing: bool) -> None:
         """Take one reading; changing: the soil is taken to change just now (`DriveSummary.changing`).
 
         way: m that the vehicle has travelled.

@@ -147,7 +147,7 @@ def test_what_cannot_be_tested_says_why() -> None:
     drive = simulate_drive(DriveSettings(seed=1, distance=12.0, terrain="single"))
     e = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")))
     for one in measurements(drive):
-        e.update(replace(one, slip=None))
+        e.update(one._replace(slip=None))
     reasons = {score.effect: score.reason for score in e.effect_scores}
     assert reasons["slip_sinkage"] == "slip is not known"
     assert reasons["moisture"] == "moisture is not known"
@@ -159,7 +159,7 @@ def test_an_effect_of_the_model_is_not_looked_for() -> None:
     drive = simulate_drive(DriveSettings(seed=1, distance=12.0, terrain="single"))
     given, found = measurements(drive), []
     for wheel in drive.rover.wheels:
-        found += segments([one for one in given if one.wheel == wheel.name])
+        found += segments([one for one in given if one.wheel.name == wheel.name])
     for segment in sorted(found, key=lambda one: one.distance):
         if watch.add(segment):
             watch.test(soil("dry_sand"), (1.6e6, 0.8, 0.39), segment.distance)

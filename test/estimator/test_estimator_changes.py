@@ -15,7 +15,7 @@ from benchmarks._drives import measurements
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorSettings,
     Outcome,
-    SinkageMeasurement,
+    Reading,
     SoilEstimator,
     SoilPrior,
 )
@@ -47,7 +47,7 @@ def estimator(**settings: float) -> SoilEstimator:
     return SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), EstimatorSettings(**settings))
 
 
-def follow(e: SoilEstimator, given: list[SinkageMeasurement]) -> list[float]:
+def follow(e: SoilEstimator, given: list[Reading]) -> list[float]:
     """Where (m) changes of soil were found."""
     return [one.distance for one in given if e.update(one).reason == "soil_changed"]
 
@@ -115,15 +115,15 @@ def test_a_wheel_that_is_first_measured_behind_the_border_is_on_the_old_soil() -
     e = SoilEstimator(SoilPrior.from_soil(soil("dry_sand")), wheels=wheels)
     late = wheels[-1].name
     for one in measurements(driven):
-        if one.wheel != late:
+        if one.wheel.name != late:
             e.update(one)
         elif e.soil_changes:
             first = e.update(one)
             break
     assert one.distance + wheels[-1].longitudinal_position < BORDER - FRONT
-    size = one.load, one.diameter, one.width
+    size = one.measured[0], one.wheel.diameter, one.wheel.width
     assert first.predicted_sinkage is not None
-    assert first.predicted_sinkage == pytest.approx(one.sinkage, rel=0.35)
+    assert first.predicted_sinkage == pytest.approx(one.measured[1], rel=0.35)
     assert first.predicted_sinkage > 1.35 * e.predict(*size, wheel=wheels[0].name).sinkage
     assert e.elsewhere(late) == tuple(w.name for w in wheels[:2])
 
@@ -231,13 +231,13 @@ def test_asking_for_the_estimate_changes_nothing_and_is_never_behind(tmp_path: P
     asked, left_alone = estimator(), estimator()
     for i, one in enumerate(given):
         asked.update(one)
-        for wheel in (None, one.wheel):
+        for wheel in (None, one.wheel.name):
             asked.estimate(wheel)
         left_alone.update(one)
         if i % 100 and i > 30:
             continue
         fresh = copy.deepcopy(left_alone)  # never asked before, so nothing of it is kept
-        for wheel in (None, one.wheel):
+        for wheel in (None, one.wheel.name):
             here, there = asked.estimate(wheel), fresh.estimate(wheel)
             assert (here.k, here.n, here.m, here.status) == (
                 there.k,

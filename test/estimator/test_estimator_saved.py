@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wheel_drives import follow, rolled, varied
+from wheel_drives import READING, changed, follow, rolled, varied
 
 from benchmarks.robot_drives import make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
@@ -21,18 +21,18 @@ from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorError,
     Outcome,
-    SinkageMeasurement,
+    Reading,
     SoilEstimator,
     SoilPrior,
 )
 from smallwheel_ros.physics.soil import soil
 
 PRIOR = SoilPrior.from_soil(soil("dry_sand"))
-ONE = SinkageMeasurement(1.0, "w", 0.012, 2.5e-7, 60.0, 0.5, 0.25, 0.1, 0.0, slip=0.1, speed=0.2)
+ONE = changed(READING, wheel="w", diameter=0.25, distance=0.0, slip=0.1, speed=0.2)
 
 
 @cache
-def readings() -> tuple[SinkageMeasurement, ...]:
+def readings() -> tuple[Reading, ...]:
     return tuple(rolled(varied(400), 1, one=ONE))
 
 
@@ -71,7 +71,7 @@ def test_a_restart_on_another_soil_finds_that(saved: Path) -> None:
     follow(again, other)
     assert again.soil_changes >= 1
     true = float(
-        np.mean([one.sinkage for one in rolled(np.full(300, 60.0), 2, one=ONE, factor=0.2)])
+        np.mean([one.measured[1] for one in rolled(np.full(300, 60.0), 2, one=ONE, factor=0.2)])
     )
     predicted = again.predict(60.0, 0.25, 0.1)
     assert abs(predicted.sinkage - true) < 2.0 * predicted.standard_deviation
@@ -139,7 +139,7 @@ def test_a_wrong_file_is_named_and_changes_nothing(
         e.restore(saved)
     assert str(saved) in str(error.value)
     assert e.estimate().k == before.k
-    assert e.update(replace(ONE, time=1e3, distance=1e2)).outcome is not Outcome.REFUSED
+    assert e.update(changed(ONE, time=1e3, distance=1e2)).outcome is not Outcome.REFUSED
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.97])

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from wheel_drives import READING, N, follow, rolled, varied
+from wheel_drives import READING, N, changed, follow, rolled, varied
 
 from smallwheel_ros.estimator.identifiability import before_driving
 from smallwheel_ros.estimator.soil_estimator import (
@@ -70,8 +69,11 @@ def test_varied_load_determines_n_whatever_the_load_cells_noise(
     load_noise: float, told: float
 ) -> None:
     """Noise of the load makes n too small where it is taken for variation (R14)."""
-    readings = rolled(varied(1500), 4, load_noise=load_noise)
-    readings = [replace(one, load_variance=told**2 * one.load_variance) for one in readings]
+    readings = [
+        changed(one, load_std=told * one.load.standard_deviation)
+        for one in rolled(varied(1500), 4, load_noise=load_noise)
+        if one.load is not None
+    ]
     estimate = follow(estimator(sinkage_zero_std=3e-4), readings).estimate()
     deviation = math.sqrt(estimate.log_covariance[1, 1])
     assert estimate.identifiable.n
@@ -96,12 +98,12 @@ def test_a_wheel_pressed_down_is_followed(relative: float) -> None:
     for i in range(1, 400):
         depth = 0.000075 * i
         load = 200.0 * depth / 0.01
-        one = replace(
+        one = changed(
             GOOD,
             time=0.05 * i,
             sinkage=depth + 1e-5 * float(rng.standard_normal()),
             load=load * math.exp(relative * float(rng.standard_normal())),
-            load_variance=(relative * load) ** 2,
+            load_std=relative * load,
             diameter=0.116,
             width=0.05,
             distance=depth,
@@ -124,9 +126,9 @@ def test_what_cannot_be_computed_does_not_block_what_can() -> None:
     for change in ({"load": 1e300}, {"width": 1e-300}, {"load": 1e-300}):
         e = estimator()
         for time in (5.0, 7.0):
-            refused = e.update(replace(GOOD, time=time, distance=time + 1.0, **change))
+            refused = e.update(changed(GOOD, time=time, distance=time + 1.0, **change))
             assert refused.reason == "numerical"
-            assert e.update(replace(GOOD, time=time - 1.0)).outcome is Outcome.ACCEPTED
+            assert e.update(changed(GOOD, time=time - 1.0)).outcome is Outcome.ACCEPTED
 
 
 # ---- What is determined

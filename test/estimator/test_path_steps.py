@@ -11,26 +11,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
-from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, WheelSample
-from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.estimator.path_steps import PathStep, PathSteps, Sample
+from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.soil_filter import LocalLaw
+from smallwheel_ros.physics.wheel import Wheel
 
 NOISE = 0.008  # m/s
+ONE = Wheel("one", 0.25, 0.1)
+LAW = LocalLaw(np.zeros(3), 0.0, 0.0, np.zeros((5, 5)))
 
 
 def driven(
     speed: float, slip: float, seconds: float, seed: int = 1, rate: float = 10.0, begin: float = 0.0
-) -> list[WheelSample]:
-    """Samples of a wheel at a constant speed, with the noise of an odometry."""
+) -> list[Reading]:
+    """Readings of a wheel at a constant speed, with the noise of an odometry."""
     rng = np.random.default_rng([seed, 28])
     rim = speed / (1.0 - slip) if slip > 0.0 else speed * (1.0 + slip)
     shown = speed + NOISE * rng.standard_normal(round(seconds * rate))
     return [
-        WheelSample(
-            "one",
-            begin + i / rate,
+        Reading(
+            ONE,
+            round(1e9 * (begin + i / rate)),
+            None,
+            None,
+            None,
+            float(v),
             abs(speed) * (begin + i / rate),
-            Quantity(float(v), NOISE),
-            Quantity(rim, 0.01 * abs(rim)),
+            abs(speed) * (begin + i / rate),
+            speed_std=NOISE,
+            rim_speed=rim,
+            rim_std=0.01 * abs(rim),
             forward=speed > 0.0,
             slope_force=0.3,
             gained_force=0.0,
@@ -39,9 +49,10 @@ def driven(
     ]
 
 
-def taken(samples: list[WheelSample], steps: PathSteps | None = None) -> list[PathStep]:
-    steps = steps or PathSteps(lambda _, contacts: contacts[0])
-    return [step for step in map(steps.add, samples) if step is not None]
+def taken(samples: list[Reading], steps: PathSteps | None = None) -> list[PathStep]:
+    steps = steps or PathSteps(lambda _: {})
+    made = (steps.add(Sample(reading, LAW, None)) for reading in samples)
+    return [step for step in made if step is not None]
 
 
 @settings(max_examples=examples(20), deadline=None)
@@ -67,14 +78,14 @@ def test_a_step_is_a_tenth_of_a_metre_however_fast() -> None:
 
 
 def test_wheels_that_spin_on_one_place_end_steps() -> None:
-    samples = [one._replace(distance=0.0, speed=Quantity(0.0, NOISE)) for one in driven(0.3, 0, 9)]
+    samples = [one._replace(distance=0.0, speed=0.0) for one in driven(0.3, 0, 9)]
     made = taken(samples)
     assert 4 <= len(made) <= 12
     assert all(step.wheels["one"].slip.value == pytest.approx(1.0, abs=0.1) for step in made)
 
 
 def test_a_pause_ends_a_step_and_half_a_step_is_none() -> None:
-    steps = PathSteps(lambda _, contacts: contacts[0])
+    steps = PathSteps(lambda _: {})
     whole = taken(driven(0.3, 0.1, 0.6), steps)  # 0.15 m
     rest = taken(
         [one._replace(distance=one.distance - 12.0) for one in driven(0.3, 0, 9, begin=40)], steps
@@ -84,7 +95,7 @@ def test_a_pause_ends_a_step_and_half_a_step_is_none() -> None:
 
 
 def test_who_turns_back_begins_anew() -> None:
-    steps = PathSteps(lambda _, contacts: contacts[0])
+    steps = PathSteps(lambda _: {})
     taken(driven(0.3, 0.1, 0.2), steps)  # 3 cm: not half a step
     back = [one._replace(distance=one.distance) for one in driven(-0.3, 0.3, 2.0, begin=0.2)]
     made = taken(back, steps)

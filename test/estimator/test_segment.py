@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from wheel_drives import READING, STEP, rolled, varied
+from wheel_drives import READING, STEP, changed, rolled, varied
 
-from smallwheel_ros.estimator.sinkage_measurement import SinkageMeasurement
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.stretches import Position, Segment, WheelTrack
 
 
@@ -19,20 +18,18 @@ def collector(sinkage_std: float = 0.001, load_std: float = 0.02) -> WheelTrack:
     return WheelTrack(0.2, sinkage_std, load_std, (Position(ahead=0.3), Position(ahead=-0.3)))
 
 
-def segments(
-    readings: Sequence[SinkageMeasurement], made: WheelTrack | None = None
-) -> list[Segment]:
+def segments(readings: Sequence[Reading], made: WheelTrack | None = None) -> list[Segment]:
     made = made or collector()
     return [found for one in readings if (found := made.add(one)) is not None]
 
 
-def constant(count: int, **changes: object) -> list[SinkageMeasurement]:
-    one = replace(READING, **changes)
-    return [replace(one, time=0.1 * i, distance=STEP * i) for i in range(count)]
+def constant(count: int, **changes: object) -> list[Reading]:
+    one = changed(READING, **changes)
+    return [changed(one, time=0.1 * i, distance=STEP * i) for i in range(count)]
 
 
 def test_a_stretch_closes_with_the_first_reading_behind_it() -> None:
-    readings = [replace(one, slip=0.1, speed=0.26, pitch=0.05) for one in constant(17)]
+    readings = [changed(one, slip=0.1, speed=0.26, pitch=0.05) for one in constant(17)]
     first, second = segments(readings)
     assert (first.count, second.count) == (8, 8)
     assert (first.sinkage, first.slip, first.speed) == pytest.approx((0.012, 0.1, 0.26))
@@ -44,23 +41,23 @@ def test_a_stretch_closes_with_the_first_reading_behind_it() -> None:
 
 def test_what_is_not_known_of_some_readings_is_the_mean_of_the_others() -> None:
     readings = constant(9)
-    readings[3] = replace(readings[3], slip=0.2)
-    readings[4] = replace(readings[4], slip=0.4)
+    readings[3] = changed(readings[3], slip=0.2)
+    readings[4] = changed(readings[4], slip=0.4)
     (found,) = segments(readings)
     assert found.slip == pytest.approx(0.3)
     assert found.speed is None
 
 
 def test_it_is_the_wheels_own_path_that_counts() -> None:
-    turning = [replace(one, distance=5.0, path=STEP * i) for i, one in enumerate(constant(17))]
+    turning = [changed(one, distance=5.0, path=STEP * i) for i, one in enumerate(constant(17))]
     assert len(segments(turning)) == 2
-    standing = [replace(one, path=7.0) for one in constant(200)]
+    standing = [changed(one, path=7.0) for one in constant(200)]
     assert segments(standing) == []
 
 
 def test_an_outlier_is_dropped_from_the_mean() -> None:
     readings = rolled(varied(200), 1)
-    readings[100] = replace(readings[100], sinkage=0.06)
+    readings[100] = changed(readings[100], sinkage=0.06)
     clean, dirty = (segments(r) for r in (rolled(varied(200), 1), readings))
     assert sum(s.dropped for s in dirty) == sum(s.dropped for s in clean) + 1
     off = [abs(a.sinkage - b.sinkage) for a, b in zip(clean, dirty, strict=True)]
@@ -72,7 +69,7 @@ def test_noise_is_learnt_under_a_trend(noise: float) -> None:
     """Sinkage that rises by 10 mm over a stretch is no noise of the sensor; nor is a wild reading."""
     rng = np.random.default_rng(1)
     readings = [
-        replace(
+        changed(
             one,
             sinkage=0.01 + 0.0012 * (i % 8) + noise * float(rng.standard_normal())
             if i % 50
@@ -107,7 +104,7 @@ def test_a_load_cell_without_variation_is_its_mean() -> None:
 
 
 def test_how_fast_the_load_changes_is_told() -> None:
-    readings = [replace(one, load=60.0 * math.exp(0.3 * one.time)) for one in constant(9)]
+    readings = [changed(one, load=60.0 * math.exp(0.3 * one.time)) for one in constant(9)]
     (found,) = segments(readings)
     assert found.load_rate == pytest.approx(0.3)
     assert segments(constant(9))[0].load_rate == pytest.approx(0.0, abs=1e-9)
@@ -115,8 +112,8 @@ def test_how_fast_the_load_changes_is_told() -> None:
 
 def test_a_stretch_knows_what_was_shown_and_the_steps_of_its_sensor() -> None:
     readings = constant(17)
-    readings[4] = replace(readings[4], sinkage=0.0121)
-    readings[6] = replace(readings[6], sinkage=0.0123)
+    readings[4] = changed(readings[4], sinkage=0.0121)
+    readings[6] = changed(readings[6], sinkage=0.0123)
     first, second = segments(readings)
     assert first.shown == (0.012, 0.0123)
     assert second.shown == (0.012, 0.012)
@@ -126,8 +123,8 @@ def test_a_stretch_knows_what_was_shown_and_the_steps_of_its_sensor() -> None:
 def test_an_hour_of_standing_does_not_fill_the_memory() -> None:
     made = collector()
     for i in range(36_000):
-        made.add(replace(READING, time=0.1 * i, path=3.0, sinkage=0.012 + 1e-4 * (i % 7)))
-    assert len(made._rows) <= 256
-    found = made.add(replace(READING, time=1e4, path=3.3))
+        made.add(changed(READING, time=0.1 * i, path=3.0, sinkage=0.012 + 1e-4 * (i % 7)))
+    assert len(made._readings) <= 256
+    found = made.add(changed(READING, time=1e4, path=3.3))
     assert found is not None
     assert found.sinkage == pytest.approx(0.0123, abs=1e-4)

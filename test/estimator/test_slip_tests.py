@@ -12,7 +12,7 @@ from benchmarks.traction_rates import settings_of
 from smallwheel_ros.estimator.path_steps import RollingContact
 from smallwheel_ros.estimator.slip_tests import slip_tests
 from smallwheel_ros.estimator.strength_filter import TractionFilter, WheelStep
-from smallwheel_ros.onboard.assessment import Assessor
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 WORLD, SEED, KIND = "cruise, equal", 101, "pull sensor"
@@ -48,7 +48,7 @@ def test_nobody_is_told_to_slip_where_the_vehicle_may_get_stuck() -> None:
 
 
 def test_nothing_is_proposed_before_anything_has_told_of_strength() -> None:
-    fresh = Assessor(settings_of("equal", 23.6))
+    fresh = Onboard(settings_of("equal", 23.6))
     assert fresh.look_for_slip_tests()
     assert fresh.look_for_slip_tests()
     assert fresh.slip_tests == ()

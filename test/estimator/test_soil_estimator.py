@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from wheel_drives import READING, STEP, follow, rolled, varied
+from wheel_drives import READING, STEP, changed, follow, rolled, varied
 
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.effects.slip import Exponential
@@ -24,7 +23,7 @@ from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 GOOD = READING
 GIVEN = {"load", "diameter", "width", "slip", "speed"}  # what a measurement says of a wheel
@@ -99,16 +98,16 @@ def test_wheel_sinkage_is_the_model(effect_class: type | None, contact: str) -> 
     [
         ({"sinkage": math.nan}, "not_finite", "sinkage is nan"),
         ({"load": math.inf}, "not_finite", "load is inf"),
-        ({"load_variance": math.nan}, "not_finite", "load_variance"),
-        ({"time": math.nan}, "not_finite", "time"),
+        ({"load_std": math.nan}, "not_finite", "deviation of load"),
+        ({"time": math.nan}, "not_finite", "stamp"),
         ({"distance": -math.inf}, "not_finite", "distance"),
         ({"diameter": math.inf}, "not_finite", "diameter"),
         ({"load": 0.0}, "load_not_positive", "load is 0 N"),
         ({"load": -5.0}, "load_not_positive", "load is -5 N"),
         ({"diameter": 0.0}, "geometry_not_positive", "diameter 0 m"),
         ({"width": -0.1}, "geometry_not_positive", "width -0.1 m"),
-        ({"load_variance": -1.0}, "load_variance_negative", "-1 N^2"),
-        ({"path": math.nan}, "not_finite", "own_path is nan"),
+        ({"load_std": -1.0}, "load_deviation_negative", "-1 N"),
+        ({"path": math.nan}, "not_finite", "path is nan"),
         ({"pitch": math.inf}, "not_finite", "pitch is inf"),
         ({"sinkage": -0.11}, "sinkage_negative", "minus half of the diameter"),
         ({"sinkage": 0.11}, "sunk_to_axle", "half of the diameter"),
@@ -121,7 +120,7 @@ def test_bad_measurements_are_refused(change: dict[str, float], reason: str, wor
         if first:
             assert e.update(GOOD).outcome is Outcome.ACCEPTED
         before = snapshot(e)
-        result = e.update(replace(GOOD, **({"time": 2.0} | change)))
+        result = e.update(changed(GOOD, **({"time": 2.0} | change)))
         assert (result.outcome, result.reason) == (Outcome.REFUSED, reason)
         assert words in result.message
         assert "left" in result.message
@@ -129,24 +128,24 @@ def test_bad_measurements_are_refused(change: dict[str, float], reason: str, wor
         assert result.normalised_innovation_squared is None
         for was, now in zip(before, snapshot(e), strict=True):
             np.testing.assert_array_equal(was, now)
-    assert e.update(replace(GOOD, time=3.0)).outcome is Outcome.ACCEPTED
+    assert e.update(changed(GOOD, time=3.0)).outcome is Outcome.ACCEPTED
 
 
 def test_order_is_kept_for_each_wheel() -> None:
     e = estimator()
     e.update(GOOD)
     assert e.update(GOOD).reason == "time_backwards"
-    assert e.update(replace(GOOD, time=0.5)).reason == "time_backwards"
-    assert e.update(replace(GOOD, time=2.0, distance=4.9)).reason == "distance_backwards"
+    assert e.update(changed(GOOD, time=0.5)).reason == "time_backwards"
+    assert e.update(changed(GOOD, time=2.0, distance=4.9)).reason == "distance_backwards"
     # Another wheel has a clock of its own, and may be a little behind in distance.
-    other = replace(GOOD, wheel="right", time=0.9, distance=4.99)
+    other = changed(GOOD, wheel="right", time=0.9, distance=4.99)
     assert e.update(other).outcome is Outcome.ACCEPTED
     assert e.estimate().distance == 5.0
 
 
 def test_wheels_without_end_are_refused() -> None:
     e = estimator()
-    reasons = [e.update(replace(GOOD, wheel=str(i))).reason for i in range(70)]
+    reasons = [e.update(changed(GOOD, wheel=str(i))).reason for i in range(70)]
     assert reasons.count("too_many_wheels") == 6
 
 
@@ -154,8 +153,8 @@ def test_effects_need_their_covariates() -> None:
     prior = SoilPrior.from_soil(soil("dry_sand"))
     e = SoilEstimator(prior, effects=(Exponential(a=1.5),))
     assert e.update(GOOD).reason == "covariate_missing"
-    assert e.update(replace(GOOD, slip=math.nan)).reason == "not_finite"
-    result = e.update(replace(GOOD, slip=0.3))
+    assert e.update(changed(GOOD, slip=math.nan)).reason == "not_finite"
+    result = e.update(changed(GOOD, slip=0.3))
     assert result.outcome is Outcome.ACCEPTED
     plain = estimator().update(GOOD)
     assert result.predicted_sinkage == pytest.approx(plain.predicted_sinkage * math.exp(0.45))
@@ -170,11 +169,11 @@ def test_effects_of_what_the_estimator_is_not_given_are_refused(form: type) -> N
         SoilEstimator(prior, effects=(form(),))
 
 
-@pytest.mark.parametrize("variance", [0.0, -1.0, 1.0, math.nan, math.inf])
-def test_what_a_sensor_says_of_its_noise_changes_nothing(variance: float) -> None:
+@pytest.mark.parametrize("deviation", [0.0, -1.0, 1.0, math.nan, math.inf])
+def test_what_a_sensor_says_of_its_noise_changes_nothing(deviation: float) -> None:
     """The noise is learnt from the readings."""
     readings = rolled(varied(80), 1)
-    other = [replace(one, variance=variance) for one in readings]
+    other = [changed(one, sinkage=Quantity(one.measured[1], deviation)) for one in readings]
     for was, now in zip(
         snapshot(follow(estimator(), readings)),
         snapshot(follow(estimator(), other)),
@@ -225,9 +224,9 @@ def test_the_soil_is_learnt_stretch_by_stretch() -> None:
 def test_a_wheel_that_stands_teaches_nothing_more() -> None:
     e = follow(estimator(), rolled(varied(100), 1))
     before, accepted = snapshot(e), e.accepted
-    last = replace(GOOD, time=20.0, distance=STEP * 99)
+    last = changed(GOOD, time=20.0, distance=STEP * 99)
     for i in range(3000):
-        e.update(replace(last, time=20.0 + 0.1 * i, sinkage=0.05))
+        e.update(changed(last, time=20.0 + 0.1 * i, sinkage=0.05))
     for was, now in zip(before, snapshot(e), strict=True):
         np.testing.assert_array_equal(was, now)
     assert e.accepted == accepted
@@ -238,9 +237,9 @@ def test_turning_on_the_spot_is_travel_of_the_wheel() -> None:
     """The vehicle stays where it is, its wheels do not (R5)."""
     standing, turning = estimator(), estimator()
     for i in range(200):
-        one = replace(GOOD, time=0.1 * i, sinkage=0.012 + 1e-4 * (i % 3), distance=5.0)
+        one = changed(GOOD, time=0.1 * i, sinkage=0.012 + 1e-4 * (i % 3), distance=5.0)
         standing.update(one)
-        turning.update(replace(one, path=0.026 * i))
+        turning.update(changed(one, path=0.026 * i))
     assert standing.accepted == 0
     assert turning.accepted == 24 * 8 - 8 * 8  # eight stretches wait
     assert turning.estimate().distance == 5.0
@@ -251,9 +250,11 @@ def test_firm_ground_is_not_biased_by_readings_below_zero() -> None:
     firm = {"factor": 21.0, "noise": 1e-3}
     e = estimator(sinkage_zero_std=2e-4)
     readings = rolled(varied(2000), 4, **firm)
-    true = float(np.mean([one.sinkage for one in rolled(varied(2000), 4, factor=21.0, noise=0.0)]))
+    true = float(
+        np.mean([one.measured[1] for one in rolled(varied(2000), 4, factor=21.0, noise=0.0)])
+    )
     assert 3e-4 < true < 7e-4
-    assert sum(one.sinkage < 0.0 for one in readings) > 400
+    assert sum(one.measured[1] < 0.0 for one in readings) > 400
     outcomes = [e.update(one).outcome for one in readings]
     assert Outcome.REFUSED not in outcomes
     predicted = e.predict(60.0, 0.2, 0.1)
@@ -263,7 +264,7 @@ def test_firm_ground_is_not_biased_by_readings_below_zero() -> None:
 
 def test_gate_names_what_did_not_fit_and_it_is_left_out() -> None:
     readings = rolled(varied(160), 2)
-    wild = replace(readings[100], sinkage=0.06)
+    wild = changed(readings[100], sinkage=0.06)
     with_it, without = estimator(), estimator()
     follow(with_it, readings[:100])
     result = with_it.update(wild)
@@ -286,7 +287,7 @@ def test_predict_knows_the_wheels_rut_and_the_place() -> None:
     # Never surer than the soil is alike from place to place.
     assert known.standard_deviation > 0.03 * known.sinkage
     assert e.predict(60.0, 0.2, 0.1, wheel="unheard of") == known
-    wide = e.predict(60.0, 0.2, 0.1, load_variance=36.0)
+    wide = e.predict(60.0, 0.2, 0.1, load_std=6.0)
     assert wide.standard_deviation > known.standard_deviation
     assert e.predict(60.0, 0.2, 0.1, contact="pressed").sinkage < known.sinkage
     assert e.predict(6000.0, 0.2, 0.1).sunk_to_axle
@@ -299,9 +300,9 @@ def test_a_wheel_in_a_rut_may_sink_otherwise_and_is_less_sure() -> None:
     rear = Wheel("rear", 0.2, 0.1, longitudinal_position=-0.3)
     prior = SoilPrior.from_soil(soil("dry_sand"))
     e = SoilEstimator(prior, wheels=(front, rear))
-    readings = rolled(varied(200), 3, one=replace(GOOD, wheel="front"))
+    readings = rolled(varied(200), 3, one=changed(GOOD, wheel="front"))
     follow(e, readings)
-    e.update(replace(readings[-1], wheel="rear"))
+    e.update(changed(readings[-1], wheel="rear"))
     first, follower = (e.predict(60.0, 0.2, 0.1, wheel=name) for name in ("front", "rear"))
     assert follower.standard_deviation > 2.0 * first.standard_deviation
 
@@ -310,7 +311,7 @@ def test_two_wheels_know_more_than_one() -> None:
     known = {"sinkage_zero_std": 0.0, "load_scale_std": 0.0, "delay_std": 0.0}
     one, two = estimator(**known), estimator(**known)
     left = rolled(varied(200), 5)
-    right = rolled(varied(200, seed=1), 6, one=replace(GOOD, wheel="right"))
+    right = rolled(varied(200, seed=1), 6, one=changed(GOOD, wheel="right"))
     follow(one, left)
     for pair in zip(left, right, strict=True):
         follow(two, pair)
@@ -322,13 +323,13 @@ def test_reset_is_a_new_start() -> None:
     e = estimator()
     fresh = e.estimate()
     follow(e, rolled(varied(100), 1))
-    e.update(replace(GOOD, load=-1.0))
+    e.update(changed(GOOD, load=-1.0))
     e.reset()
     again = e.estimate()
     assert again.status == fresh.status
     assert again.accepted == again.outliers == 0
     np.testing.assert_array_equal(again.covariance, fresh.covariance)
-    early = replace(GOOD, time=-3.0, distance=0.0)
+    early = changed(GOOD, time=-3.0, distance=0.0)
     assert e.update(early) == estimator().update(early)
     assert e.findings == ()
 
@@ -376,7 +377,7 @@ def test_reference_is_where_the_pressure_is_reported() -> None:
 def test_every_soil_of_the_library_makes_a_prior(name: str) -> None:
     e = SoilEstimator(SoilPrior.from_soil(soil(name)))
     sinkage = min(e.predict(30.0, 0.2, 0.1).sinkage, 0.09)
-    assert e.update(replace(GOOD, load=30.0, sinkage=sinkage)).outcome is Outcome.ACCEPTED
+    assert e.update(changed(GOOD, load=30.0, sinkage=sinkage)).outcome is Outcome.ACCEPTED
 
 
 def test_wrong_priors_and_settings_are_refused_by_name() -> None:

@@ -22,9 +22,11 @@ from smallwheel_ros.estimator.path_steps import (
     PathStep,
     PathSteps,
     RollingContact,
+    Sample,
     WheelMean,
-    WheelSample,
 )
+from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.strength_filter import (
     COHESION,
     FRICTION,
@@ -36,7 +38,7 @@ from smallwheel_ros.estimator.strength_filter import (
 )
 from smallwheel_ros.estimator.strength_filter import WHEELS as WHEELS_AT
 from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.onboard.assessment import Assessor
+from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.physics.stresses import PointForces, point_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -47,6 +49,8 @@ WHEELS = tuple(
 )
 PRIOR = Strength(Quantity(0.0, 400.0), Quantity(0.5, 0.1), Quantity(0.012, 0.005))
 MASS = 24.0
+LOAD = Quantity(60.0, 1.0)
+LAW = LocalLaw(np.zeros(3), 0.0, 0.0, np.zeros((5, 5)))
 
 
 def shown(angle: float, slip: float, grip: float = 1.0) -> PointForces:
@@ -135,7 +139,7 @@ def test_without_any_of_them_bands_are_wide_and_hold() -> None:
 def test_a_restored_strength_is_known_before_the_first_step() -> None:
     assessor, _ = run(make_drive(WORLDS["patch"], 1), "balance and torque")
     told, record = assessor.traction.estimate(), json.loads(json.dumps(assessor.traction.record()))
-    again = Assessor(assessor.settings).traction
+    again = Onboard(assessor.settings).traction
     assert again.record() is None
     again.restore(record)
     assert again.estimate().status == told.status
@@ -159,7 +163,7 @@ def test_what_a_saved_strength_rests_on_has_to_be_whole(change: dict[str, object
     assessor, _ = run(make_drive(replace(WORLDS["cruise"], distance=3.0), 1), "balance")
     record = assessor.traction.record()
     assert record is not None
-    again = Assessor(assessor.settings).traction
+    again = Onboard(assessor.settings).traction
     with pytest.raises(ValueError, match="no strength"):
         again.restore(record | change)
     assert again.record() is None
@@ -369,14 +373,30 @@ def test_words_say_what_is_not_determined() -> None:
 )
 def test_no_sample_breaks_the_filter(rows: list[tuple[object, ...]]) -> None:
     estimator, distance = TractionEstimator(PRIOR, WHEELS, MASS), 0.0
-    steps = PathSteps(lambda _, contacts: contacts[0])
+    steps = PathSteps(lambda samples: dict.fromkeys(samples, CONTACT))
     for i, (slip, force, torque, pull, way, forward) in enumerate(rows):
         distance += way
         quantity = None if pull is None else Quantity(pull, 0.6)
-        speeds = Quantity(0.3 * (1.0 - slip), 0.01), Quantity(0.3, 0.003)
         for wheel in WHEELS:
-            more = forward, force, 0.0, torque, quantity
-            made = steps.add(WheelSample(wheel.name, 0.3 * i, distance, *speeds, CONTACT, *more))
+            reading = Reading(
+                wheel,
+                300_000_000 * i,
+                LOAD,
+                None,
+                None,
+                0.3 * (1.0 - slip),
+                distance,
+                distance,
+                drawbar_pull=quantity,
+                rim_speed=0.3,
+                slope_force=force,
+                torque=torque,
+                forward=forward,
+                gained_force=0.0,
+                speed_std=0.01,
+                rim_std=0.003,
+            )
+            made = steps.add(Sample(reading, LAW, LOAD))
             if made is not None:
                 estimator.take(made)
     for one in (estimator.now, estimator.reserve):

@@ -124,7 +124,8 @@ def test_replay_takes_the_same_inputs_from_a_bag(tmp_path: Path) -> None:
 
 
 def force(results: list[Result]) -> float | None:
-    return results[-1].instant.specific_force
+    slope, gained = results[-1].instant.slope_force, results[-1].instant.gained_force
+    return None if slope is None or gained is None else slope + gained
 
 
 def test_the_slope_comes_from_the_imu_or_from_odometry() -> None:

@@ -10,18 +10,18 @@ import pytest
 from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
-from smallwheel_ros.onboard.instant import Instant
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.settings import DiggingInRules
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.onboard.watches import DiggingInAlarm
+from smallwheel_ros.onboard.stuck_warning import DiggingInAlarm
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 WHEEL = Wheel("front", 0.25, 0.1)
 
 
-def instant(time: float, slip: float | None, sinkage: float | None, speed: float | None) -> Instant:
-    return Instant(
+def instant(time: float, slip: float | None, sinkage: float | None, speed: float | None) -> Reading:
+    return Reading(
         WHEEL,
         round(time * SECOND),
         Quantity(60.0, 1.0),

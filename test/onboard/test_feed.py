@@ -493,5 +493,5 @@ def test_an_acceleration_that_no_vehicle_has_is_counted_and_changes_nothing(
         give(i, felt if i == 10 else 0.5)
         results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
     results += feed.onboard.flush()
-    assert {result.instant.specific_force for result in results} == {0.5}
+    assert {r.instant.slope_force + r.instant.gained_force for r in results} == {0.5}
     assert feed.onboard.counts == {("imu", reason): 1}

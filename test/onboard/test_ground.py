@@ -12,6 +12,7 @@ from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.soil_estimator import (
     Outcome,
     SoilEstimator,
@@ -19,10 +20,9 @@ from smallwheel_ros.estimator.soil_estimator import (
     UpdateResult,
 )
 from smallwheel_ros.onboard.ground import GroundMapper, Spinning, vehicle_margin
-from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.mobility import WheelForces
+from smallwheel_ros.onboard.problems import FilterHealth
 from smallwheel_ros.onboard.result import Result, Status
-from smallwheel_ros.onboard.watches import FilterHealth
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
@@ -33,7 +33,7 @@ NOTHING = Quantity(0.0, 0.0)
 def estimate(wheel: str, load: float | None, margin: Quantity | None) -> Result:
     carried = None if load is None else Quantity(load, 1.0)
     return Result(
-        instant=Instant(Wheel(wheel, 0.2, 0.1), 1, carried, None, None, None, 0.0, 0.0),
+        instant=Reading(Wheel(wheel, 0.2, 0.1), 1, carried, None, None, None, 0.0, 0.0),
         status=Status.OK,
         status_text="",
         sinkage_predicted=NOTHING,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.odometry_watch import OdometryWatch
+from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.onboard.motion_watch import OdometryWatch
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
@@ -27,7 +27,7 @@ def commanded(seconds: float, stops: bool = False) -> Array:
     return np.minimum(speed, 0.6 * np.maximum(np.mod(time, 5.0) - 1.0, 0.0)) if stops else speed
 
 
-def driven(watch: OdometryWatch, rims: Array, speeds: Array, noise: float = 0.002) -> list[Instant]:
+def driven(watch: OdometryWatch, rims: Array, speeds: Array, noise: float = 0.002) -> list[Reading]:
     """Give the watch what wheels and odometry show; encoders have noise (m/s)."""
     rng = np.random.default_rng(5)
     found = []
@@ -36,7 +36,7 @@ def driven(watch: OdometryWatch, rims: Array, speeds: Array, noise: float = 0.00
             turning = float(rim) + (noise * float(rng.standard_normal()) if rim else 0.0)
             over, around = Quantity(float(shown), 0.01), Quantity(turning, 0.01 * abs(turning))
             slip = wheel_slip(over, around, STANDSTILL)
-            one = Instant(
+            one = Reading(
                 wheel, 10**9 + int(i * SECOND / RATE), None, slip, None, over.value, 0.0, 0.0,
                 rim_speed=turning, speed_std=0.01, rim_std=around.standard_deviation,
                 stands=slip is None,
@@ -134,5 +134,5 @@ class TestShowsSlip:
 
 def test_a_pressed_wheel_is_left_alone() -> None:
     wheel = Wheel("plate", 0.25, 0.1, contact=PRESSED)
-    one = Instant(wheel, 10**9, None, None, None, None, 0.0, 0.0)
+    one = Reading(wheel, 10**9, None, None, None, None, 0.0, 0.0)
     assert OdometryWatch((wheel,), STANDSTILL).add(one) is one

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from smallwheel_ros.onboard.passes import PassCounter
+from smallwheel_ros.onboard.ground import PassCounter
 from smallwheel_ros.physics.wheel import Wheel
 
 WIDTH, AHEAD = 0.1, 0.35

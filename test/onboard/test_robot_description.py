@@ -15,11 +15,12 @@ from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
 from smallwheel_ros.onboard.robot_description import (
     Filled,
+    RobotDescriptionError,
+    Urdf,
     fill_silent,
     needs_description,
     silent_parameters,
 )
-from smallwheel_ros.onboard.urdf import RobotDescriptionError, Urdf
 from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay as replay_bag
 from smallwheel_ros.replay.spec import ReplaySpec

@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from smallwheel_ros.estimator.path_steps import PathStep, WheelMean
-from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.level import Level
-from smallwheel_ros.onboard.load_watch import LoadWatch
+from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.onboard.load_watch import Level, LoadWatch
 from smallwheel_ros.onboard.motion_watch import MotionWatch
 from smallwheel_ros.onboard.problems import ProblemLog, unit_of
 from smallwheel_ros.physics.wheel import Quantity, Wheel
@@ -27,12 +26,12 @@ WHEELS = tuple(
     Wheel(name, 0.25, 0.1, longitudinal_position=x, lateral_position=y)
     for name, (x, y) in PLACES.items()
 )
-Change = Callable[[str, Instant], Instant]
+Change = Callable[[str, Reading], Reading]
 
 
 def drive(
     metres: float, change: Change = lambda _, one: one, heading: float = 0.0, begin: float = 0.0
-) -> Iterator[Instant]:
+) -> Iterator[Reading]:
     """At 0.3 m/s and 20 Hz over hills: loads of a rigid frame, sinkage that follows each load."""
     rng = np.random.default_rng(1)
     for i in range(round(metres / 0.015)):
@@ -45,7 +44,7 @@ def drive(
             x, y = wheel.longitudinal_position, wheel.lateral_position
             share = 1.0 - 0.3 * (slope * x / 0.09 + across * y / 0.0625) + twist * np.sign(x * y)
             load = MASS * GRAVITY / 4.0 * share
-            one = Instant(
+            one = Reading(
                 wheel,
                 int(1e9 * time) + 1_000_000_000,
                 Quantity(load + rng.normal(0.0, 0.6), 1.0),
@@ -163,12 +162,12 @@ def test_without_an_imu_there_is_no_slope() -> None:
 # -- joints
 
 
-def joints(change: Change, metres: float = 6.0) -> tuple[MotionWatch, list[Instant]]:
+def joints(change: Change, metres: float = 6.0) -> tuple[MotionWatch, list[Reading]]:
     watch = MotionWatch(WHEELS)
     return watch, [watch.add(one) for one in drive(metres, change)]
 
 
-def first(change: Callable[[Instant], Instant]) -> Change:
+def first(change: Callable[[Reading], Reading]) -> Change:
     return lambda name, one: change(one) if name == "fl" else one
 
 
@@ -181,7 +180,7 @@ def first(change: Callable[[Instant], Instant]) -> Change:
     ],
 )
 def test_a_joint_that_lies_is_named_and_its_slip_not_used(
-    change: Callable[[Instant], Instant], words: str
+    change: Callable[[Reading], Reading], words: str
 ) -> None:
     watch, seen = joints(first(change))
     (found,) = watch.findings

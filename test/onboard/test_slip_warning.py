@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from smallwheel_ros.onboard.instant import Instant
-from smallwheel_ros.onboard.slip_warning import SlipWarning
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.onboard.stuck_warning import SlipWarning
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 WHEELS = tuple(Wheel(name, 0.25, 0.1) for name in ("a", "b", "c", "d"))
@@ -35,7 +35,7 @@ def warned(
         for j, wheel in enumerate(WHEELS):
             true = slip(time)
             shown = None if true is None else Quantity(min(true + error, 1.0), noise)
-            one = Instant(
+            one = Reading(
                 wheel, 10**9 + int(time * SECOND), None, shown, None, 0.3, 0.0, 0.0,
                 rim_speed=rim(time), forward=not (spot and j % 2), stands=shown is None,
             )  # fmt: skip

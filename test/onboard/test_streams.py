@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.onboard.instant import Motion
 from smallwheel_ros.onboard.settings import Timing
 from smallwheel_ros.onboard.streams import (
     SECOND,
+    Motion,
     Series,
     StampFault,
     Travel,

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from lab_truth import plate_rows, write
-from wheel_drives import follow, rolled, varied
+from wheel_drives import READING, changed, follow, rolled, varied
 
 import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
-from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
 PRIOR = SoilPrior.from_soil(soil("dry_sand"))
-ONE = SinkageMeasurement(1.0, "w", 0.012, 2.5e-7, 60.0, 0.5, 0.25, 0.1, 0.0, slip=0.1, speed=0.2)
+ONE = changed(READING, wheel="w", diameter=0.25, distance=0.0, slip=0.1, speed=0.2)
 KILLED = -signal.SIGKILL
 STEPS = ("open", "os.rename", "os.remove", "os.mkdir", "os.chmod", "os.truncate", "shutil.rmtree")
 MOST = 500

@@ -167,7 +167,7 @@ def test_mobility_is_said_at_its_rate(peer: Peer, one_wheel: Path, tmp_path: Pat
         assert soils[-1].measurements_accepted > 100
         stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in peer.mobility]
         apart = [later - earlier for earlier, later in pairwise(stamps)]
-        assert min(apart) >= 10**8  # half a period of slack, see `Assessor`
+        assert min(apart) >= 10**8  # half a period of slack, see `Onboard`
         assert node.death() is None
 
 
