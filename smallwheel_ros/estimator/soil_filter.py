@@ -37,7 +37,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -289,6 +289,10 @@ class LawFilter:
         self.wheels += 1
         self._mix()
         return self.wheels - 1
+
+    def twin(self) -> LawFilter:
+        """The same filter, to go on by itself; segments never change, and are not copied."""
+        return deepcopy(self, {id(self._store): list(self._store)})
 
     @property
     def prior_deviations(self) -> Array:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -310,7 +309,7 @@ class Soils:
             if one.segment.place < shift.place - self._settings.scatter_length:
                 self._absorb(one, law)
         new = [one for one in waiting if one.segment.place >= shift.place]
-        self._old = deepcopy(law), self.variety
+        self._old = law.twin(), self.variety
         if law.used >= _SETTLED:
             state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
             met = KnownSoil(state, self.variety, self.number)
