@@ -10,7 +10,7 @@ import textwrap
 from pathlib import Path
 
 from smallwheel_ros.common.parameter import WHEEL, Parameter, Value, written
-from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
+from smallwheel_ros.onboard.settings import GENERAL, PER_WHEEL, parameters_for
 
 _EXAMPLE_WHEEL = "front_left"
 _EXAMPLES: dict[str, Value] = {
@@ -62,7 +62,7 @@ def reference() -> str:
         "# Parameters of `mobility_estimator`",
         "",
         "Made by `python docs/parameter_pages.py` from the one table in",
-        "`smallwheel_ros/onboard/parameter_table.py`; [config/template.yaml](../config/template.yaml)",
+        "`smallwheel_ros/onboard/settings.py`; [config/template.yaml](../config/template.yaml)",
         "has the same as a file to start from. In ROS parameter files a number for a `double`",
         "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
         "and not used; one that is missing or wrong keeps the node from being configured.",

@@ -16,13 +16,13 @@ from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.init.left_out import LeftOut, left_out_lines, usually_left_out
 from smallwheel_ros.init.names import usual_names, wheels_named_by
-from smallwheel_ros.onboard.parameter_table import PARAMETERS, parameters_for
 from smallwheel_ros.onboard.robot_description import (
     TURNING,
     RobotDescriptionError,
     Urdf,
     fill_silent,
 )
+from smallwheel_ros.onboard.settings import PARAMETERS, parameters_for
 
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20

@@ -15,9 +15,8 @@ from typing import Any
 
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.result import Result
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, NodeSettings
 from smallwheel_ros.onboard.streams import SECOND, Motion
 from smallwheel_ros.onboard.synchroniser import Measured
 

@@ -19,14 +19,15 @@ from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.model.model_file import read_model
-from smallwheel_ros.onboard.parameter_table import (
+from smallwheel_ros.onboard.settings import (
     GENERAL,
     Given,
     NodeSettings,
+    OnboardSettings,
+    VelocitySource,
     WheelInputs,
     parameters_for,
 )
-from smallwheel_ros.onboard.settings import OnboardSettings, VelocitySource
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel

@@ -11,7 +11,7 @@ from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.common.results import Result, pandas
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameter_table import NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.replay.folder import FILES, files_in

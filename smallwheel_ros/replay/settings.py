@@ -11,7 +11,6 @@ from smallwheel_ros.bags.files import reason
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import InitError
-from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     read_parameters,
@@ -25,6 +24,7 @@ from smallwheel_ros.onboard.robot_description import (
     needs_description,
     silent_parameters,
 )
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.replay.inputs import in_bag, read_remaps
 from smallwheel_ros.replay.spec import ReplaySpec
 

@@ -13,8 +13,8 @@ from visualization_msgs.msg import MarkerArray
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros import qos
 from smallwheel_ros.ros.conversions import mobility_message, soil_message

@@ -20,7 +20,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from smallwheel_ros.common.parameter import Parameter
-from smallwheel_ros.onboard.parameter_table import GENERAL, NodeSettings, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
@@ -28,6 +27,7 @@ from smallwheel_ros.onboard.parameters import (
     wheel_names,
 )
 from smallwheel_ros.onboard.robot_description import silent_parameters
+from smallwheel_ros.onboard.settings import GENERAL, NodeSettings, parameters_for
 from smallwheel_ros.ros.qos import OVERRIDES
 
 _WHAT_TO_DO = (

@@ -18,10 +18,10 @@ from rclpy.timer import Timer
 
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.statements import Kind, Statement, alarms
 from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import WARN, entries, status

@@ -18,7 +18,6 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.model.model_file import CalibratedModel, write_model
-from smallwheel_ros.onboard.parameter_table import GENERAL, PER_WHEEL, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     problems,
@@ -26,7 +25,7 @@ from smallwheel_ros.onboard.parameters import (
     settings_from,
     unknown_parameters,
 )
-from smallwheel_ros.onboard.settings import SensorNoise, Timing
+from smallwheel_ros.onboard.settings import GENERAL, PER_WHEEL, SensorNoise, Timing, parameters_for
 from smallwheel_ros.physics.soil import soil
 
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
