@@ -11,7 +11,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.settings import SoilPrior
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.onboard.mobility import wheel_forces
 from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
@@ -34,7 +35,7 @@ def main() -> None:
         rows = []
         for factor in np.geomspace(0.03, 100.0, 60):
             kind = replace(sand, k=float(factor) * sand.k)
-            on = wheel_on_soil(WHEEL, SoilEstimator(SoilPrior.from_soil(kind)).estimate(), LOAD)
+            on = wheel_on_soil(WHEEL, LocalLaw.of(SoilPrior.from_soil(kind).law), LOAD)
             if on is not None:
                 margin = wheel_forces(on, traction, None, reference=on).margin
                 rows.append((1e3 * on.sinkage, margin.value if margin else math.nan))

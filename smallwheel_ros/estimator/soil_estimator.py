@@ -39,7 +39,7 @@ from scipy.special import chdtri
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import Identifiable, SoilEstimate
-from smallwheel_ros.estimator.law_model import LAW, reference_wheel
+from smallwheel_ros.estimator.law_model import reference_wheel
 from smallwheel_ros.estimator.missing_effect import (
     EffectScore,
     MissingEffect,
@@ -292,40 +292,27 @@ class SoilEstimator:
             ]
             law.weigh(places, weight)
 
-    def under(self, wheel: str, load: Quantity) -> tuple[SoilEstimate, Quantity, Array]:
-        """The soil under a wheel with ruts and side in it, its load (N) as corrected, and both together.
-
-        load: as shown; its deviation is that of its noise, and stays. The last: covariance of ln of the
-        corrected load with ln of the pressure, n and m and with itself by what the scale is off, shape (4,).
-        """
-        local = self.local(wheel)
-        soil = self._estimate(wheel, (local.law, local.covariance[:LAW, :LAW]))
-        with_load = local.with_load(load.value)
-        together = self._reported.turned(with_load[:LAW])
-        return soil, local.load(load), np.append(together, with_load[LAW])
-
     def local(self, wheel: str) -> LocalLaw:
         """The law under a wheel; of one that was never measured, that of the soil."""
         known = self._wheels.get(wheel)
         law, _ = self._soils.under(known)
         if known is not None and law is not None:
             return law.local(known.position)
-        mean, covariance = self.prior.law if law is None else law.law
-        return LocalLaw(mean, 0.0, 0.0, np.pad(covariance, (0, 2)))
+        return LocalLaw.of(self.prior.law if law is None else law.law)
+
+    @property
+    def missed_variance(self) -> float:
+        """Of ln k from place to place, by an effect that seems to be missing in the model."""
+        return self._watch.missed_variance
 
     def estimate(self, wheel: str | None = None) -> SoilEstimate:
         """Return the soil as it is believed now: the one that a wheel came to last.
 
         wheel: return the soil that this wheel is on, where it has been measured.
         """
-        law, _ = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
-        return self._estimate(wheel, self.prior.law if law is None else law.law)
-
-    def _estimate(self, wheel: str | None, law: tuple[Array, Array]) -> SoilEstimate:
-        """The soil by a law: mean and covariance as in `SoilPrior.law`."""
         under, variety = self._soils.under(self._wheels.get(wheel) if wheel is not None else None)
         return self._reported.estimate(
-            law,
+            self.prior.law if under is None else under.law,
             self._watch.missed_variance,
             variety=variety,
             accepted=self._soils.accepted,

@@ -238,6 +238,11 @@ class LocalLaw(NamedTuple):
     zero: float
     covariance: Array
 
+    @classmethod
+    def of(cls, law: Law) -> LocalLaw:
+        """A law alone, under a wheel whose load cell is right."""
+        return cls(law[0], 0.0, 0.0, np.pad(law[1], (0, 2)))
+
     def net(self, shown: float) -> float:
         """A load that is shown (N) without the cell's zero."""
         return max(shown - self.zero, LEAST_SHARE * shown)

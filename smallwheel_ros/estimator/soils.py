@@ -163,11 +163,6 @@ class Reported:
         self._prior = seen_as(self._turn, prior.law[1])
         self._last: tuple[tuple[Array, Array], float, Array, Array] | None = None
 
-    def turned(self, covariance: Array) -> Array:
-        """Covariance of another quantity with (ln pressure, n, m), as reported."""
-        found: Array = self._turn @ covariance
-        return found
-
     def estimate(self, law: tuple[Array, Array], missed: float, **found: Any) -> SoilEstimate:
         """The soil of a law: mean and covariance as in `SoilPrior.law`.
 

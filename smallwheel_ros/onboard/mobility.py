@@ -161,12 +161,11 @@ class Mobility:
         self, reading: Reading, shown: Quantity, slip: Quantity | None
     ) -> WheelOnSoil | None:
         effects = self._settings.effects
-        soil, load, together = self._estimator.under(reading.wheel.name, shown)
         return wheel_on_soil(
             reading.wheel,
-            soil,
-            load,
-            with_load=together,
+            self._estimator.local(reading.wheel.name),
+            shown,
+            missed=self._estimator.missed_variance,
             scatter=self._settings.estimator.soil_scatter,
             slip=None if slip is None else slip.value,
             speed=reading.speed,
@@ -236,8 +235,8 @@ def _check_finite(forces: WheelForces, on: WheelOnSoil) -> None:
         ):
             raise MobilityError(
                 f"wheel {on.wheel.name}: the model gives no finite forces for a load of"
-                f" {on.load.value:g} N with n = {on.soil.n:g} and ln of reference pressure"
-                f" {on.soil.log_reference_pressure:g}"
+                f" {on.load.value:g} N with n = {on.exponent:g} and ln of reference pressure"
+                f" {on.log_pressure:g}"
             )
 
 

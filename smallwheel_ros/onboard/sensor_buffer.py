@@ -279,7 +279,7 @@ class SensorBuffer:
 
         And the slope across, positive where the left side is higher.
         """
-        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap)
+        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap, 1)
         gained = None
         if speed is not None and before is not None:
             gained = (speed[0] - before[0]) / (_GAINING / SECOND)

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, WheelState
-from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.path_steps import RollingContact, Sample
 from smallwheel_ros.estimator.reading import Reading, covariates_of
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.wheel_sinkage import (
     NO_SINKAGE,
     Law,
@@ -56,13 +56,15 @@ class MobilityError(SmallwheelError):
 class WheelOnSoil:
     """Sinkage (m), compaction and other resistance (N) of a wheel under a load (N).
 
+    log_pressure, exponent: of the law, ln of Pa at the soil's reference sinkage and diameter, and n.
     covariance: of these three and of ln load, by law, the place's deviation of ln k, and load; own: of that
     what is the wheel's own, by place and the noise of its load. acting: by the effects, the share of the
     load that reaches the soil, and the factor on thrust.
     """
 
     wheel: Wheel
-    soil: SoilEstimate
+    log_pressure: float
+    exponent: float
     load: Quantity
     sinkage: float
     compaction: float
@@ -95,7 +97,7 @@ class WheelOnSoil:
             self.sinkage,
             wheel.diameter,
             wheel.width,
-            self.soil.n,
+            self.exponent,
             self.other,
             factor,
             own,
@@ -104,22 +106,21 @@ class WheelOnSoil:
 
 def wheel_on_soil(
     wheel: Wheel,
-    soil: SoilEstimate,
-    load: Quantity,
+    soil: LocalLaw,
+    shown: Quantity,
     *,
-    with_load: Array | None = None,
+    missed: float = 0.0,
     scatter: float = 0.0,
     slip: float | None = None,
     speed: float | None = None,
     effects: Sequence[Effect] = (),
     strength: Strength | None = None,
 ) -> WheelOnSoil | None:
-    """Put a wheel under a load (N, over 0) on a soil; None where it sinks to its axle.
+    """Put a wheel under a load (N, over 0) on the soil that is under it; None where it sinks to its axle.
 
-    load: its deviation is that of its noise. with_load: covariance of what else is wrong with ln load, its
-    scale, with ln of the soil's pressure, n and m and with itself, shape (4,); None: none. scatter:
-    standard deviation of ln k from place to place. slip, speed (m/s), strength: for the effects that read
-    them.
+    shown: the load as its cell shows it, with the deviation of its noise. missed: variance of ln k by an
+    effect that the model lacks; scatter: standard deviation of ln k from place to place. slip, speed (m/s),
+    strength: for the effects that read them.
 
     Raises
     ------
@@ -128,32 +129,32 @@ def wheel_on_soil(
     ModelError
         If an effect lacks its covariate.
     """
-    if not (math.isfinite(load.value) and load.value > 0):
-        raise MobilityError(f"wheel {wheel.name}: load is {load.value!r} N, expected more than 0")
+    if not (math.isfinite(shown.value) and shown.value > 0):
+        raise MobilityError(f"wheel {wheel.name}: load is {shown.value!r} N, expected more than 0")
     if slip is not None and not abs(slip) <= 1:
         raise MobilityError(f"wheel {wheel.name}: slip is {slip!r}, expected -1 to 1")
     if wheel.contact not in (ROLLING, PRESSED):
         raise MobilityError(
             f"wheel {wheel.name}: contact is {wheel.contact!r}, expected {ROLLING} or {PRESSED}"
         )
-    depth, size = soil.reference_sinkage, soil.reference_diameter / REFERENCE_DIAMETER
-    by_n, by_m = -math.log(depth), -math.log(size)  # slopes of ln modulus, for the law's pressure
-    log_modulus = soil.log_reference_pressure + by_n * soil.n + by_m * soil.m
-    law = Law(log_modulus, soil.n, soil.m)
+    load = soil.load(shown)
+    log_pressure, n, m = soil.law.tolist()
+    by_n = -math.log(REFERENCE_SINKAGE)  # slope of ln modulus, for the law's pressure
+    law = Law(log_pressure + by_n * n, n, m)
     at = LoadedWheel(load.value, wheel.diameter, wheel.width, wheel.contact, slip, speed)
     found = _by_differences(law, at, effects, strength) if effects else _by_hand(law, at)
     if found is None:
         return None
     forces, by_law, acting = found
-    by_law[:, 1:3] += by_law[:, :1] * (by_n, by_m)  # from here on by ln pressure, n, m and ln load
-    spread = np.zeros((4, 4))
-    spread[:3, :3] = soil.log_covariance
+    by_law[:, 1] += by_law[:, 0] * by_n  # from here on by ln pressure, n, m and ln load
+    spread = np.empty((4, 4))
+    spread[:3, :3] = soil.covariance[:3, :3]
+    spread[0, 0] += missed
+    spread[3] = spread[:, 3] = soil.with_load(shown.value)
     own = by_law @ np.diag([scatter**2, 0.0, 0.0, (load.standard_deviation / load.value) ** 2])
-    if with_load is not None:
-        spread[3] = spread[:, 3] = with_load
     alone = own @ by_law.T
     both = (by_law @ spread @ by_law.T + alone).tolist()
-    return WheelOnSoil(wheel, soil, load, *forces, both, alone.tolist(), acting)
+    return WheelOnSoil(wheel, log_pressure, n, load, *forces, both, alone.tolist(), acting)
 
 
 def _by_hand(law: Law, at: LoadedWheel) -> _Found | None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from smallwheel_ros.physics.conditions import ROLLING
 
 _MOVES = 4.0  # standard deviations of a speed: one reading in 16,000 of what stands is beyond them
 
 
-@dataclass(frozen=True)
-class Quantity:
+class Quantity(NamedTuple):
     """A value and its standard deviation, in the same unit."""
 
     value: float

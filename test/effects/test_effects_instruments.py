@@ -11,7 +11,8 @@ import pytest
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
 from smallwheel_ros.estimator.missing_effect import NearbySinkage
-from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
+from smallwheel_ros.estimator.settings import SoilPrior
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, wheel_sinkage
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
@@ -196,7 +197,7 @@ class TestInTheEstimator:
 
     def test_forces_are_the_true_ones(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
-        law = SoilEstimator(SoilPrior.from_soil(SAND)).estimate()
+        law = LocalLaw.of(SoilPrior.from_soil(SAND).law)
         on = wheel_on_soil(
             Wheel("one", 0.2, 0.1), law, Quantity(60.0, 0.0), slip=0.3, effects=self.FAULTS
         )

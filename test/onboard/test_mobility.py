@@ -14,7 +14,7 @@ from random_examples import examples
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.instruments import LoadGain
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
+from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.strength_filter import WheelStep
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.model.model import Model, predict
@@ -27,8 +27,6 @@ from smallwheel_ros.onboard.mobility import (
 from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import (
-    REFERENCE_DIAMETER,
-    REFERENCE_SINKAGE,
     Soil,
     k_from_reference,
     soil,
@@ -60,24 +58,12 @@ def with_law(kind: Soil, log_reference_pressure: float, n: float, m: float) -> S
     return replace(kind, k=k, n=float(n), m=float(m))
 
 
-def estimate(kind: Soil, deviations: tuple[float, float, float], correlation: float = 0.0):
+def estimate(
+    kind: Soil, deviations: tuple[float, float, float], correlation: float = 0.0
+) -> LocalLaw:
     covariance = np.diag(np.square(deviations))
     covariance[0, 1] = covariance[1, 0] = correlation * deviations[0] * deviations[1]
-    return SoilEstimate(
-        k=kind.k,
-        n=kind.n,
-        m=kind.m,
-        log_reference_pressure=kind.log_reference_pressure,
-        log_covariance=covariance,
-        prior_covariance=covariance,
-        reference_sinkage=REFERENCE_SINKAGE,
-        reference_diameter=REFERENCE_DIAMETER,
-        variety=Variety(),
-        accepted=1,
-        outliers=0,
-        soil_changes=0,
-        distance=0.0,
-    )
+    return LocalLaw.of((np.array([kind.log_reference_pressure, kind.n, kind.m]), covariance))
 
 
 SAND = estimate(soil("dry_sand"), (0.05, 0.05, 0.1), -0.4)
@@ -88,7 +74,7 @@ def forces(
     slip: Quantity | None = SLIP,
     *,
     wheel: Wheel = WHEEL,
-    soil_estimate: SoilEstimate = SAND,
+    soil_estimate: LocalLaw = SAND,
     traction: TractionEstimator | None = None,
     scatter: float = 0.03,
     effects: Sequence[Effect] = (),
@@ -118,12 +104,11 @@ def forces(
 def drawn(slip: Quantity, count: int = 3000) -> dict[str, np.ndarray]:
     """The forces for draws of everything that is uncertain, each by the pipeline's own functions."""
     rng = np.random.default_rng(5)
-    spread = SAND.log_covariance + np.diag([0.03**2, 0.0, 0.0])
-    centre = [SAND.log_reference_pressure, SAND.n, SAND.m]
+    spread = SAND.covariance[:3, :3] + np.diag([0.03**2, 0.0, 0.0])
     traction = TractionEstimator(STRENGTH, [WHEEL])
     mean, covariance = traction.now.kalman.x.copy(), traction.now.kalman.P
     rows = []
-    for law in rng.multivariate_normal(centre, spread, count):
+    for law in rng.multivariate_normal(SAND.law, spread, count):
         kind = with_law(soil("dry_sand"), *law)
         traction.now.kalman.x = rng.multivariate_normal(mean, covariance)
         scatter = 1.0 + SCATTER * rng.standard_normal()
