@@ -39,7 +39,7 @@ _STANDS = 0.02  # m: a wheel that has moved less stands in the rut that it made
 _RECENT = 9  # readings, for the median that an outlier is far from
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is made once, and is looked up by what it is
 class Position:
     """Where a wheel is: in the state (None: it has no place there) and on the vehicle.
 

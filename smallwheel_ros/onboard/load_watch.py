@@ -287,10 +287,11 @@ def _by_sinkage(loads: Array, sunk: Array) -> Callable[[Sequence[int]], float]:
         along = np.maximum(by_depth.T @ by_load, 0.0)  # (sinkages, loads)
         whole = np.sum(by_depth**2, axis=0)[:, None]
         left = np.maximum(whole - along**2 / squares, 1e-3 * whole) + 1e-12
+    unlikely = np.log(left)
 
     def likelihood(order: Sequence[int]) -> float:
         # Differences share each row with their neighbours.
-        return -0.25 * rows * sum(math.log(float(left[j, i])) for i, j in enumerate(order))
+        return -0.25 * rows * float(unlikely[order, range(count)].sum())
 
     return likelihood
 

@@ -53,9 +53,10 @@ class Stream(Series):
         before = self.values[-1] if self.values else ()
         fault = super().add(stamp, values)
         if fault is None and stamp == self.newest:
-            # NaN, of what is not known, is the same as NaN.
-            unknown = math.isnan(sum(values))
-            if before == values or (unknown and np.array_equal(before, values, equal_nan=True)):
+            same = before == values
+            if not same and math.isnan(sum(values)):  # NaN, of what is not known, is the same as NaN
+                same = np.array_equal(before, values, equal_nan=True)
+            if same:
                 self.same += 1
             else:
                 self.same, self.same_since = 1, stamp

@@ -180,7 +180,8 @@ class Synchroniser:
 
     def _implausible(self, kind: str, values: Sequence[float]) -> tuple[str, str] | None:
         """Key and words of a value that nothing can be computed with; None: there is none."""
-        for (name, unit), value in zip(_NUMBERS[kind], values, strict=False):
+        for i, (name, unit) in enumerate(_NUMBERS[kind]):
+            value = values[i]
             if not abs(value) < _LARGEST:
                 reason = "not_plausible" if math.isfinite(value) else "not_finite"
                 expected = f"expected a number (smaller than {_LARGEST:g})"
