@@ -188,6 +188,12 @@ def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
     return tuple(name for name in ("slip", "speed") if name in needs)
 
 
+_NUMBERS = (
+    *("stamp", "sinkage", "load", "deviation of load", "diameter", "width", "distance", "path"),
+    *("pitch", "slip", "speed"),
+)
+
+
 def find_problem(given: Reading, needs: tuple[str, ...]) -> tuple[str, str] | None:
     """Reason and message if load and sinkage of a wheel cannot be used whatever came before.
 
@@ -201,23 +207,17 @@ def find_problem(given: Reading, needs: tuple[str, ...]) -> tuple[str, str] | No
     for covariate in needs:
         if getattr(given, covariate) is None:
             return "covariate_missing", f"{name}: an effect needs {covariate}, none was given"
-    numbers = {
-        "stamp": given.stamp,
-        "sinkage": sinkage.value,
-        "load": load.value,
-        "deviation of load": load.standard_deviation,
-        "diameter": wheel.diameter,
-        "width": wheel.width,
-        "distance": given.distance,
-        "path": given.path,
-        "pitch": given.pitch,
-    }
-    if "slip" in needs and slip is not None:
-        numbers["slip"] = slip.value
-    if "speed" in needs and given.speed is not None:
-        numbers["speed"] = given.speed
-    if not math.isfinite(sum(numbers.values())):
-        for quantity, value in numbers.items():
+    of_effects = (
+        slip.value if "slip" in needs and slip is not None else 0.0,
+        given.speed if "speed" in needs and given.speed is not None else 0.0,
+    )
+    numbers = (
+        *(given.stamp, sinkage.value, load.value, load.standard_deviation),
+        *(wheel.diameter, wheel.width, given.distance, given.path, given.pitch),
+        *of_effects,
+    )
+    if not math.isfinite(sum(numbers)):
+        for quantity, value in zip(_NUMBERS, numbers, strict=True):
             if not math.isfinite(value):
                 return "not_finite", f"{name}: {quantity} is {value}, expected a finite number"
     if load.value <= 0:

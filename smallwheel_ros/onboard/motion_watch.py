@@ -106,7 +106,7 @@ class MotionWatch:
         if instant.speed is None or instant.rim_speed is None or instant.stands:
             joint.last = instant.path
             return instant
-        self._compare(joint, instant, [v for n, v in self._rims.items() if n != name])
+        self._compare(joint, instant)
         # A wheel that turns faster than the others may well dig itself in: its slip is kept.
         if joint.why and not (instant.slip is not None and joint.off and joint.off[-1] > 0.0):
             return instant._replace(slip=None)
@@ -123,20 +123,27 @@ class MotionWatch:
                 " slip is unknown and no way is counted until it changes; check its driver"
             )
 
-    def _compare(self, joint: _Joint, instant: Reading, others: list[float]) -> None:
+    def _around(self, name: str) -> float | None:
+        """Speed of the other rims, m/s; None where there are too few."""
+        others = [abs(rim) for other, rim in self._rims.items() if other != name]
+        return median(others) if len(others) >= _OTHERS else None
+
+    def _compare(self, joint: _Joint, instant: Reading) -> None:
         """Look at one reading of a joint."""
         speed, rim = instant.speed or 0.0, instant.rim_speed or 0.0
         way = max(instant.path - joint.last, 0.0)
         joint.last = instant.path
         against = rim * speed < -_RATIO * speed * speed
         joint.against = joint.against + way if against else 0.0
-        around = median(map(abs, others)) if len(others) >= _OTHERS else None
+        name, around = instant.wheel.name, None
+        if rim in (0.0, joint.held):
+            around = self._around(name)
         joint.dead = joint.dead + way if rim == 0.0 and around else 0.0
-        if rim != joint.held or around is None:
+        if rim != joint.held or joint.others is None:
             joint.held, joint.others = rim, around
         joint.fixed = instant.rim_held >= _HELD
-        moving = all(held < _HELD for n, held in self._held.items() if n != instant.wheel.name)
-        joint.still = joint.still + way if joint.fixed and moving and around is not None else 0.0
+        moving = joint.fixed and all(h < _HELD for n, h in self._held.items() if n != name)
+        joint.still = joint.still + way if moving and around is not None else 0.0
         changed = 0.0
         if around is not None and joint.others is not None:
             changed = abs(around - joint.others) - _CHANGED * joint.others - _LEAST

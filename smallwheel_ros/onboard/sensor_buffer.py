@@ -54,7 +54,9 @@ class Stream(Series):
         fault = super().add(stamp, values)
         if fault is None and stamp == self.newest:
             same = before == values
-            if not same and math.isnan(sum(values)):  # NaN, of what is not known, is the same as NaN
+            if not same and math.isnan(
+                sum(values)
+            ):  # NaN, of what is not known, is the same as NaN
                 same = np.array_equal(before, values, equal_nan=True)
             if same:
                 self.same += 1
@@ -339,7 +341,7 @@ class SensorBuffer:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
-        paths = self._travel.at(stamp) or self._start
+        paths = self._travel.at(stamp, count=2 + order) or self._start
         whole, own = paths[0] - self._stood, paths[1 + order] - state.stood
         if stands:
             self._stood += max(whole + self._pressed_path - self.distance, 0.0)
