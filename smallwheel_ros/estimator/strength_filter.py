@@ -379,12 +379,12 @@ def _on_contact(contact: RollingContact, slip: float, soil: tuple[float, ...]) -
     """
     load, sinkage, diameter, width, n = contact[:5]
     made = point_forces(load, sinkage, diameter, width, min(max(slip, -1.0), 1.0), n, *soil)
-    thrust = contact.thrust_factor * np.array([made.thrust, *made.thrust_slopes])
-    resistance = np.array([made.resistance, *made.resistance_slopes])
-    torque = contact.thrust_factor * np.array([made.torque, *made.torque_slopes])
-    found: list[list[float]]
-    found = np.array([thrust, thrust - resistance, torque * 2.0 / diameter]).tolist()
-    return found
+    factor = contact.thrust_factor
+    thrust = [factor * value for value in (made.thrust, *made.thrust_slopes)]
+    resistance = (made.resistance, *made.resistance_slopes)
+    torque = [factor * value for value in (made.torque, *made.torque_slopes)]
+    pull = [push - back for push, back in zip(thrust, resistance, strict=True)]
+    return [thrust, pull, [2.0 * value / diameter for value in torque]]
 
 
 def prior(strength: Strength, wheels: int, cells: int) -> tuple[Array, Array]:

@@ -211,9 +211,10 @@ class LoadWatch:
         by_place = _by_place(self._wheels, np.exp(loads), behind, right)
         by_sinkage = _by_sinkage(loads, sunk)
         plain = tuple(range(count))
+        before = by_place(plain), by_sinkage(plain)
         best, words = _ODDS, ""
         for order, names in _interchanges(self._wheels):
-            places, follows = (one(order) - one(plain) for one in (by_place, by_sinkage))
+            places, follows = by_place(order) - before[0], by_sinkage(order) - before[1]
             if places + follows > best:
                 why = _FOLLOWS if follows > places else _LEANS
                 best, words = (
