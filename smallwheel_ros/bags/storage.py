@@ -19,7 +19,7 @@ from contextlib import ExitStack
 from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from mcap.data_stream import ReadDataStream
@@ -29,9 +29,8 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from rosbags.rosbag1 import Reader as Ros1Reader
 
-from smallwheel_ros.bags.files import BagTopic, RawMessage, reason
-from smallwheel_ros.bags.types import LATCHED, qos_of
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.bags.types import LATCHED, BagTopic, qos_of
+from smallwheel_ros.common.errors import SmallwheelError, reason
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -62,6 +61,15 @@ _DECOMPRESSORS: dict[bytes, Callable[[], Any]] = {
     b"BZh": bz2.BZ2Decompressor,
 }
 _MAGICS = tuple(_DECOMPRESSORS)
+
+
+class RawMessage(NamedTuple):
+    """One message still serialised, CDR in rosbag2, ROS 1 format in a ``.bag``."""
+
+    topic: str
+    type: str
+    log_time: int
+    data: bytes
 
 
 class StorageError(SmallwheelError):
@@ -391,3 +399,13 @@ class Ros1File(StorageFile):
 
 
 FORMATS: dict[str, type[StorageFile]] = {".mcap": McapFile, ".db3": SqliteFile, ".bag": Ros1File}
+
+
+def storage_kind(path: Path) -> str | None:
+    """Format of a storage file by its name: .mcap, .db3 or .bag; None for anything else.
+
+    A rosbag2 file that is compressed as a whole has .zstd behind that.
+    """
+    name = path.name.removesuffix(".zstd")
+    kind = next((kind for kind in FORMATS if name.endswith(kind)), None)
+    return None if kind == ".bag" and name != path.name else kind

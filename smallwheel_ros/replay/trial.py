@@ -22,8 +22,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.bags import BagReader, BagWriter, Message, header
-from smallwheel_ros.bags.files import Storage
+from smallwheel_ros.bags import BagReader, BagWriter, Message, Storage, header
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
