@@ -59,17 +59,12 @@ class BagError(SmallwheelError):
         The bag.
     messages_read : int
         How many messages came out before the error.
-    last_log_time : int or None
-        Log time of the last one (ns), None when there was none.
     """
 
-    def __init__(
-        self, path: Path, text: str, *, messages_read: int = 0, last_log_time: int | None = None
-    ) -> None:
+    def __init__(self, path: Path, text: str, *, messages_read: int = 0) -> None:
         super().__init__(f"bag {path}: {text}")
         self.path = path
         self.messages_read = messages_read
-        self.last_log_time = last_log_time
 
 
 class BagMessage(NamedTuple):
@@ -283,12 +278,8 @@ class BagReader:
         """Return the error of a bag that is damaged, after so many messages."""
         where = f" on topic {topic}" if topic else ""
         until = f", the last at {last / 1e9:.3f} s" if last is not None else ""
-        return BagError(
-            self.path,
-            f"damaged{where}: {read} messages could be read{until} ({why})",
-            messages_read=read,
-            last_log_time=last,
-        )
+        text = f"damaged{where}: {read} messages could be read{until} ({why})"
+        return BagError(self.path, text, messages_read=read)
 
 
 def _storage_files(path: Path, *, salvage: bool) -> tuple[list[Path], list[str]]:

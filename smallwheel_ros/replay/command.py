@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.common.console import JSON, tell
+from smallwheel_ros.common.console import JSON, show, tell
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.tables import text_table, write_json
@@ -39,8 +39,8 @@ from smallwheel_ros.replay.result import (
     SUMMARY,
     Replayed,
     claimed,
-    done_before,
     files_in,
+    is_done,
     read_summary,
 )
 from smallwheel_ros.replay.spec import (
@@ -195,8 +195,6 @@ def _write_report(result: Replayed, path: Path) -> None:
 
 
 def _one(spec: ReplaySpec, json_file: str | None) -> None:
-    from smallwheel_ros.replay.report import summary_text  # as above
-
     with tqdm(unit=" messages", disable=None, leave=False) as bar:
 
         def progress(done: int, total: int) -> None:
@@ -204,10 +202,8 @@ def _one(spec: ReplaySpec, json_file: str | None) -> None:
             bar.update(done - bar.n)
 
         result = replay_bag(spec, progress=progress, report=_write_report)
-    summary = read_summary(spec.folder)
-    assert summary is not None, "replay writes it last"
-    written = [spec.folder / name for name in (*summary["files"].values(), SUMMARY)]
-    tell(summary, f"{summary_text(summary)}\n", json_file, written)
+    written = [spec.folder / name for name in (*files_in(spec.folder).values(), SUMMARY)]
+    show(result, json_file, written, f"{result}\n")
     if result.state != "complete":
         click.echo(f"{result.state.replace('_', ' ')}: {result.ended}", err=True)
         raise SystemExit(1)
@@ -232,26 +228,10 @@ class Outcome:
     done_before: bool = False
     summary: dict[str, Any] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, spec: ReplaySpec, state: str, error: str = "") -> Outcome:
-        """Without a summary."""
-        return cls(str(spec.bag), str(spec.folder), state, error)
-
-    @classmethod
-    def told(cls, spec: ReplaySpec, summary: dict[str, Any], before: bool = False) -> Outcome:
-        """As the replay says of itself. before: it was done by an earlier command."""
-        state, ended = str(summary["state"]), str(summary["ended"])
-        return cls(str(spec.bag), str(spec.folder), state, ended, before, summary)
-
     @property
     def name(self) -> str:
         """The bag's name, which its folder has."""
         return Path(self.folder).name
-
-    @property
-    def is_done(self) -> bool:
-        """Whether there is a result, of all that can be read of the bag."""
-        return self.state in ("complete", "ended_early")
 
 
 def _many(
@@ -285,8 +265,8 @@ def _many(
                         click.echo(f"{outcome.bag}: {said}", err=True)
         except KeyboardInterrupt:
             stopped = True
-        outcomes = [found.get(spec.name) or _found_on_disk(spec) for spec in specs]
-        done = [outcome for outcome in outcomes if outcome.is_done]
+        outcomes = [found.get(spec.name) or _outcome(spec) for spec in specs]
+        done = [o for o in outcomes if o.state in ("complete", "ended_early")]
         files = _merge(folder, done) if done else {}
         if one_map and done:
             files |= _merge_maps(folder, done)
@@ -380,13 +360,11 @@ def replay_all(
             except BrokenProcessPool:
                 lost.append(futures[future])
             except Exception as error:  # a worker of a cluster died, or has not this package
-                yield Outcome.of(futures[future], "failed", f"{type(error).__name__}: {error}")
+                yield _outcome(futures[future], f"{type(error).__name__}: {error}")
     for spec in lost:
         # A process died, and took the others' bags with it: each alone, to see whose fault it was.
         if len(specs) == 1:
-            yield Outcome.of(
-                spec, "failed", "the process that replayed it died (killed, or out of memory)"
-            )
+            yield _outcome(spec, "the process that replayed it died (killed, or out of memory)")
         else:
             yield from replay_all([spec], report, jobs=jobs)
 
@@ -394,26 +372,27 @@ def replay_all(
 def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
     """Replay one bag, unless that is done already; what goes wrong is in the outcome."""
     try:
-        found = done_before(spec)
-        if found is not None:
-            return Outcome.told(spec, found, before=True)
-        return Outcome.told(spec, replay_bag(spec, report=report).to_dict())
+        before = is_done(spec)
+        if not before:
+            replay_bag(spec, report=report)
     except SmallwheelError as error:
-        return Outcome.of(spec, "failed", str(error))
+        return _outcome(spec, str(error))
     except Exception as error:  # one bag's trouble must not be that of the others
-        return Outcome.of(spec, "failed", f"{type(error).__name__}: {error}")
+        return _outcome(spec, f"{type(error).__name__}: {error}")
+    return _outcome(spec, done_before=before)
 
 
-def _found_on_disk(spec: ReplaySpec) -> Outcome:
-    """Return what became of a bag whose process could not tell any more."""
-    found = done_before(spec)
+def _outcome(spec: ReplaySpec, failed: str = "", *, done_before: bool = False) -> Outcome:
+    """Return what became of a bag, as its folder tells. failed: how it did, in words."""
+    place = (str(spec.bag), str(spec.folder))
+    if failed:
+        return Outcome(*place, "failed", failed)
+    found = read_summary(spec.folder)
     if found is None:
-        found = read_summary(spec.folder)
-        if found is None:
-            return Outcome.of(spec, "not_begun")
-        if found.get("state") != "interrupted":  # it was killed
-            return Outcome.of(spec, "interrupted")
-    return Outcome.told(spec, found)
+        return Outcome(*place, "not_begun")
+    if found.get("state") != "interrupted" and not is_done(spec):  # it was killed, or another one's
+        return Outcome(*place, "interrupted")
+    return Outcome(*place, str(found["state"]), str(found["ended"]), done_before, found)
 
 
 @contextmanager
@@ -478,15 +457,15 @@ def _merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     ReplayError, OutputError
         If a table cannot be written.
     """
+    measured: list[dict[str, str]] = []
     with table(folder / ESTIMATES, {"bag": "string", **columns()}) as add:
         for outcome in outcomes:
-            for row in _rows(Path(outcome.folder) / FILES["estimates_csv"]):
-                add([outcome.name, *row.values()])
-    measured: list[dict[str, str]] = []
-    for outcome in outcomes:
-        name = outcome.name
-        for row in _rows(Path(outcome.folder) / MEASUREMENTS):
-            measured.append({**row, "soil": f"{name} {row['soil']}", "run": f"{name} {row['run']}"})
+            name, place = outcome.name, Path(outcome.folder)
+            for row in _rows(place / FILES["estimates_csv"]):
+                add([name, *row.values()])
+            for row in _rows(place / MEASUREMENTS):
+                mine = {"soil": f"{name} {row['soil']}", "run": f"{name} {row['run']}"}
+                measured.append(row | mine)
     write_rows(folder / MEASUREMENTS, measured)
     merged = ("estimates_csv", "estimates_parquet", "measurements")
     return {what: name for what, name in files_in(folder).items() if what in merged}

@@ -94,12 +94,7 @@ def replay_page(result: Replayed) -> Page:
 
 def replay_text(result: Replayed) -> str:
     """A replay as `smallwheel replay` prints it."""
-    return summary_text(result.to_dict())
-
-
-def summary_text(summary: dict[str, Any]) -> str:
-    """What a replay found, from its replay.json."""
-    return _page(summary, []).text()
+    return _page(result.to_dict(), []).text()
 
 
 def _page(summary: dict[str, Any], drive: list[Block]) -> Page:

@@ -73,17 +73,16 @@ def write_summary(folder: Path, content: dict[str, Any]) -> None:
     write_bytes(folder / SUMMARY, json_text(content).encode())
 
 
-def done_before(spec: ReplaySpec) -> dict[str, Any] | None:
-    """Return the summary of the same replay if it is there and complete."""
+def is_done(spec: ReplaySpec) -> bool:
+    """Whether the folder holds all that came of the same replay."""
     summary = read_summary(spec.folder)
     if summary is None or summary.get("state") not in ("complete", "ended_early"):
-        return None
+        return False
     try:
         same = summary.get("fingerprint") == spec.fingerprint()
     except OSError:
-        return None
-    there = all((spec.folder / name).exists() for name in summary.get("files", {}).values())
-    return summary if same and there else None
+        return False
+    return same and all((spec.folder / name).exists() for name in summary.get("files", {}).values())
 
 
 @contextmanager

@@ -23,11 +23,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace as Message  # has a type's fields, as rosbags needs it
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.bags import Message, header
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.onboard.instant import Instant
@@ -149,27 +149,18 @@ def _write_parquet(whole: Path, path: Path, columns: Mapping[str, str]) -> None:
 
 
 @cache
-def _own_columns() -> dict[str, str]:
-    """Of MobilityEstimate, without flags of what is valid, since an unknown cell is blank."""
-    return {
-        name: _ARROW.get(kind, "int64")
-        for name, kind in plain_fields(MOBILITY).items()
-        if name not in VALID and name not in _FIRST
-    }
-
-
-@cache
-def _soil_columns() -> dict[str, str]:
-    """Of SoilEstimate, without `soil_` before them."""
-    return {name: _ARROW.get(kind, "int64") for name, kind in plain_fields(SOIL).items()}
-
-
-@cache
 def columns() -> dict[str, str]:
-    """Return the table's columns in their order, with their types (Arrow's)."""
-    soil = {f"soil_{name}": kind for name, kind in _soil_columns().items()}
+    """Return the table's columns in their order, with their types (Arrow's).
+
+    They are the fields of both messages; not the flags of what is valid, since an unknown cell is blank.
+    """
+    found = dict(_FIRST)
+    for prefix, message in (("", MOBILITY), ("soil_", SOIL)):
+        for name, kind in plain_fields(message).items():
+            if name not in VALID:
+                found.setdefault(f"{prefix}{name}", _ARROW.get(kind, "int64"))
     deviations = {f"soil_{name}_standard_deviation": "float64" for name in "knm"}
-    return {**_FIRST, **_own_columns(), **soil, **deviations, "soil_changes": "int64"}
+    return {**found, **deviations, "soil_changes": "int64"}
 
 
 class Estimate:
@@ -185,52 +176,40 @@ class Estimate:
         self._state = (*law, soil.variety, soil.accepted, result.rejected)
         if before is not None and before._state == self._state:
             self._soil: dict[str, Any] = before._soil
-            self._soil_cells: list[str] = before._soil_cells
+            self._soil_cells: dict[str, str] = before._soil_cells
         else:
             self._soil = soil_fields(soil, result.rejected)
-            variances = soil.covariance.diagonal().tolist()
-            cells = [self._soil[name] for name in _soil_columns()]
-            cells += [max(variance, 0.0) ** 0.5 for variance in variances]
-            self._soil_cells = [str(cell) for cell in cells]
+            cells = {f"soil_{name}": value for name, value in self._soil.items()}
+            for name, variance in zip("knm", soil.covariance.diagonal().tolist(), strict=True):
+                cells[f"soil_{name}_standard_deviation"] = max(variance, 0.0) ** 0.5
+            self._soil_cells = {name: str(cells[name]) for name in cells.keys() & columns().keys()}
 
     def row(self, start: int) -> list[Any]:
         """Return the cells in the order of `columns`, None for a blank one.
 
         start: the bag's first log time, ns.
         """
-        result, instant, soil = self.result, self.result.instant, self.result.soil
-        x, y = instant.vehicle or (None, None)
-        own = dict(self._mobility)
+        result, instant = self.result, self.result.instant
+        cells = self._mobility | self._soil_cells
         for flag, names in VALID.items():
-            if not own[flag]:
+            if not cells[flag]:
                 for name in names:
-                    own[name] = own[f"{name}_standard_deviation"] = None
-        return [
-            instant.stamp,
-            (instant.stamp - start) / SECOND,
-            result.wheel,
-            x,
-            y,
-            instant.speed,
-            result.travel,
-            result.status.name,
-            result.status_text,
-            *[own[name] for name in _own_columns()],
-            *self._soil_cells,
-            soil.soil_changes,
-        ]
+                    cells[name] = cells[f"{name}_standard_deviation"] = None
+        cells["stamp"], cells["time"] = instant.stamp, (instant.stamp - start) / SECOND
+        cells["x"], cells["y"] = instant.vehicle or (None, None)
+        cells["wheel"], cells["status"] = result.wheel, result.status.name
+        cells["speed"], cells["travel"] = instant.speed, result.travel
+        cells["soil_changes"] = result.soil.soil_changes
+        return [cells[name] for name in columns()]
 
     def mobility(self) -> Message:
         """Return it as MobilityEstimate."""
-        return Message(header=self._header(self.result.wheel), **self._mobility)
+        stamp = header(self.result.instant.stamp, self.result.wheel)
+        return Message(header=stamp, **self._mobility)
 
     def soil(self, frame: str) -> Message:
         """Return it as SoilEstimate; frame: that of odometry."""
-        return Message(header=self._header(frame), **self._soil)
-
-    def _header(self, frame: str) -> Message:
-        seconds, rest = divmod(self.result.instant.stamp, SECOND)
-        return Message(stamp=Message(sec=seconds, nanosec=rest), frame_id=frame)
+        return Message(header=header(self.result.instant.stamp, frame), **self._soil)
 
 
 # --- Steady stretches
