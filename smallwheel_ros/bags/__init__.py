@@ -13,14 +13,13 @@ from smallwheel_ros.bags.bag import (
     BagMessage,
     BagReader,
     BagWriter,
-    Channel,
     Message,
     Storage,
     check_new_bag,
     header,
 )
 from smallwheel_ros.bags.storage import Key, RawMessage, storage_kind
-from smallwheel_ros.bags.types import BagTopic, DefinitionError, message_type, typestore
+from smallwheel_ros.bags.types import BagTopic, Channel, DefinitionError, message_type, typestore
 
 __all__ = [
     "STORAGES",

@@ -15,10 +15,9 @@ from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
 import yaml
-from rosbags.interfaces import Connection, Qos
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys.store import Typestore
 
 from smallwheel_ros.bags.storage import (
     FORMATS,
@@ -31,6 +30,7 @@ from smallwheel_ros.bags.storage import (
 from smallwheel_ros.bags.types import (
     LATCHED,
     BagTopic,
+    Channel,
     DefinitionError,
     Definitions,
     typestore,
@@ -74,15 +74,6 @@ class BagMessage(NamedTuple):
     type: str
     log_time: int
     message: Any
-
-
-class Channel(NamedTuple):
-    """A topic as a bag is to hold it: its type with the store that knows it, and QoS."""
-
-    topic: str
-    type: str
-    store: Typestore
-    qos: tuple[Qos, ...] = ()
 
 
 class BagReader:
@@ -195,12 +186,10 @@ class BagReader:
 
         None for a type whose definition is neither in the bag nor known here, or not to be used.
         """
-        found = self._topics[topic, kind]
         try:
-            name, store, convert = self._definitions.in_ros2(found)
+            return self._definitions.in_ros2(self._topics[topic, kind])
         except DefinitionError:
             return None
-        return Channel(topic, name, store, found.qos), convert
 
     def messages(
         self,

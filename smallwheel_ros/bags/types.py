@@ -165,6 +165,15 @@ class BagTopic(NamedTuple):
     qos: tuple[Any, ...] = ()
 
 
+class Channel(NamedTuple):
+    """A topic as a bag is to hold it: its type with the store that knows it, and QoS."""
+
+    topic: str
+    type: str
+    store: Typestore
+    qos: tuple[Qos, ...] = ()
+
+
 class DefinitionError(SmallwheelError):
     """A bag's definition of a message type cannot be used, or is another one than here."""
 
@@ -201,16 +210,14 @@ class Definitions:
         decode = store.deserialize_cdr if self.ros2 else store.deserialize_ros1
         return partial(decode, typename=kind)
 
-    def in_ros2(
-        self, topic: BagTopic
-    ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
-        """Return a topic's type in ROS 2, what knows it, and what its bytes become there.
+    def in_ros2(self, topic: BagTopic) -> tuple[Channel, Callable[[bytes], bytes | memoryview]]:
+        """Return a topic as a bag of ROS 2 is to hold it, and what its bytes become there.
 
         Raises DefinitionError.
         """
         kind, store = topic.type, self._store(topic)
         if self.ros2:
-            return kind, store, bytes
+            return Channel(topic.name, kind, store, topic.qos), bytes
         name, known = _RENAMED.get(kind, kind), typestore().fielddefs
         target = typestore()
         if name not in known:  # types that only the bag knows are taken over
@@ -223,7 +230,7 @@ class Definitions:
                 store, target, kind, name, cache, data, src_is2=False, dst_is2=True
             )
 
-        return name, target, convert
+        return Channel(topic.name, name, target, topic.qos), convert
 
     def _store(self, topic: BagTopic) -> Typestore:
         """Return what knows a topic's type. Raises DefinitionError."""

@@ -7,7 +7,7 @@ import csv
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
@@ -30,6 +30,7 @@ from smallwheel_ros.costmap.map_file import read_map, write_map
 from smallwheel_ros.costmap.vehicle import HERE
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.replay.replay import Report
 from smallwheel_ros.replay.replay import replay as replay_bag
 from smallwheel_ros.replay.result import (
     ESTIMATES,
@@ -58,7 +59,6 @@ from smallwheel_ros.replay.spec import (
 )
 from smallwheel_ros.replay.tables import columns, table, write_rows
 
-Report = Callable[[Replayed, Path], None]
 _PATH = click.Path(path_type=Path)
 _MANY = "replays.json"
 _PATIENCE = 60.0  # s that a worker has to put away what it has begun
@@ -187,13 +187,6 @@ def _topics_text(content: dict[str, Any], has_config: bool) -> str:
 # --- One bag
 
 
-def _write_report(result: Replayed, path: Path) -> None:
-    """Write the page; what it needs is loaded when it comes to that."""
-    from smallwheel_ros.replay.report import replay_page
-
-    replay_page(result).save(path)
-
-
 def _one(spec: ReplaySpec, json_file: str | None) -> None:
     with tqdm(unit=" messages", disable=None, leave=False) as bar:
 
@@ -201,7 +194,7 @@ def _one(spec: ReplaySpec, json_file: str | None) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
-        result = replay_bag(spec, progress=progress, report=_write_report)
+        result = replay_bag(spec, progress=progress, report=Replayed.save)
     written = [spec.folder / name for name in (*files_in(spec.folder).values(), SUMMARY)]
     show(result, json_file, written, f"{result}\n")
     if result.state != "complete":
@@ -250,7 +243,7 @@ def _many(
             replace(spec, **{name: getattr(spec, name).absolute() for name in paths})
             for spec in specs
         ]
-    source = replay_all(specs, _write_report, jobs=jobs, scheduler=scheduler)
+    source = replay_all(specs, Replayed.save, jobs=jobs, scheduler=scheduler)
     found: dict[str, Outcome] = {}
     stopped = False
     bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)

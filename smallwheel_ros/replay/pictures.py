@@ -85,25 +85,20 @@ def draw_drive(
     colours = wheel_colours(wheels)
     grid = figure.add_gridspec(count, 6)
     limits = (0.0, float(mobility["time"].max()))
-    first: list[Axes] = []
     for i, wheel in enumerate(wheels):
         rows = mobility[mobility["wheel"] == wheel]
         place = slice(3 * (i % columns), 3 * (i % columns) + 3)
         axes = figure.add_subplot(grid[i // columns, place])
         _draw_sinkage(axes, wheel, rows, colours[wheel])
-        first.append(axes)
         axes = figure.add_subplot(grid[rows_of_wheels + 1 + i // columns, place])
         _draw_pull(axes, wheel, rows, colours[wheel], truth)
-        first.append(axes)
     for i, name in enumerate(("k", "n", "m")):
         axes = figure.add_subplot(grid[rows_of_wheels, 2 * i : 2 * i + 2])
         _draw_parameter(axes, name, soil, truth)
-        first.append(axes)
     for place, draw in ((slice(0, 3), _draw_slip), (slice(3, 6), _draw_margin)):
         axes = figure.add_subplot(grid[count - 1, place])
         draw(axes, mobility, truth, warned)
-        first.append(axes)
-    for axes in first:
+    for axes in figure.axes:
         axes.set_xlim(limits)
         if truth is not None:
             _draw_ground(axes, truth, limits[1])

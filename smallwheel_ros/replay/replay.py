@@ -64,6 +64,7 @@ from smallwheel_ros.replay.tables import (
 
 Handler = Callable[[Any, int | None], object]
 Progress = Callable[[int, int], None]
+Report = Callable[[Replayed, Path], object]
 AddRow = Callable[[list[Any]], None]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
@@ -81,7 +82,7 @@ def replay(
     spec: ReplaySpec,
     *,
     progress: Progress = lambda _done, _all: None,
-    report: Callable[[Replayed, Path], None] = lambda _result, _path: None,
+    report: Report = lambda _result, _path: None,
 ) -> Replayed:
     """Replay one bag into the spec's folder.
 

@@ -234,7 +234,7 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
         verdict = "yes" if found["determined"] else "no: essentially what was configured"
         rows.append(
             [name.replace("_", " "), number(found["value"], 4), number(found["std"], 2),
-             found["unit"].replace("1", "-") if found["unit"] == "1" else found["unit"], verdict]
+             "-" if found["unit"] == "1" else found["unit"], verdict]
         )  # fmt: skip
     header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
     caption = "Under the law p = k z^n D^m"

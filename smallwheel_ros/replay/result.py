@@ -183,19 +183,6 @@ class Event(NamedTuple):
     place: tuple[float, float] | None = None
 
 
-@dataclass
-class _Change:
-    """A change of soil that is under way: until no more jumps come for a turn of a wheel."""
-
-    time: float
-    travel: float
-    wheel: str
-    place: tuple[float, float] | None
-    before: float  # reference pressures, Pa
-    after: float = 0.0
-    until: float = 0.0  # m of travel
-
-
 class DriveSummary:
     """Takes results and problems as they come.
 
@@ -222,9 +209,11 @@ class DriveSummary:
         self.travel = 0.0
         self._squares = dict.fromkeys(self.wheels, 0.0)  # of measured minus predicted sinkage, m^2
         self._accepted = self._changes = 0
-        self._last_pressure = onboard.soil.reference_pressure
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
-        self._change: _Change | None = None
+        # A change of soil that is under way: until no more jumps come for a turn of a wheel.
+        self._change: Event | None = None
+        self._until = 0.0  # m of travel
+        self._pressure_before = self._pressure = onboard.soil.reference_pressure
         self._newest: dict[str, Estimated] = {}
         # What is said, without its numbers, and when it was said last, s.
         self._said: dict[str, float] = {}
@@ -261,16 +250,14 @@ class DriveSummary:
         self._accepted = soil.accepted
         if soil.soil_changes > self._changes:
             if self._change is None:
-                place = result.instant.vehicle
-                self._change = _Change(time, soil.distance, wheel, place, self._last_pressure)
-            self._change.until = soil.distance + self._turn
+                text, place = f"noticed by wheel {wheel}", result.instant.vehicle
+                self._change = Event(time, soil.distance, "soil_change", text, place)
+            self._until = soil.distance + self._turn
         elif self._change is None:
-            self._last_pressure = soil.reference_pressure
-        self._changes = soil.soil_changes
-        if self._change is not None:
-            self._change.after = soil.reference_pressure
-            if soil.distance > self._change.until:
-                self._note_change()
+            self._pressure_before = soil.reference_pressure
+        self._changes, self._pressure = soil.soil_changes, soil.reference_pressure
+        if soil.distance > self._until:
+            self._note_change()
         self._newest[wheel] = result
         said = alarms
         if time - self._looked >= _LOOK:
@@ -284,7 +271,7 @@ class DriveSummary:
             self._said[statement.about] = time
             if time - before > _PAUSE:
                 way, place = result.travel, result.instant.vehicle
-                self._event(time, way, statement.kind, statement.text, place)
+                self._list(Event(time, way, statement.kind, statement.text, place))
 
     def _note_change(self) -> None:
         """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
@@ -292,10 +279,10 @@ class DriveSummary:
         if change is not None:
             self.soil_changes += 1
             text = (
-                f"another soil: reference pressure {change.before / 1e3:.3g} kPa before,"
-                f" {change.after / 1e3:.3g} kPa after (noticed by wheel {change.wheel})"
+                f"another soil: reference pressure {self._pressure_before / 1e3:.3g} kPa before,"
+                f" {self._pressure / 1e3:.3g} kPa after ({change.text})"
             )
-            self._event(change.time, change.travel, "soil_change", text, change.place)
+            self._list(change._replace(text=text))
 
     @property
     def changing(self) -> bool:
@@ -310,9 +297,9 @@ class DriveSummary:
             self._note(statements(self._onboard, self._newest.values()), result, time)
         self.events.sort(key=lambda event: event.time)
 
-    def _event(self, *event: Any) -> None:
+    def _list(self, event: Event) -> None:
         if len(self.events) < _MOST_EVENTS:
-            self.events.append(Event(*event))
+            self.events.append(event)
         else:
             self.unlisted_events += 1
 
@@ -324,7 +311,7 @@ class DriveSummary:
             if problem.reason == "time_jump":
                 self._note_change()
                 self._newest.clear()
-                self._event(time, self.travel, "time_jump", problem.text)
+                self._list(Event(time, self.travel, "time_jump", problem.text))
 
 
 # --- All of it
