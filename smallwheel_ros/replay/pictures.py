@@ -60,10 +60,10 @@ def draw_drive(
     mobility: pd.DataFrame,
     soil: pd.DataFrame,
     path: Path,
-    truth: Mapping[str, Any] | None = None,
-    warned: Sequence[float] = (),
+    truth: Mapping[str, Any],
+    warned: Sequence[float],
 ) -> None:
-    """Draw a drive.
+    """Write a PNG of a simulated drive that was played into the node; true values are dashed.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def draw_drive(
     path
         PNG file.
     truth
-        Answer of a simulated drive: true values are drawn as well, dashed.
+        Answer of the simulated drive.
     warned
         Times (s) at which the node warned of something.
     """
@@ -100,13 +100,12 @@ def draw_drive(
         draw(axes, mobility, truth, warned)
     for axes in figure.axes:
         axes.set_xlim(limits)
-        if truth is not None:
-            _draw_ground(axes, truth, limits[1])
+        _draw_ground(axes, truth, limits[1])
     figure.suptitle(
         "Played over DDS into the node mobility_estimator: what it was told, what it believes; "
         "soil: p = k zⁿ Dᵐ\n"
-        "bands: 95 %; sinkage is predicted before the measurement of that instant is used"
-        + ("; dashed: true values of the simulation, which the node never sees" if truth else ""),
+        "bands: 95 %; sinkage is predicted before the measurement of that instant is used; "
+        "dashed: true values of the simulation, which the node never sees",
         fontsize=11,
         color=INK,
     )
@@ -149,23 +148,26 @@ def _draw_sinkage(axes: Axes, wheel: str, rows: pd.DataFrame, colour: str) -> No
 
 
 def _draw_pull(
-    axes: Axes, wheel: str, rows: pd.DataFrame, colour: str, truth: Mapping[str, Any] | None
+    axes: Axes, wheel: str, rows: pd.DataFrame, colour: str, truth: Mapping[str, Any]
 ) -> None:
     time = rows["time"].to_numpy()
     pull = rows["drawbar_pull"].to_numpy()
     deviation = rows["drawbar_pull_standard_deviation"].to_numpy()
     _curve(axes, time, pull, deviation, "drawbar pull", colour)
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    if truth is not None:
-        answer = truth["wheels"][wheel]
-        moving = np.where(answer["moving"], answer["drawbar_pull"], np.nan)
-        axes.plot(answer["time"], moving, "--", color=INK, linewidth=0.9, label="true")
+    _draw_true(axes, truth["wheels"][wheel], "drawbar_pull")
     known = pull[np.isfinite(pull)]
     if known.size:
         low, high = np.percentile(known, [0.5, 99.5])
         axes.set_ylim(low - 0.35 * (high - low) - 1.0, high + 0.35 * (high - low) + 1.0)
     style(axes, _TIME, "drawbar pull [N]", f"{wheel}: drawbar pull")
     key(axes)
+
+
+def _draw_true(axes: Axes, wheel: Mapping[str, Any], quantity: str, scale: float = 1.0) -> None:
+    """Draw what is true of a wheel, as long as it moves."""
+    true = scale * np.where(wheel["moving"], wheel[quantity], np.nan)
+    axes.plot(wheel["time"], true, "--", color=INK, linewidth=0.9, label="true")
 
 
 def _draw_warnings(axes: Axes, warned: Sequence[float]) -> None:
@@ -175,16 +177,15 @@ def _draw_warnings(axes: Axes, warned: Sequence[float]) -> None:
 
 
 def _draw_slip(
-    axes: Axes, mobility: pd.DataFrame, truth: Mapping[str, Any] | None, warned: Sequence[float]
+    axes: Axes, mobility: pd.DataFrame, truth: Mapping[str, Any], warned: Sequence[float]
 ) -> None:
     colours = wheel_colours(mobility["wheel"])
     for wheel, rows in mobility.groupby("wheel"):
         label, colour = str(wheel), colours[str(wheel)]
         axes.plot(rows["time"], rows["slip"], color=colour, linewidth=1.0, alpha=0.7, label=label)
-    if truth is not None:
-        moving = np.array(truth["rover"]["speed"]) > 1e-3
-        true = np.where(moving, truth["rover"]["slip"], np.nan)
-        axes.plot(truth["rover"]["time"], true, "--", color=INK, linewidth=1.0, label="true")
+    moving = np.array(truth["rover"]["speed"]) > 1e-3
+    true = np.where(moving, truth["rover"]["slip"], np.nan)
+    axes.plot(truth["rover"]["time"], true, "--", color=INK, linewidth=1.0, label="true")
     _draw_warnings(axes, warned)
     axes.set_ylim(-0.3, 1.05)
     style(axes, _TIME, "slip", "slip")
@@ -192,7 +193,7 @@ def _draw_slip(
 
 
 def _draw_margin(
-    axes: Axes, mobility: pd.DataFrame, truth: Mapping[str, Any] | None, warned: Sequence[float]
+    axes: Axes, mobility: pd.DataFrame, truth: Mapping[str, Any], warned: Sequence[float]
 ) -> None:
     """Steepest slope that the vehicle holds, mean of the wheels by load, and the risk."""
     known = mobility.dropna(subset=["mobility_margin"]).copy()
@@ -207,17 +208,14 @@ def _draw_margin(
     time = sums.index.to_numpy()
     low, high = (np.degrees(np.arctan(margin + sign * spread)) for sign in (-1.0, 1.0))
     band(axes, time, np.degrees(np.arctan(margin)), low, high, "slope held", COLOURS[2])
-    if truth is not None:
-        climb = np.degrees(truth["rover"]["climb"])
-        axes.plot(truth["rover"]["time"], climb, "--", color=INK, label="true slope here")
+    climb = np.degrees(truth["rover"]["climb"])
+    axes.plot(truth["rover"]["time"], climb, "--", color=INK, label="true slope here")
     _draw_warnings(axes, warned)
     style(axes, _TIME, "slope [deg]", "slope that holds")
     key(axes)
 
 
-def _draw_parameter(
-    axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[str, Any] | None
-) -> None:
+def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[str, Any]) -> None:
     time, value = soil["time"].to_numpy(), soil[name].to_numpy()
     deviation = soil[f"{name}_standard_deviation"].to_numpy()
     if name == "k":
@@ -231,8 +229,7 @@ def _draw_parameter(
         _curve(axes, time, value, deviation, name, COLOURS[2])
         centre = np.median(value)
         axes.set_ylim(centre - 0.9, centre + 0.9)
-    if truth is not None:
-        _draw_true_parameter(axes, name, truth)
+    _draw_true_parameter(axes, name, truth)
     unit = " [Pa/mⁿ⁺ᵐ]" if name == "k" else ""
     style(axes, _TIME, f"{name}{unit}", f"{name} of the soil")
     key(axes)
@@ -300,9 +297,7 @@ def draw_known(
         for i, (quantity, true, scale, label) in enumerate(_QUANTITIES):
             axes, deviation = grid[i, j], scale * rows[f"{quantity}_standard_deviation"]
             _curve(axes, rows["time"], scale * rows[quantity], deviation, "estimated", colour)
-            of_wheel = truth["wheels"][wheel]
-            known = np.where(of_wheel["moving"], of_wheel[true], np.nan) * scale
-            axes.plot(of_wheel["time"], known, "--", color=INK, linewidth=0.9, label="true")
+            _draw_true(axes, truth["wheels"][wheel], true, scale)
             style(axes, "", label if j == 0 else "", f"{wheel}, {name}" if i == 0 else "")
         _draw_exponent(grid[2, j], soil[name], truth, end)
         style(grid[2, j], _TIME, "n of the soil" if j == 0 else "")
