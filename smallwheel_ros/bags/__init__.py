@@ -18,8 +18,8 @@ from smallwheel_ros.bags.bag import (
     check_new_bag,
     header,
 )
-from smallwheel_ros.bags.storage import Key, RawMessage, storage_kind
-from smallwheel_ros.bags.types import BagTopic, Channel, DefinitionError, message_type, typestore
+from smallwheel_ros.bags.storage import Key, RawMessage
+from smallwheel_ros.bags.types import BagTopic, DefinitionError, message_type, typestore
 
 __all__ = [
     "STORAGES",
@@ -28,7 +28,6 @@ __all__ = [
     "BagReader",
     "BagTopic",
     "BagWriter",
-    "Channel",
     "DefinitionError",
     "Key",
     "Message",
@@ -37,6 +36,5 @@ __all__ = [
     "check_new_bag",
     "header",
     "message_type",
-    "storage_kind",
     "typestore",
 ]

@@ -285,11 +285,7 @@ def _many(
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
     """Take SIGTERM as Ctrl-C: the processes that are at work must end too."""
-
-    def take(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, take)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:

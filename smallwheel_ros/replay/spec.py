@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from smallwheel_ros.bags import BagReader, BagTopic, Key, storage_kind
+from smallwheel_ros.bags import BagReader, BagTopic, Key
+from smallwheel_ros.bags.storage import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.version import __version__
 from smallwheel_ros.init import from_bag
