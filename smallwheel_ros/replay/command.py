@@ -258,7 +258,7 @@ def _many(
                         click.echo(f"{outcome.bag}: {said}", err=True)
         except KeyboardInterrupt:
             stopped = True
-        outcomes = [found.get(spec.name) or _outcome(spec) for spec in specs]
+        outcomes = [found.get(spec.name) or _found_on_disk(spec) for spec in specs]
         done = [o for o in outcomes if o.state in ("complete", "ended_early")]
         files = _merge(folder, done) if done else {}
         if one_map and done:
@@ -349,11 +349,13 @@ def replay_all(
             except BrokenProcessPool:
                 lost.append(futures[future])
             except Exception as error:  # a worker of a cluster died, or has not this package
-                yield _outcome(futures[future], f"{type(error).__name__}: {error}")
+                said = f"{type(error).__name__}: {error}"
+                yield _without_summary(futures[future], "failed", said)
     for spec in lost:
         # A process died, and took the others' bags with it: each alone, to see whose fault it was.
         if len(specs) == 1:
-            yield _outcome(spec, "the process that replayed it died (killed, or out of memory)")
+            said = "the process that replayed it died (killed, or out of memory)"
+            yield _without_summary(spec, "failed", said)
         else:
             yield from replay_all([spec], report, jobs=jobs)
 
@@ -364,24 +366,33 @@ def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
         before = is_done(spec)
         if not before:
             replay_bag(spec, report=report)
+        return _as_told(spec, before)
     except SmallwheelError as error:
-        return _outcome(spec, str(error))
+        return _without_summary(spec, "failed", str(error))
     except Exception as error:  # one bag's trouble must not be that of the others
-        return _outcome(spec, f"{type(error).__name__}: {error}")
-    return _outcome(spec, done_before=before)
+        return _without_summary(spec, "failed", f"{type(error).__name__}: {error}")
 
 
-def _outcome(spec: ReplaySpec, failed: str = "", *, done_before: bool = False) -> Outcome:
-    """Return what became of a bag, as its folder tells. failed: how it did, in words."""
-    place = (str(spec.bag), str(spec.folder))
-    if failed:
-        return Outcome(*place, "failed", failed)
-    found = read_summary(spec.folder)
-    if found is None:
-        return Outcome(*place, "not_begun")
-    if found.get("state") != "interrupted" and not is_done(spec):  # it was killed, or another one's
-        return Outcome(*place, "interrupted")
-    return Outcome(*place, str(found["state"]), str(found["ended"]), done_before, found)
+def _found_on_disk(spec: ReplaySpec) -> Outcome:
+    """Return what became of a bag whose process could not tell any more."""
+    if not is_done(spec):
+        found = read_summary(spec.folder)
+        if found is None:
+            return _without_summary(spec, "not_begun")
+        if found.get("state") != "interrupted":  # it was killed
+            return _without_summary(spec, "interrupted")
+    return _as_told(spec)
+
+
+def _as_told(spec: ReplaySpec, before: bool = False) -> Outcome:
+    """What the replay said of itself in its folder."""
+    found = read_summary(spec.folder) or {}
+    state, ended = str(found["state"]), str(found["ended"])
+    return Outcome(str(spec.bag), str(spec.folder), state, ended, before, found)
+
+
+def _without_summary(spec: ReplaySpec, state: str, error: str = "") -> Outcome:
+    return Outcome(str(spec.bag), str(spec.folder), state, error)
 
 
 @contextmanager
