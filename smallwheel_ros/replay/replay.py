@@ -62,10 +62,10 @@ from smallwheel_ros.replay.tables import (
     write_rows,
 )
 
-Handler = Callable[[Any, int | None], object]
+_Handler = Callable[[Any, int | None], object]
 Progress = Callable[[int, int], None]
 Report = Callable[[Replayed, Path], object]
-AddRow = Callable[[list[Any]], None]
+_AddRow = Callable[[list[Any]], None]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
@@ -145,7 +145,7 @@ class _Session:
         self._time = reader.start_time  # of recording, of the message that is worked on
         description = settings.robot_description_topic
         present = {(topic.name, topic.type) for topic in reader.topics}
-        handlers: dict[Key, list[Handler]] = {}
+        handlers: dict[Key, list[_Handler]] = {}
         for topic in self._feed.topics:
             key = (spec.in_bag(topic.name), topic.type)
             handlers.setdefault(key, []).append(topic.handle)
@@ -176,10 +176,10 @@ class _Session:
             ),
         )
 
-    def _open(self, handlers: dict[Key, list[Handler]], present: Iterable[Key]) -> dict[Key, str]:
+    def _open(self, handlers: dict[Key, list[_Handler]], present: Iterable[Key]) -> dict[Key, str]:
         """Prepare for the messages of the inputs; say which ones the bag defines otherwise."""
         unusable = {}
-        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[Handler]]] = {}
+        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[_Handler]]] = {}
         for key in handlers.keys() & set(present):
             try:
                 self._takers[key] = (self._reader.decoder(*key), handlers[key])
@@ -187,7 +187,7 @@ class _Session:
                 unusable[key] = str(error)
         return unusable
 
-    def run(self, add_row: AddRow, bag: _NewBag, stop: Stop, progress: Progress) -> None:
+    def run(self, add_row: _AddRow, bag: _NewBag, stop: Stop, progress: Progress) -> None:
         """Read the bag to its end, its damage, or a signal."""
         result, total = self.result, self.result.message_count
         self._add_row, self._bag = add_row, bag

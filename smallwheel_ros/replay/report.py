@@ -19,7 +19,7 @@ from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Secti
 from smallwheel_ros.report.page import Page
 
 Array = NDArray[np.float64]
-Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
+_Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
 
 _REASONS = {
     "gate": "does not fit the soil (outlier gate)",
@@ -185,11 +185,11 @@ def _times(count: int) -> str:
 
 def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
-    every = stride({name: counts["estimates"] for name, counts in summary["wheels"].items()})
+    every = _stride({name: counts["estimates"] for name, counts in summary["wheels"].items()})
     courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
     if not courses:
         return []
-    data = drive_data(courses, result.summary.events, result.settings.cost.rules)
+    data = _drive_data(courses, result.summary.events, result.settings.cost.rules)
     choice = "" if data["way"] is None else _MAP
     thinned = f" One estimate in {every} is shown." if every > 1 else ""
     inside = (
@@ -325,7 +325,7 @@ def _caveats(summary: dict[str, Any]) -> Block:
 # --- The drive as the data that the page draws
 
 
-def stride(estimates: Mapping[str, int]) -> int:
+def _stride(estimates: Mapping[str, int]) -> int:
     """Every how many-th estimate is shown. estimates: how many there are, by wheel."""
     most = min(_MOST_POINTS, _MOST_OF_ALL // max(len(estimates), 1))
     return max(1, -(-max(estimates.values(), default=0) // most))
@@ -355,7 +355,7 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     return {wheel: pd.concat(parts) for wheel, parts in found.items()}
 
 
-def drive_data(courses: Courses, events: Sequence[Event], rules: CostRules) -> dict[str, Any]:
+def _drive_data(courses: _Courses, events: Sequence[Event], rules: CostRules) -> dict[str, Any]:
     """Everything that the page draws of a drive; a number that is not known is a gap."""
     rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
     return {
