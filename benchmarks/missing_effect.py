@@ -20,11 +20,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._drives import measurements
+from benchmarks._innovations import Innovations, innovations_picture
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import effect, effect_class
 from smallwheel_ros.estimator.soil_estimator import Reading, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.replay.innovations_picture import Innovations, innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 

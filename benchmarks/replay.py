@@ -26,9 +26,8 @@ from unittest.mock import patch
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.settings import read_settings
-from smallwheel_ros.replay.spec import Copy, ReplaySpec
+from smallwheel_ros.replay.replay import replay
+from smallwheel_ros.replay.spec import Copy, ReplaySpec, read_settings
 from smallwheel_ros.simulate import sensors
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag

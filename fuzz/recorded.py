@@ -12,8 +12,7 @@ import numpy as np
 
 from fuzz.target import Target
 from smallwheel_ros.bags import BagReader, BagTopic, BagWriter, message_type
-from smallwheel_ros.bags.definitions import Definitions
-from smallwheel_ros.bags.types import typestore
+from smallwheel_ros.bags.types import Definitions, typestore
 
 
 class Bag(Target):

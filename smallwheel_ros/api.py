@@ -513,10 +513,8 @@ def replay(
     >>> drive.state
     'complete'
     """
-    from smallwheel_ros.replay.inputs import read_remaps
-    from smallwheel_ros.replay.one import replay as replay_bag
-    from smallwheel_ros.replay.settings import with_assumed_config
-    from smallwheel_ros.replay.spec import ReplaySpec
+    from smallwheel_ros.replay.replay import replay as replay_bag
+    from smallwheel_ros.replay.spec import ReplaySpec, read_remaps, with_assumed_config
 
     place = TemporaryDirectory(prefix="smallwheel-") if output is None else None
     folder = Path(place.name if place is not None else cast(Any, output))

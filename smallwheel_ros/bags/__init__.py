@@ -7,22 +7,33 @@ ROS 2 Jazzy and of this package are used.
 
 from __future__ import annotations
 
-from smallwheel_ros.bags.definitions import DefinitionError
-from smallwheel_ros.bags.files import BagError, BagMessage, BagTopic, RawMessage
-from smallwheel_ros.bags.reader import BagReader
-from smallwheel_ros.bags.types import message_type, typestore
-from smallwheel_ros.bags.writer import BagWriter, Channel, Message, header
+from smallwheel_ros.bags.bag import (
+    STORAGES,
+    BagError,
+    BagMessage,
+    BagReader,
+    BagWriter,
+    Message,
+    Storage,
+    check_new_bag,
+    header,
+)
+from smallwheel_ros.bags.storage import Key, RawMessage
+from smallwheel_ros.bags.types import BagTopic, DefinitionError, message_type, typestore
 
 __all__ = [
+    "STORAGES",
     "BagError",
     "BagMessage",
     "BagReader",
     "BagTopic",
     "BagWriter",
-    "Channel",
     "DefinitionError",
+    "Key",
     "Message",
     "RawMessage",
+    "Storage",
+    "check_new_bag",
     "header",
     "message_type",
     "typestore",

@@ -19,7 +19,7 @@ from contextlib import ExitStack
 from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from mcap.data_stream import ReadDataStream
@@ -29,9 +29,8 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from rosbags.rosbag1 import Reader as Ros1Reader
 
-from smallwheel_ros.bags.files import BagTopic, RawMessage, reason
-from smallwheel_ros.bags.types import LATCHED, qos_of
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.bags.types import LATCHED, BagTopic, qos_of
+from smallwheel_ros.common.errors import SmallwheelError, reason
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -54,7 +53,7 @@ _KINDS = {int: "an integer", float: "a real", str: "text", bytes: "a blob"}
 # of points, are some tens of megabytes.
 LARGEST = 64 << 20
 # What a file may unpack to, as a multiple of its size. Pictures of depth, mostly zeros, reach 30.
-MOST_TIMES = 100
+_MOST_TIMES = 100
 _PIECE = 1 << 20
 _DECOMPRESSORS: dict[bytes, Callable[[], Any]] = {
     b"\x28\xb5\x2f\xfd": zstd.ZstdDecompressor,
@@ -64,36 +63,41 @@ _DECOMPRESSORS: dict[bytes, Callable[[], Any]] = {
 _MAGICS = tuple(_DECOMPRESSORS)
 
 
-class StorageError(SmallwheelError):
-    """A file that holds no bag, or only by SQLite's own means."""
+class RawMessage(NamedTuple):
+    """One message still serialised, CDR in rosbag2, ROS 1 format in a ``.bag``."""
+
+    topic: str
+    type: str
+    log_time: int
+    data: bytes
 
 
-class UnpackError(SmallwheelError):
-    """Compressed data is damaged, or unpacks to more than the limit."""
+class _StorageError(SmallwheelError):
+    """A file holds no bag, or only by SQLite's own means; or what is compressed is damaged or too large."""
 
 
 def _check(size: int, limit: int) -> None:
     if size > limit:
-        raise UnpackError(
+        raise _StorageError(
             f"it unpacks to more than {limit >> 20} MiB, the limit here: a chunk or message may"
-            f" unpack to {LARGEST >> 20} MiB, a file to {MOST_TIMES} times its size; if the bag is"
+            f" unpack to {LARGEST >> 20} MiB, a file to {_MOST_TIMES} times its size; if the bag is"
             " sound, decompress it with the tool that made it"
         )
 
 
-class Unpacker:
+class _Unpacker:
     """Decompresses the parts of one file, within limits on each part and on the whole.
 
     size: of the file, bytes.
     """
 
     def __init__(self, size: int) -> None:
-        self._left = max(LARGEST, MOST_TIMES * size)
+        self._left = max(LARGEST, _MOST_TIMES * size)
 
     def __call__(self, data: bytes) -> bytes:
         """Return the data unpacked; as it is where it is not compressed (zstd, lz4, bz2).
 
-        What ends too early gives what it holds. Raises UnpackError.
+        What ends too early gives what it holds. Raises _StorageError.
         """
         if not data.startswith(_MAGICS):
             return data
@@ -102,7 +106,7 @@ class Unpacker:
         try:
             found: bytes = make().decompress(data, limit + 1)
         except Exception as error:  # each library has errors of its own
-            raise UnpackError(f"compressed data is damaged ({error})") from error
+            raise _StorageError(f"compressed data is damaged ({error})") from error
         _check(len(found), limit)
         self._left -= len(found)
         return found
@@ -110,13 +114,13 @@ class Unpacker:
 
 def unpack_file(source: Path, target: Path) -> str:
     """Decompress a file (zstd) to wherever it ends; return what is wrong with it, or nothing."""
-    limit = max(LARGEST, MOST_TIMES * source.stat().st_size)
+    limit = max(LARGEST, _MOST_TIMES * source.stat().st_size)
     try:
         with zstd.open(source, "rb") as packed, target.open("wb") as plain:
             while piece := packed.read1(_PIECE):
                 plain.write(piece)
                 _check(plain.tell(), limit)
-    except (zstd.ZstdError, EOFError, UnpackError) as error:
+    except (zstd.ZstdError, EOFError, _StorageError) as error:
         return str(error)
     return ""
 
@@ -132,7 +136,7 @@ class StorageFile:
         self.times: list[int] = []
         self.problems: list[str] = []
         self._size = path.stat().st_size
-        self._unpack = Unpacker(self._size)
+        self._unpack = _Unpacker(self._size)
         self._open(path, stack)
 
     def _open(self, path: Path, stack: ExitStack) -> None:
@@ -145,7 +149,7 @@ class StorageFile:
 
     def messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
         """Give the messages of these topics (None: of all) by log time, to where the file breaks."""
-        self._unpack, count = Unpacker(self._size), 0
+        self._unpack, count = _Unpacker(self._size), 0
         try:
             for message in self._messages(wanted):
                 count += 1
@@ -172,12 +176,12 @@ class StorageFile:
         """Return a message, decompressed; where that fails, note it. where: in the file."""
         try:
             return RawMessage(*key, log_time, self._unpack(data))
-        except UnpackError as error:
+        except _StorageError as error:
             self.note(f"{where}: {error}")
             return None
 
 
-class McapFile(StorageFile):
+class _McapFile(StorageFile):
     """An mcap file: by its index where it has one, else as its chunks follow each other."""
 
     _file: BinaryIO
@@ -229,10 +233,11 @@ class McapFile(StorageFile):
             ready = bisect_left(waiting, begin, key=_TIME)
             yield from waiting[:ready]
             del waiting[:ready]
+            where = f"at byte {self._place}"
             for message in messages:
                 key = self._keys.get(message.channel_id)
                 if key is not None and (wanted is None or key in wanted):
-                    raw = self._raw(key, message.log_time, message.data, f"at byte {self._place}")
+                    raw = self._raw(key, message.log_time, message.data, where)
                     if raw is not None:
                         waiting.append(raw)
         yield from sorted(waiting, key=_TIME)
@@ -250,7 +255,7 @@ class McapFile(StorageFile):
                     self._take(record)
         except Exception as error:  # damaged bytes can mean anything
             at = self._place
-            if file.tell() < self._size or isinstance(error, UnpackError):
+            if file.tell() < self._size or isinstance(error, _StorageError):
                 self.note(f"it is damaged at byte {at} ({reason(error)})")
                 return
             self.note(f"it ends at byte {self._size}, inside of the record at byte {at}")
@@ -296,7 +301,7 @@ def _reader(file: BinaryIO) -> Iterator[McapRecord]:
     return StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=limit).records
 
 
-class SqliteFile(StorageFile):
+class _SqliteFile(StorageFile):
     """An sqlite3 file of rosbag2."""
 
     def _open(self, path: Path, stack: ExitStack) -> None:
@@ -316,7 +321,7 @@ class SqliteFile(StorageFile):
                 if number in self._keys:
                     self._count(self._keys[number], first, last, count)
         except sqlite3.Error as error:
-            raise StorageError(self._reason(error)) from error
+            raise _StorageError(self._reason(error)) from error
 
     def _reason(self, error: Exception) -> str:
         mend = "; `sqlite3 {0} .recover | sqlite3 saved.db3` saves the messages that are left"
@@ -329,12 +334,12 @@ class SqliteFile(StorageFile):
         plain = [sql for kind, sql in rows if kind == "table" and "VIRTUAL" not in sql.upper()]
         hidden = any(row[6] for row in self._database.execute(f"PRAGMA table_xinfo({name})"))
         if not plain or hidden:
-            raise StorageError(f"it has no plain table {name!r}, as every bag has")
+            raise _StorageError(f"it has no plain table {name!r}, as every bag has")
 
     def _read_topics(self) -> dict[int, Key]:
         """Note the topics; return topic and type by their numbers."""
         known: dict[str, tuple[str, str]] = {}
-        with contextlib.suppress(sqlite3.Error, StorageError):  # bags before Iron have none
+        with contextlib.suppress(sqlite3.Error, _StorageError):  # bags before Iron have none
             self._check_table("message_definitions")
             known = {str(kind): (e, t) for kind, e, t in self._database.execute(_DEFINITIONS)}
         columns = {row[1] for row in self._database.execute("PRAGMA table_info(topics)")}
@@ -366,7 +371,7 @@ class SqliteFile(StorageFile):
                 )
 
 
-class Ros1File(StorageFile):
+class _Ros1File(StorageFile):
     """A bag of ROS 1. One that is cut off has no index, and nothing of it can be read."""
 
     def _open(self, path: Path, stack: ExitStack) -> None:
@@ -390,4 +395,14 @@ class Ros1File(StorageFile):
             yield RawMessage(connection.topic, connection.msgtype, log_time, data)
 
 
-FORMATS: dict[str, type[StorageFile]] = {".mcap": McapFile, ".db3": SqliteFile, ".bag": Ros1File}
+FORMATS: dict[str, type[StorageFile]] = {".mcap": _McapFile, ".db3": _SqliteFile, ".bag": _Ros1File}
+
+
+def storage_kind(path: Path) -> str | None:
+    """Format of a storage file by its name: .mcap, .db3 or .bag; None for anything else.
+
+    A rosbag2 file that is compressed as a whole has .zstd behind that.
+    """
+    name = path.name.removesuffix(".zstd")
+    kind = next((kind for kind in FORMATS if name.endswith(kind)), None)
+    return None if kind == ".bag" and name != path.name else kind

@@ -15,6 +15,12 @@ class SmallwheelError(Exception):
     """
 
 
+def reason(error: Exception) -> str:
+    """Text of another library's error, or its kind where it has none."""
+    text = str(getattr(error, "strerror", None) or error).strip().rstrip(".")
+    return text or type(error).__name__
+
+
 def nearest(name: str, known: list[str]) -> str:
     """A clause that lists what exists, the nearest match first: for error messages."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)

@@ -19,7 +19,7 @@ VIEWS: dict[str, dict[str, str]] = {
         "Model": "model.model_file:model_text",
         "FitResult": "fitting.document:fit_text",
         "Diagnosis": "report.diagnosis:diagnosis_text",
-        "Replayed": "replay.replay_report:replay_text",
+        "Replayed": "replay.report:replay_text",
     },
     "document": {
         "Benchmark": "report.benchmark:benchmark_document",
@@ -39,14 +39,14 @@ VIEWS: dict[str, dict[str, str]] = {
         "Added": "pictures.fit:draw_added",
         "Learnt": "pictures.fit:draw_learnt",
         "PredictionTable": "pictures.physics:draw_table",
-        "Replayed": "replay.replay_picture:draw_replay",
+        "Replayed": "replay.pictures:draw_replay",
     },
     "page": {
         "Benchmark": "report.benchmark:benchmark_page",
         "Comparison": "report.comparison:comparison_page",
         "Diagnosis": "explore.data:explored_page",
         "Learnt": "report.learnt:learnt_page",
-        "Replayed": "replay.replay_report:replay_page",
+        "Replayed": "replay.report:replay_page",
     },
     "model": {"Model": "model.model_file:write_model"},
 }

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from smallwheel_ros.bags.files import check_new_bag
+from smallwheel_ros.bags import check_new_bag
 from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.options import settings_options

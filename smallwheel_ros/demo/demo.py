@@ -25,8 +25,7 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.onboard.result import VALID
-from smallwheel_ros.replay.drive_picture import draw_drive
-from smallwheel_ros.replay.known_picture import draw_known
+from smallwheel_ros.replay.pictures import draw_drive, draw_known
 from smallwheel_ros.ros.node_process import NodeProcess, check_ros, config_file, own_ros
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag

@@ -6,8 +6,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from smallwheel_ros.bags import BagReader
-from smallwheel_ros.bags.files import BagError
+from smallwheel_ros.bags import BagError, BagReader
 from smallwheel_ros.common.parameter import Value
 from smallwheel_ros.init.left_out import OF_A_BAG, LeftOut
 from smallwheel_ros.init.names import best_match, only_or_best_match, wheels_named_by

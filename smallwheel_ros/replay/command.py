@@ -1,43 +1,67 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel replay`: a thin shell over the folder replay/."""
+"""`smallwheel replay`: one bag, or many: one after the other, on several processors, on a Dask cluster."""
 
 from __future__ import annotations
 
+import csv
+import multiprocessing
 import signal
-from collections.abc import Iterator
+import time
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagReader
-from smallwheel_ros.common.console import JSON, tell
+from smallwheel_ros.common.console import JSON, show, tell
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.tables import text_table, write_json
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
+from smallwheel_ros.costmap.layers import union
+from smallwheel_ros.costmap.map_file import read_map, write_map
+from smallwheel_ros.costmap.vehicle import HERE
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.replay.folder import SUMMARY, claimed, read_summary
-from smallwheel_ros.replay.inputs import Input, inputs_of, proposals, read_remaps, topics_document
-from smallwheel_ros.replay.many import (
-    Outcome,
-    found_on_disk,
-    many_document,
-    many_text,
-    merge,
-    merge_maps,
-    replay_all,
-    specs_of,
+from smallwheel_ros.replay.replay import Report
+from smallwheel_ros.replay.replay import replay as replay_bag
+from smallwheel_ros.replay.result import (
+    ESTIMATES,
+    FILES,
+    MEASUREMENTS,
+    SCHEMA,
+    SUMMARY,
+    Replayed,
+    claimed,
+    files_in,
+    is_done,
+    read_summary,
 )
-from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.replay_report import summary_text
-from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.settings import check_parameters, read_settings, with_assumed_config
-from smallwheel_ros.replay.spec import COPIES, Copy, ReplaySpec
+from smallwheel_ros.replay.spec import (
+    COPIES,
+    Copy,
+    Input,
+    ReplayError,
+    ReplaySpec,
+    check_parameters,
+    inputs_of,
+    read_remaps,
+    read_settings,
+    topics_document,
+    with_assumed_config,
+)
+from smallwheel_ros.replay.tables import columns, table, write_rows
 
 _PATH = click.Path(path_type=Path)
+_MANY = "replays.json"
+_PATIENCE = 60.0  # s that a worker has to put away what it has begun
 
 
 @click.command("replay", short_help="The node's estimator over recorded drives, without ROS.")
@@ -109,114 +133,22 @@ def replay(
     if len(bags) == 1 and scheduler is None and not one_map:
         _one(like, json_file)
     else:
-        _many(specs_of(bags, like), output, jobs, scheduler, json_file, one_map=one_map)
+        _many(_specs_of(bags, like), output, jobs, scheduler, json_file, one_map=one_map)
 
 
-def _write_report(result: Replayed, path: Path) -> None:
-    """Write the page; what it needs is loaded when it comes to that."""
-    from smallwheel_ros.replay.replay_report import replay_page
-
-    replay_page(result).save(path)
-
-
-def _one(spec: ReplaySpec, json_file: str | None) -> None:
-    with tqdm(unit=" messages", disable=None, leave=False) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        result = replay_bag(spec, progress=progress, report=_write_report)
-    summary = read_summary(spec.folder)
-    assert summary is not None, "replay writes it last"
-    written = [spec.folder / name for name in (*summary["files"].values(), SUMMARY)]
-    tell(summary, f"{summary_text(summary)}\n", json_file, written)
-    if result.state != "complete":
-        click.echo(f"{result.state.replace('_', ' ')}: {result.ended}", err=True)
-        raise SystemExit(1)
-
-
-def _many(
-    specs: list[ReplaySpec],
-    folder: Path,
-    jobs: int,
-    scheduler: str | None,
-    json_file: str | None,
-    *,
-    one_map: bool,
-) -> None:
-    if scheduler is not None:
-        # Workers may stand elsewhere in the tree of folders than this process does.
-        paths = ("bag", "config", "folder")
-        specs = [
-            replace(spec, **{name: getattr(spec, name).absolute() for name in paths})
-            for spec in specs
-        ]
-    source = replay_all(specs, _write_report, jobs=jobs, scheduler=scheduler)
-    found: dict[str, Outcome] = {}
-    stopped = False
-    bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
-    with claimed(folder):
-        try:
-            with _terminated_as_interrupted(), bar, closing(source):
-                for outcome in source:
-                    found[outcome.spec.name] = outcome
-                    bar.update()
-                    said = outcome.error or outcome.state.replace("_", " ")
-                    with tqdm.external_write_mode():
-                        click.echo(f"{outcome.spec.bag}: {said}", err=True)
-        except KeyboardInterrupt:
-            stopped = True
-        outcomes = [found.get(spec.name) or found_on_disk(spec) for spec in specs]
-        done = [o for o in outcomes if o.state in ("complete", "ended_early")]
-        files = merge(folder, done) if done else {}
-        if one_map and done:
-            files |= merge_maps(folder, done)
-        document = many_document(outcomes, files)
-        write_json(str(folder / "replays.json"), document)
-    written = [folder / name for name in (*files.values(), "replays.json")]
-    tell(document, many_text(outcomes), json_file, written)
-    _say_how_it_ended(outcomes, stopped)
-
-
-def _say_how_it_ended(outcomes: list[Outcome], stopped: bool) -> None:
-    done = sum(o.state in ("complete", "ended_early") for o in outcomes)
-    if stopped or any(o.state in ("interrupted", "not_begun") for o in outcomes):
-        click.echo(
-            f"interrupted: {done} of {len(outcomes)} bags are done; the same command does the rest",
-            err=True,
-        )
-        raise SystemExit(1)
-    if all(o.state == "failed" for o in outcomes):
-        raise SystemExit(2)
-    if any(o.state != "complete" for o in outcomes):
-        click.echo(f"{done} of {len(outcomes)} bags are done, see above for the others", err=True)
-        raise SystemExit(1)
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Take SIGTERM as Ctrl-C: the processes that are at work must end too."""
-
-    def take(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, take)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+# --- What is in a bag
 
 
 def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: str | None) -> None:
     with BagReader(bag, salvage=True) as reader:
         inputs: tuple[Input, ...] = ()
         if config is not None:
-            settings, _ = read_settings(ReplaySpec(bag, config, Path(), remaps), reader)
+            spec = ReplaySpec(bag, config, Path(), remaps)
+            settings, _ = read_settings(spec, reader)
             feed = Feed(Onboard(settings.onboard), settings)
             described = settings.robot_description_topic
-            inputs = inputs_of(feed.topics, reader.topics, remaps, described)
-        content = topics_document(reader, inputs, proposals(reader, inputs))
+            inputs = inputs_of(spec, feed.topics, reader.topics, described, {})
+        content = topics_document(reader, inputs)
     tell(content, _topics_text(content, config is not None), json_file)
     if content["damage"] and json_file != "-":
         click.echo(f"damaged: {content['damage']}", err=True)
@@ -249,4 +181,343 @@ def _topics_text(content: dict[str, Any], has_config: bool) -> str:
             lines += ["", "These may be them", *(f"  {p['add']}" for p in content["proposals"])]
         if not (content["missing"] or content["proposals"]):
             lines += ["", "Every input of the node is there."]
+    return "\n".join(lines)
+
+
+# --- One bag
+
+
+def _one(spec: ReplaySpec, json_file: str | None) -> None:
+    with tqdm(unit=" messages", disable=None, leave=False) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        result = replay_bag(spec, progress=progress, report=Replayed.save)
+    written = [spec.folder / name for name in (*files_in(spec.folder).values(), SUMMARY)]
+    show(result, json_file, written, f"{result}\n")
+    if result.state != "complete":
+        click.echo(f"{result.state.replace('_', ' ')}: {result.ended}", err=True)
+        raise SystemExit(1)
+
+
+# --- Many bags
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one bag, as replays.json has it.
+
+    state: ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``. error: in
+    words, empty where there is none. done_before: by an earlier command. summary: as in replay.json,
+    empty where the replay failed.
+    """
+
+    bag: str
+    folder: str
+    state: str
+    error: str = ""
+    done_before: bool = False
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The bag's name, which its folder has."""
+        return Path(self.folder).name
+
+
+def _many(
+    specs: list[ReplaySpec],
+    folder: Path,
+    jobs: int,
+    scheduler: str | None,
+    json_file: str | None,
+    *,
+    one_map: bool,
+) -> None:
+    if scheduler is not None:
+        # Workers may stand elsewhere in the tree of folders than this process does.
+        paths = ("bag", "config", "folder")
+        specs = [
+            replace(spec, **{name: getattr(spec, name).absolute() for name in paths})
+            for spec in specs
+        ]
+    source = replay_all(specs, Replayed.save, jobs=jobs, scheduler=scheduler)
+    found: dict[str, Outcome] = {}
+    stopped = False
+    bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
+    with claimed(folder):
+        try:
+            with _terminated_as_interrupted(), bar, closing(source):
+                for outcome in source:
+                    found[outcome.name] = outcome
+                    bar.update()
+                    said = outcome.error or outcome.state.replace("_", " ")
+                    with tqdm.external_write_mode():
+                        click.echo(f"{outcome.bag}: {said}", err=True)
+        except KeyboardInterrupt:
+            stopped = True
+        outcomes = [found.get(spec.name) or _found_on_disk(spec) for spec in specs]
+        done = [o for o in outcomes if o.state in ("complete", "ended_early")]
+        files = _merge(folder, done) if done else {}
+        if one_map and done:
+            files |= _merge_maps(folder, done)
+        bags = [{**asdict(o), "summary": o.summary or None} for o in outcomes]
+        document = {"schema": SCHEMA, "bags": bags, "files": files}
+        write_json(str(folder / _MANY), document)
+    written = [folder / name for name in (*files.values(), _MANY)]
+    tell(document, _many_text(outcomes), json_file, written)
+    if stopped or any(o.state in ("interrupted", "not_begun") for o in outcomes):
+        click.echo(
+            f"interrupted: {len(done)} of {len(outcomes)} bags are done; the same command does the rest",
+            err=True,
+        )
+        raise SystemExit(1)
+    if all(o.state == "failed" for o in outcomes):
+        raise SystemExit(2)
+    if any(o.state != "complete" for o in outcomes):
+        text = f"{len(done)} of {len(outcomes)} bags are done, see above for the others"
+        click.echo(text, err=True)
+        raise SystemExit(1)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Take SIGTERM as Ctrl-C: the processes that are at work must end too."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
+    """Return one replay for each bag, each into a folder of its own in `like`'s.
+
+    Raises
+    ------
+    ReplayError
+        If two bags have one name.
+    """
+    named: dict[str, ReplaySpec] = {}
+    for bag in bags:
+        spec = replace(like, bag=bag)
+        if spec.name in named:
+            raise ReplayError(
+                f"bags {named[spec.name].bag} and {bag} have one name, {spec.name}: replay them"
+                " into different folders"
+            )
+        named[spec.name] = replace(spec, folder=like.folder / spec.name)
+    return list(named.values())
+
+
+def replay_all(
+    specs: Sequence[ReplaySpec], report: Report, *, jobs: int = 1, scheduler: str | None = None
+) -> Generator[Outcome, None, None]:
+    """Replay bag by bag; outcomes as they come.
+
+    With one job that is done in this process, and ends after a bag that somebody interrupted. A process
+    that dies costs only its own bag. KeyboardInterrupt ends all of them: what they had finished stays.
+
+    Parameters
+    ----------
+    jobs
+        Processes at a time.
+    scheduler
+        Address of a Dask cluster, which gets one bag a task. The workers need this package, and the bags,
+        the parameter file and the output folder under the same paths as here.
+
+    Raises
+    ------
+    ReplayError
+        If dask.distributed is not installed, or nobody answers at the address.
+    """
+    if scheduler is None and jobs == 1:
+        for spec in specs:
+            outcome = _replay_or_say(spec, report)
+            yield outcome
+            if outcome.state == "interrupted":
+                return
+        return
+    lost = []
+    with _pool(min(jobs, len(specs))) if scheduler is None else _cluster(scheduler) as workers:
+        futures = {workers.submit(_replay_or_say, spec, report): spec for spec in specs}
+        for future in as_completed(futures):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                lost.append(futures[future])
+            except Exception as error:  # a worker of a cluster died, or has not this package
+                said = f"{type(error).__name__}: {error}"
+                yield _without_summary(futures[future], "failed", said)
+    for spec in lost:
+        # A process died, and took the others' bags with it: each alone, to see whose fault it was.
+        if len(specs) == 1:
+            said = "the process that replayed it died (killed, or out of memory)"
+            yield _without_summary(spec, "failed", said)
+        else:
+            yield from replay_all([spec], report, jobs=jobs)
+
+
+def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
+    """Replay one bag, unless that is done already; what goes wrong is in the outcome."""
+    try:
+        before = is_done(spec)
+        if not before:
+            replay_bag(spec, report=report)
+        return _as_told(spec, before)
+    except SmallwheelError as error:
+        return _without_summary(spec, "failed", str(error))
+    except Exception as error:  # one bag's trouble must not be that of the others
+        return _without_summary(spec, "failed", f"{type(error).__name__}: {error}")
+
+
+def _found_on_disk(spec: ReplaySpec) -> Outcome:
+    """Return what became of a bag whose process could not tell any more."""
+    if not is_done(spec):
+        found = read_summary(spec.folder)
+        if found is None:
+            return _without_summary(spec, "not_begun")
+        if found.get("state") != "interrupted":  # it was killed
+            return _without_summary(spec, "interrupted")
+    return _as_told(spec)
+
+
+def _as_told(spec: ReplaySpec, before: bool = False) -> Outcome:
+    """What the replay said of itself in its folder."""
+    found = read_summary(spec.folder) or {}
+    state, ended = str(found["state"]), str(found["ended"])
+    return Outcome(str(spec.bag), str(spec.folder), state, ended, before, found)
+
+
+def _without_summary(spec: ReplaySpec, state: str, error: str = "") -> Outcome:
+    return Outcome(str(spec.bag), str(spec.folder), state, error)
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[Executor]:
+    """Processes that put away what they have begun when the block ends by an exception."""
+    pool = ProcessPoolExecutor(
+        jobs,
+        # A fresh interpreter: a forked one may hold locks of threads that are not there.
+        mp_context=multiprocessing.get_context("spawn"),
+        # Ctrl-C goes to all processes of a terminal; one that waits for work ignores it.
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
+    try:
+        yield pool
+        pool.shutdown()
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        children = multiprocessing.active_children()
+        for child in children:
+            child.terminate()  # those at work take it as a wish to stop
+        end = time.monotonic() + _PATIENCE
+        for child in children:
+            child.join(max(end - time.monotonic(), 0.0))
+            # Who was at work may now wait for ever, for a lock that an idle one has taken with it.
+            child.kill()
+        raise
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster. Raises ReplayError."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ReplayError(
+            "option --scheduler needs dask.distributed: pip install 'smallwheel_ros[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=5)
+    except (OSError, ValueError) as error:
+        raise ReplayError(f"no Dask scheduler answers at {address}: {error}") from error
+    with client:
+        # Not pure: the same bag may be replayed again by a later command.
+        yield client.get_executor(pure=False, retries=1)
+
+
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            yield from csv.DictReader(file)
+
+
+def _merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Put estimates and measurements of all bags into one table each; return the files' names.
+
+    Estimates get a column `bag`; runs and soils of the measurements begin with the bag's name,
+    since no two drives share them.
+
+    Raises
+    ------
+    ReplayError, OutputError
+        If a table cannot be written.
+    """
+    measured: list[dict[str, str]] = []
+    with table(folder / ESTIMATES, {"bag": "string", **columns()}) as add:
+        for outcome in outcomes:
+            name, place = outcome.name, Path(outcome.folder)
+            for row in _rows(place / FILES["estimates_csv"]):
+                add([name, *row.values()])
+            for row in _rows(place / MEASUREMENTS):
+                mine = {"soil": f"{name} {row['soil']}", "run": f"{name} {row['run']}"}
+                measured.append(row | mine)
+    write_rows(folder / MEASUREMENTS, measured)
+    merged = ("estimates_csv", "estimates_parquet", "measurements")
+    return {what: name for what, name in files_in(folder).items() if what in merged}
+
+
+def _merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Lay the cost maps of all bags into one, the newest on top; return the files' names.
+
+    Where any of them has 100 it stays: a robot was stuck there.
+
+    Raises
+    ------
+    ReplayError, CostMapError, OutputError
+        If there is no map, if they are not in one frame, or if one cannot be read or written.
+    """
+    found: list[tuple[Outcome, Grid]] = []
+    for outcome in sorted(outcomes, key=lambda one: float(one.summary["start"])):
+        path = Path(outcome.folder) / FILES["cost_map"]
+        if path.exists():
+            found.append((outcome, read_map(path)))
+    if not found:
+        raise ReplayError("option --map: no bag has a cost map: nobody says where the wheels were")
+    frames = {grid.frame: outcome.bag for outcome, grid in found}
+    if len(frames) > 1:
+        words = ", ".join(f"{frame} ({bag})" for frame, bag in frames.items())
+        raise ReplayError(f"option --map: expected maps in one frame, found {words}")
+    stuck = [
+        replace(grid, cells=np.where(grid.cells == HIGHEST, grid.cells, UNKNOWN).astype(np.int8))
+        for _, grid in found
+    ]
+    layers = [(grid, HERE) for grid in [*(grid for _, grid in found), *stuck]]
+    write_map(folder / FILES["cost_map"], union(next(iter(frames)), layers))
+    return {what: FILES[what] for what in ("cost_map", "cost_map_image")}
+
+
+def _many_text(outcomes: Sequence[Outcome]) -> str:
+    """Say what became of each bag, a line for each."""
+    rows = []
+    for outcome in outcomes:
+        state = outcome.state.replace("_", " ") + (" (before)" if outcome.done_before else "")
+        found = ["-"] * 4
+        if outcome.summary:
+            soil = outcome.summary["soil"]
+            pressure = soil["reference_pressure"]
+            found = [
+                f"{outcome.summary['travel']:.1f}",
+                str(outcome.summary["estimates"]),
+                str(soil["changes"]),
+                f"{pressure['value'] / 1e3:.3g} +- {pressure['std'] / 1e3:.2g}",
+            ]
+        rows.append([outcome.name, state, *found])
+    header = ["bag", "", "way [m]", "estimates", "soil changes", "reference pressure [kPa]"]
+    lines = [text_table(header, rows)]
+    lines += [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
     return "\n".join(lines)

@@ -1,30 +1,320 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came of a replay: as values, as replay.json and what `--json` prints."""
+"""What comes of a replay: the folder with its files, what happened on the way, and all of it as values."""
 
 from __future__ import annotations
 
+import fcntl
+import json
+import math
+import os
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.bags import Key
+from smallwheel_ros.common.files import json_text, write_bytes
 from smallwheel_ros.common.results import Result, pandas
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.result import Result as Estimated
+from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.statements import Statement, alarms, statements
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.replay.folder import FILES, files_in
-from smallwheel_ros.replay.inputs import Input
-from smallwheel_ros.replay.spec import ReplaySpec
-from smallwheel_ros.replay.steady_segments import SteadySegments
-from smallwheel_ros.replay.summary import DriveSummary
+from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
+from smallwheel_ros.replay.tables import SteadySegments
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
 SCHEMA = 1
+SUMMARY, ESTIMATES, MEASUREMENTS, BAG = "replay.json", "estimates", "measurements.csv", "bag"
+FILES = {
+    "estimates_csv": f"{ESTIMATES}.csv",
+    "estimates_parquet": f"{ESTIMATES}.parquet",
+    "measurements": MEASUREMENTS,
+    "bag": BAG,
+    "report": "report.html",
+    "cost_map": "cost_map.yaml",
+    "cost_map_image": "cost_map.pgm",
+}
+_UNFINISHED = f"{ESTIMATES}.csv.part"
+_MOST_EVENTS = 200
+_LOOK = 1.0  # s: as often as the node says it
+_PAUSE = 5.0  # s: what is not said for so long begins anew
+
+
+# --- The folder
+
+
+def files_in(folder: Path) -> dict[str, str]:
+    """Return what has been written, by what it is, as names in the folder."""
+    return {what: name for what, name in FILES.items() if (folder / name).exists()}
+
+
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Return what a replay into that folder said of itself; None where there is none."""
+    try:
+        content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def write_summary(folder: Path, content: dict[str, Any]) -> None:
+    """Say of a replay what became of it. Raises OutputError."""
+    write_bytes(folder / SUMMARY, json_text(content).encode())
+
+
+def is_done(spec: ReplaySpec) -> bool:
+    """Whether the folder holds all that came of the same replay."""
+    summary = read_summary(spec.folder)
+    if summary is None or summary.get("state") not in ("complete", "ended_early"):
+        return False
+    try:
+        same = summary.get("fingerprint") == spec.fingerprint()
+    except OSError:
+        return False
+    return same and all((spec.folder / name).exists() for name in summary.get("files", {}).values())
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Make a folder and keep other replays out of it meanwhile, also those that are killed.
+
+    Raises
+    ------
+    ReplayError
+        If it cannot be made, or another replay is at work in it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise _unusable(folder, error) from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ReplayError(
+                f"folder {folder}: another replay is writing into it; wait until it is done, or"
+                " give another folder with -o"
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(handle)
+
+
+def _unusable(folder: Path, error: OSError) -> ReplayError:
+    return ReplayError(f"folder {folder} cannot be used: {error.strerror or error}")
+
+
+def check_folder(spec: ReplaySpec) -> None:
+    """Raise ReplayError if the folder is the bag, or the bag is what would be cleared."""
+    folder, bag = spec.folder, spec.bag.resolve()
+    if folder.resolve() == bag:
+        raise ReplayError(f"folder {folder} is the bag itself: give another one with -o")
+    if bag.is_relative_to((folder / BAG).resolve()):
+        raise ReplayError(
+            f"bag {spec.bag} is what an earlier replay has written into folder {folder}, which a"
+            " new one clears: give another one with -o"
+        )
+
+
+def begin(spec: ReplaySpec) -> bool:
+    """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
+
+    Returns
+    -------
+    bool
+        Whether the earlier one was killed in its midst.
+
+    Raises
+    ------
+    ReplayError
+        If the folder cannot be used, or holds something else under the names needed.
+    """
+    folder, before = spec.folder, read_summary(spec.folder)
+    names = (*FILES.values(), _UNFINISHED, SUMMARY)
+    try:
+        if before is None:
+            for name in names:
+                if (folder / name).exists():
+                    raise ReplayError(
+                        f"folder {folder} has {name}, which no replay has made: give another"
+                        " folder, or remove it"
+                    )
+        else:
+            # What a replay that was killed had not put in its place yet.
+            drafts = (path for name in names for path in folder.glob(f".{name}[.-]*"))
+            for path in (*(folder / name for name in names), *drafts):
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink(missing_ok=True)
+        write_summary(folder, {"schema": 1, "state": "running", "bag": str(spec.bag)})
+    except OSError as error:
+        raise _unusable(folder, error) from error
+    return before is not None and before.get("state") == "running"
+
+
+# --- What happened
+
+
+class Event(NamedTuple):
+    """Something that happened: time in s since the bag's beginning, way in m, and in words.
+
+    place: x and y (m) of the vehicle in the frame of the odometry, None where not known.
+    """
+
+    time: float
+    travel: float
+    kind: str
+    text: str
+    place: tuple[float, float] | None = None
+
+
+class DriveSummary:
+    """Takes results and problems as they come.
+
+    Attributes
+    ----------
+    wheels
+        By wheel: how many results there were, and had what.
+    statuses
+        How many results had which.
+    examples
+        The first thing that could not be used, by stream and reason: in words, and its time.
+    """
+
+    def __init__(self, onboard: Onboard, start: int) -> None:
+        self._onboard, self._start = onboard, start
+        wheels = onboard.settings.wheels
+        names = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
+        self.wheels = {wheel.name: dict.fromkeys(names, 0) for wheel in wheels}
+        self.statuses: Counter[str] = Counter()
+        self.events: list[Event] = []
+        self.unlisted_events = 0
+        self.examples: dict[tuple[str, str], tuple[str, float]] = {}
+        self.soil_changes = 0
+        self.travel = 0.0
+        self._squares = dict.fromkeys(self.wheels, 0.0)  # of measured minus predicted sinkage, m^2
+        self._accepted = self._changes = 0
+        self._turn = math.pi * max(wheel.diameter for wheel in wheels)
+        # A change of soil that is under way: until no more jumps come for a turn of a wheel.
+        self._change: Event | None = None
+        self._until = 0.0  # m of travel
+        self._pressure_before = self._pressure = onboard.soil.reference_pressure
+        self._newest: dict[str, Estimated] = {}
+        # What is said, without its numbers, and when it was said last, s.
+        self._said: dict[str, float] = {}
+        self._looked = -math.inf
+
+    def add(self, result: Estimated) -> None:
+        """Take one result."""
+        instant = result.instant
+        measured, predicted = instant.sinkage, result.sinkage_predicted
+        loaded = instant.load is not None
+        used = measured is not None and loaded and result.status is not Status.REJECTED
+        self.travel = max(self.travel, result.travel)
+        self.statuses[result.status.name] += 1
+        counts = self.wheels[result.wheel]
+        counts["estimates"] += 1
+        counts["with_sinkage"] += measured is not None
+        counts["with_load"] += loaded
+        counts["with_slip"] += instant.slip is not None
+        counts["used_for_soil"] += used
+        if used and measured is not None and predicted is not None:
+            self._squares[result.wheel] += (measured.value - predicted.value) ** 2
+        self._watch(result, (instant.stamp - self._start) / SECOND)
+
+    def rms(self, wheel: str) -> float | None:
+        """Root mean square of measured minus predicted sinkage of those used, m."""
+        used = self.wheels[wheel]["used_for_soil"]
+        return (self._squares[wheel] / used) ** 0.5 if used else None
+
+    def _watch(self, result: Estimated, time: float) -> None:
+        """Note changes of soil, and all that the node would say."""
+        wheel, soil = result.wheel, result.soil
+        if soil.accepted < self._accepted:
+            self._changes = 0  # all began anew
+        self._accepted = soil.accepted
+        if soil.soil_changes > self._changes:
+            if self._change is None:
+                text, place = f"noticed by wheel {wheel}", result.instant.vehicle
+                self._change = Event(time, soil.distance, "soil_change", text, place)
+            self._until = soil.distance + self._turn
+        elif self._change is None:
+            self._pressure_before = soil.reference_pressure
+        self._changes, self._pressure = soil.soil_changes, soil.reference_pressure
+        if soil.distance > self._until:
+            self._note_change()
+        self._newest[wheel] = result
+        said = alarms
+        if time - self._looked >= _LOOK:
+            said, self._looked = statements, time
+        self._note(said(self._onboard, self._newest.values()), result, time)
+
+    def _note(self, said: Iterable[Statement], result: Estimated, time: float) -> None:
+        """Note what begins to be said."""
+        for statement in said:
+            before = self._said.get(statement.about, -math.inf)
+            self._said[statement.about] = time
+            if time - before > _PAUSE:
+                way, place = result.travel, result.instant.vehicle
+                self._list(Event(time, way, statement.kind, statement.text, place))
+
+    def _note_change(self) -> None:
+        """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
+        change, self._change = self._change, None
+        if change is not None:
+            self.soil_changes += 1
+            text = (
+                f"another soil: reference pressure {self._pressure_before / 1e3:.3g} kPa before,"
+                f" {self._pressure / 1e3:.3g} kPa after ({change.text})"
+            )
+            self._list(change._replace(text=text))
+
+    @property
+    def changing(self) -> bool:
+        """Whether the soil has just changed, and may go on to do so."""
+        return self._change is not None
+
+    def finish(self) -> None:
+        """Note what still goes on: nothing more will come."""
+        self._note_change()
+        for result in list(self._newest.values())[-1:]:
+            time = (result.instant.stamp - self._start) / SECOND
+            self._note(statements(self._onboard, self._newest.values()), result, time)
+        self.events.sort(key=lambda event: event.time)
+
+    def _list(self, event: Event) -> None:
+        if len(self.events) < _MOST_EVENTS:
+            self.events.append(event)
+        else:
+            self.unlisted_events += 1
+
+    def take_problems(self, log_time: int) -> None:
+        """Note what could not be used since the last call."""
+        time = (log_time - self._start) / SECOND
+        for problem in self._onboard.take_problems():
+            self.examples.setdefault((problem.stream, problem.reason), (problem.text, time))
+            if problem.reason == "time_jump":
+                self._note_change()
+                self._newest.clear()
+                self._list(Event(time, self.travel, "time_jump", problem.text))
+
+
+# --- All of it
 
 
 @dataclass(repr=False)
@@ -71,10 +361,6 @@ class Replayed(Result):
         count = self.summary.statuses.total()
         return f"{self.spec.bag.name}: {seconds:.1f} s, {metres:.1f} m, {count} estimates{state}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """As replay.json and `smallwheel replay --json` have it."""
-        return self.document(files_in(self.spec.folder))
-
     def rows(self) -> list[dict[str, Any]]:
         """How well the measured sinkage of each wheel was met."""
         return [
@@ -91,11 +377,8 @@ class Replayed(Result):
         """Draw a column of the estimates over time, one curve for each wheel."""
         return self._drawn(ax, quantity)
 
-    def document(self, files: dict[str, str]) -> dict[str, Any]:
-        """Return the summary of the replay; SI units, times in s since the bag's beginning.
-
-        files: what was written, by what it is, as names in the replay's folder.
-        """
+    def to_dict(self) -> dict[str, Any]:
+        """As replay.json has it: SI units, times in s since the bag's beginning."""
         summary, received = self.summary, self.onboard.received
         rolling = {w.name for w in self.settings.onboard.wheels if w.contact == ROLLING}
         content = {
@@ -142,11 +425,9 @@ class Replayed(Result):
             "not_copied": [f"{name} ({kind})" for name, kind in self.left_out],
             "notes": self.notes,
             "topics_of_estimates": [f"{self.prefix}/mobility", f"{self.prefix}/soil"],
-            "files": files,
+            "files": files_in(self.spec.folder),
         }
-        found = plain(content)
-        assert isinstance(found, dict)
-        return found
+        return dict(plain(content))
 
     def _soil(self) -> dict[str, Any]:
         soil = self.onboard.soil

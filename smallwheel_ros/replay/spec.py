@@ -1,21 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to replay and how; plain values, so that it can be sent to another process or machine."""
+"""What a replay goes by: the bag and the options, the node's parameters, which topic is which input."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from smallwheel_ros.bags.files import storage_kind
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.bags import BagReader, BagTopic, Key
+from smallwheel_ros.bags.storage import storage_kind
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.version import __version__
+from smallwheel_ros.init import from_bag
+from smallwheel_ros.init.from_bag import JOINTS, joint_names, rover_of_bag
+from smallwheel_ros.init.names import best_match, only_or_best_match
+from smallwheel_ros.init.rover import InitError
+from smallwheel_ros.onboard.feed import Topic
+from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameters import (
+    NODE_NAME,
+    ParametersError,
+    read_parameters,
+    settings_from,
+    unknown_parameters,
+    wheel_names,
+)
+from smallwheel_ros.onboard.robot_description import (
+    DESCRIPTION_TYPE,
+    fill_silent,
+    needs_description,
+    silent_parameters,
+)
+from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, NodeSettings
+from smallwheel_ros.onboard.streams import SECOND
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
-_HASHED = 1 << 20
+_HASHED = 1 << 20  # bytes
+_CONFIG = "rover.yaml"
+_DESCRIPTION_TOPIC = "robot_description"
+_TOPIC_NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
+_ROLES = {
+    from_bag.WRENCH: "a wheel's load",
+    from_bag.SINKAGE: "a wheel's sinkage",
+    from_bag.RANGE: "a wheel's sinkage by range",
+    from_bag.ODOMETRY: "odom",
+    from_bag.TWIST: "velocity",
+    JOINTS: "joint_states",
+}
 
 
 class ReplayError(SmallwheelError):
@@ -24,7 +59,7 @@ class ReplayError(SmallwheelError):
 
 @dataclass(frozen=True)
 class ReplaySpec:
-    """One replay.
+    """What to replay and how; plain values, so that it can be sent to another process or machine.
 
     Attributes
     ----------
@@ -58,8 +93,11 @@ class ReplaySpec:
         name = self.bag.resolve().name
         if self.bag.is_dir():
             return name
-        kind = storage_kind(self.bag) or ""
-        return name.removesuffix(".zstd").removesuffix(kind)
+        return name.removesuffix(".zstd").removesuffix(storage_kind(self.bag) or "")
+
+    def in_bag(self, name: str) -> str:
+        """Return the bag's name of a topic that the node knows by `name`."""
+        return self.remaps.get(_resolved(name), _resolved(name))
 
     def fingerprint(self) -> str:
         """Return what tells this replay from any other: the bag, the parameters, the options.
@@ -79,3 +117,280 @@ class ReplaySpec:
         options: Any = (sorted(self.remaps.items()), self.clock, self.copy, self.rate)
         digest.update(repr(options).encode())
         return digest.hexdigest()
+
+
+def _resolved(name: str) -> str:
+    """Return a topic's full name, as ROS does for the node in the root namespace."""
+    if name.startswith("~"):
+        return f"/{NODE_NAME}/{name[1:].lstrip('/')}"
+    return name if name.startswith("/") else f"/{name}"
+
+
+def read_remaps(given: Iterable[str]) -> dict[str, str]:
+    """Read remaps as ROS writes them, ``odom:=/rover/odom``: the node's name, then the bag's.
+
+    Raises
+    ------
+    ReplayError
+        If one is not of that form, or a name is remapped twice.
+    """
+    remaps: dict[str, str] = {}
+    for text in given:
+        old, sign, new = text.partition(":=")
+        if not (sign and _TOPIC_NAME.fullmatch(old) and _TOPIC_NAME.fullmatch(new)):
+            raise ReplayError(
+                f"remap {text!r}: expected NAME:=TOPIC, first the node's name, then the bag's:"
+                " odom:=/rover/odom"
+            )
+        if _resolved(old) in remaps:
+            raise ReplayError(f"remap {text!r}: {old} is remapped twice")
+        remaps[_resolved(old)] = _resolved(new)
+    return remaps
+
+
+# --- Parameters
+
+
+def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
+    """The replay with what its bag tells as the parameter file, which is put into its folder.
+
+    Remaps that are given win. Raises BagError, or InitError where the bag does not tell enough, or
+    another parameter file is in the folder.
+    """
+    rover = rover_of_bag(like.bag)
+    if rover.missing:
+        raise InitError(
+            f"{like.bag}: no parameter file was given, and the bag does not tell "
+            f"{', '.join(rover.missing)}: `smallwheel init {like.bag} -o {_CONFIG}` writes one; fill in "
+            f"what is marked, and give it with --config {_CONFIG}"
+        )
+    path, text = like.folder / _CONFIG, rover.parameter_file()
+    if path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
+        raise InitError(f"{path} is not what the bag tells: give it with --config, or remove it")
+    try:
+        like.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InitError(f"folder {like.folder} cannot be used: {error.strerror or error}") from None
+    rover.save(path)
+    remaps = read_remaps(f"{a}:={b}" for a, b in rover.remaps.items())
+    said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
+    return replace(like, config=path, remaps={**remaps, **like.remaps}, notes=(said, *rover.notes))
+
+
+def check_parameters(spec: ReplaySpec) -> list[str]:
+    """Check the parameter file as far as that is possible without the bag.
+
+    Returns what in it nobody knows.
+
+    Raises
+    ------
+    ParametersError
+        If it cannot be read, or a parameter is wrong or is missing and can come from no bag.
+    """
+    values = read_parameters(spec.config)
+    if not (_description_topic(values) and needs_description(values)):
+        settings_from(values)
+    return unknown_parameters(values, wheel_names(values.get("wheels")))
+
+
+def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, list[str]]:
+    """Read the parameter file, and what it does not give from the bag's robot description.
+
+    Returns settings and notes: what in the file nobody knows, and what came of the description.
+
+    Raises
+    ------
+    ParametersError
+        If the file cannot be read, or a parameter is missing or wrong.
+    """
+    values: dict[str, object] = dict(read_parameters(spec.config))
+    topic = _description_topic(values)
+    found: dict[str, float | int] = {}
+    notes: list[str] = []
+    if topic and silent_parameters(values):
+        found, notes = _described(spec.in_bag(topic), reader, values)
+    try:
+        settings = settings_from(values | found)
+    except ParametersError as error:
+        raise ParametersError("; ".join([str(error), *notes])) from None
+    if spec.rate is not None:
+        settings = replace(settings, onboard=replace(settings.onboard, mobility_rate=spec.rate))
+    return settings, unknown_parameters(values, wheel_names(values["wheels"])) + notes
+
+
+def _description_topic(values: Mapping[str, object]) -> str:
+    topic = values.get("robot_description_topic", _DESCRIPTION_TOPIC)
+    return topic if isinstance(topic, str) else ""  # another type is found when all is checked
+
+
+def _described(
+    topic: str, reader: BagReader, values: Mapping[str, object]
+) -> tuple[dict[str, float | int], list[str]]:
+    """Return what the bag's first robot description fills, and what is to be said of that."""
+    if (topic, DESCRIPTION_TYPE) not in {t[:2] for t in reader.topics if t.message_count}:
+        needed = needs_description(values)
+        return {}, [f"no robot description: {topic} is not in the bag"] if needed else []
+    try:
+        decode = reader.decoder(topic, DESCRIPTION_TYPE)
+        raw = next(raw for raw in reader.raw_messages({topic}) if raw.type == DESCRIPTION_TYPE)
+    except (SmallwheelError, StopIteration) as error:
+        return {}, [f"{topic} cannot be read: {error or 'its messages are lost'}"]
+    try:
+        text = decode(raw.data).data
+    except Exception as error:  # damaged bytes make rosbags raise as it likes
+        return {}, [f"{topic} cannot be deserialised ({reason(error)})"]
+    try:
+        filled = fill_silent(text, values)
+    except SmallwheelError as error:
+        return {}, [f"robot description {topic}: {error}"]
+    return filled.values, [f"from the bag's {topic}: {filled.text}", *filled.lacking]
+
+
+# --- Inputs
+
+
+@dataclass(frozen=True)
+class Input:
+    """A topic that the node listens to, for one stream of the estimate (`Onboard.streams`).
+
+    name: as the node knows it. topic: after remaps. detail: which part of the message, in words.
+    lacking: why the bag does not give it, in words; empty where it does.
+    """
+
+    stream: str
+    name: str
+    topic: str
+    type: str
+    detail: str = ""
+    lacking: str = ""
+
+    def __str__(self) -> str:
+        """Say what is missing, of which type, and why."""
+        detail = f", {self.detail}" if self.detail else ""
+        return f"{self.topic} ({self.type}{detail}): {self.lacking}"
+
+
+def inputs_of(
+    spec: ReplaySpec,
+    topics: Sequence[Topic],
+    there: Sequence[BagTopic],
+    description_topic: str,
+    unusable: Mapping[Key, str],
+) -> tuple[Input, ...]:
+    """Say by which topic each stream of the estimate comes, and why not where it does not.
+
+    topics: the node's. there: the bag's. description_topic: of the robot description, which is no stream,
+    but may be remapped too. unusable: topics and types of which the bag's definition cannot be used, and why.
+
+    Raises
+    ------
+    ReplayError
+        If a remap names no input of the node.
+    """
+    known = {_resolved(name) for name in (*(t.name for t in topics), description_topic) if name}
+    for name in spec.remaps:
+        if name not in known:
+            raise ReplayError(
+                f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
+            )
+    inputs = []
+    for topic in topics:
+        name = spec.in_bag(topic.name)
+        types = [found.type for found in there if found.name == name and found.message_count]
+        lacking = unusable.get((name, topic.type), "")
+        if not types:
+            lacking = "not in the bag"
+        elif topic.type not in types:
+            lacking = f"the bag has it as {', '.join(types)}"
+        for stream, detail in topic.streams.items():
+            words = detail.removeprefix(", ")
+            inputs.append(Input(stream, _resolved(topic.name), name, topic.type, words, lacking))
+    return tuple(inputs)
+
+
+def check_enough(onboard: Onboard, inputs: Sequence[Input], reader: BagReader) -> None:
+    """Raise ReplayError, which says what to do, unless a wheel has what an estimate needs."""
+    missing = [item for item in inputs if item.lacking]
+    lost = {item.stream for item in missing}
+    for wheel in onboard.settings.wheels:
+        if not {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & lost:
+            return
+    lines = "".join(f"\n  {entry}" for entry in missing)
+    offers = [proposal["add"] for proposal in _proposals(reader, inputs)]
+    hint = "\n  ".join(["These may be them:", *offers])
+    if not offers:
+        command = f"`smallwheel replay {reader.path} --topics`"
+        hint = f"{command} lists what is in the bag; use --remap NAME:=TOPIC"
+    raise ReplayError(
+        f"nothing can be estimated: no wheel has load and sinkage in this bag. Missing:{lines}\n{hint}"
+    )
+
+
+def topics_document(reader: BagReader, inputs: Sequence[Input]) -> dict[str, Any]:
+    """Return the bag's topics, their use, and which may be inputs that it lacks, as plain values."""
+    used: dict[tuple[str, str], list[str]] = {}
+    for item in inputs:
+        used.setdefault((item.topic, item.type), []).append(item.stream)
+    duration = ((reader.end_time or 0) - (reader.start_time or 0)) / SECOND
+    topics = []
+    for topic in reader.topics:
+        likely = f"may be {_ROLES[topic.type]}" if topic.type in _ROLES else ""
+        role = ", ".join(used.get((topic.name, topic.type), [])) or likely
+        content = {
+            "name": topic.name,
+            "type": topic.type,
+            "messages": topic.message_count,
+            "rate": topic.message_count / duration if duration > 0 else None,
+            "readable": topic.readable,
+            "role": role if topic.readable else "its type is not known here",
+        }
+        topics.append(content)
+    return {
+        "bag": str(reader.path),
+        "damage": reader.damage,
+        "duration": duration,
+        "messages": reader.message_count,
+        "topics": topics,
+        "missing": [str(item) for item in inputs if item.lacking],
+        "proposals": _proposals(reader, inputs),
+    }
+
+
+def _proposals(reader: BagReader, inputs: Sequence[Input]) -> list[dict[str, str]]:
+    """Say which of the bag's topics, or joints, may be the inputs that it lacks under their names.
+
+    Of each the `input`, what was `found`, and what to `add` to the command or the parameter file.
+    """
+    taken = {item.topic for item in inputs if not item.lacking}
+    found: dict[str, dict[str, str]] = {}  # by the node's name: all wheels share the joint states
+    turning: list[Input] = []
+    for item in inputs:
+        wheel, _, quantity = item.stream.partition("/")
+        if quantity == "wheel_speed":
+            turning.append(item)
+        if not item.lacking or item.name in found:
+            continue
+        free = [
+            t.name
+            for t in reader.topics
+            if t.type == item.type and t.message_count and t.name not in taken
+        ]
+        if item.stream in (ODOMETRY, VELOCITY) or item.type == JOINTS:
+            name = only_or_best_match(item.name, free)
+        else:
+            name = best_match(wheel, quantity or wheel, free)
+        if name is not None:
+            option = f"--remap {item.name}:={name}"
+            found[item.name] = {"input": item.stream, "found": name, "add": option}
+    topics = {item.topic for item in turning if not item.lacking}
+    topics |= {found[item.name]["found"] for item in turning if item.name in found}
+    joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
+    more = []
+    for item in turning:
+        if joints and item.detail.removeprefix("joint ") not in joints:
+            wheel = item.stream.partition("/")[0]
+            name = best_match(wheel, "joint", joints)
+            if name is not None:
+                option = f"{wheel}.joint: {name}   (in the parameter file)"
+                more.append({"input": item.stream, "found": name, "add": option})
+    return [*found.values(), *more]

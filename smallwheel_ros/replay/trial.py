@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagReader, BagWriter, Message, header
-from smallwheel_ros.bags.files import Storage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
@@ -116,18 +116,11 @@ def read_trial(
             f" log begins {(log_time[0] - begin) / SECOND:.3f} s after it with"
             f" {settings.log_behind:g} s for its clock's lag"
         )
-    return Trial(
-        loads,
-        load[np.isin(time, loads)],
-        sinkages,
-        sinkage[np.isin(log_time, sinkages)],
-        zero,
-    )
+    load, sinkage = load[np.isin(time, loads)], sinkage[np.isin(log_time, sinkages)]
+    return Trial(loads, load, sinkages, sinkage, zero)
 
 
-def write_trial(
-    trial: Trial, path: Path | str, settings: TrialSettings, *, storage: Storage = "mcap"
-) -> int:
+def write_trial(trial: Trial, path: Path | str, settings: TrialSettings) -> int:
     """Write a trial as a rosbag2 bag; return the number of messages.
 
     Sinkages below zero are left out: the wheel is in the air.
@@ -137,8 +130,8 @@ def write_trial(
     BagError
         If the bag cannot be written.
     """
-    messages = sorted(_messages(trial, settings), key=lambda entry: entry[0])
-    with BagWriter(path, storage=storage) as writer:
+    messages = sorted(_messages(trial, settings), key=itemgetter(0))
+    with BagWriter(path) as writer:
         for time, topic, kind, message in messages:
             writer.write(topic, kind, time, message)
     return len(messages)

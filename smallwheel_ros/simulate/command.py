@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from smallwheel_ros.bags.files import STORAGES, Storage, check_new_bag
+from smallwheel_ros.bags import STORAGES, Storage, check_new_bag
 from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.options import Command, settings_options
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive

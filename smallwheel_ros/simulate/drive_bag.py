@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from smallwheel_ros.bags import BagWriter, Message, header
-from smallwheel_ros.bags.files import Storage
+from smallwheel_ros.bags import BagWriter, Message, Storage, header
 from smallwheel_ros.simulate.contact import Array
 from smallwheel_ros.simulate.drive import Drive
 from smallwheel_ros.simulate.sensors import (

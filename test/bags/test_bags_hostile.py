@@ -22,13 +22,12 @@ from smallwheel_ros.bags import (
     BagReader,
     BagTopic,
     BagWriter,
-    definitions,
     message_type,
+    types,
     typestore,
 )
-from smallwheel_ros.bags.definitions import DefinitionError, Definitions
 from smallwheel_ros.bags.storage import LARGEST, zstd
-from smallwheel_ros.bags.types import message_definitions
+from smallwheel_ros.bags.types import DefinitionError, Definitions, message_definitions
 from smallwheel_ros.cli import main
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
@@ -140,7 +139,7 @@ def test_a_type_that_only_the_bag_knows_is_not_one_of_here() -> None:
 
 
 def test_many_large_definitions_have_a_limit_together(tmp_path, monkeypatch):
-    monkeypatch.setattr(definitions, "_MOST_IN_BAG", definitions._MOST_IN_BAG // 10)
+    monkeypatch.setattr(types, "_MOST_IN_BAG", types._MOST_IN_BAG // 10)
     text = "uint8 x\n" + "# a comment without end\n" * 500
     writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
     with writer:

@@ -104,7 +104,7 @@ def test_every_public_name_is_there_and_listed() -> None:
 
 def test_functions_stay_functions_when_a_folder_of_their_name_is_imported() -> None:
     import smallwheel_ros.compare.comparison
-    import smallwheel_ros.replay.one  # noqa: F401
+    import smallwheel_ros.replay.replay  # noqa: F401
 
     assert sw.compare is api.compare
     assert sw.replay is api.replay

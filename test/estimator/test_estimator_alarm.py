@@ -12,12 +12,12 @@ from test_law_filter import SEGMENT
 from test_segment import segments
 
 from benchmarks._drives import measurements
+from benchmarks._innovations import innovations_picture
 from benchmarks.missing_effect import both
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.missing_effect import MissingEffectWatch, SegmentChanges, robust_fit
 from smallwheel_ros.estimator.soil_estimator import MissingEffect, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.replay.innovations_picture import innovations_picture
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 
 TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]

@@ -33,7 +33,7 @@ from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 
 MASS = {"vehicle.mass": 6.0}

@@ -21,9 +21,8 @@ from smallwheel_ros.onboard.robot_description import (
     needs_description,
     silent_parameters,
 )
-from smallwheel_ros.replay.inputs import read_remaps
-from smallwheel_ros.replay.one import replay as replay_bag
-from smallwheel_ros.replay.spec import ReplaySpec
+from smallwheel_ros.replay.replay import replay as replay_bag
+from smallwheel_ros.replay.spec import ReplaySpec, read_remaps
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

@@ -18,7 +18,7 @@ from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.statements import statements
-from smallwheel_ros.replay.summary import DriveSummary
+from smallwheel_ros.replay.result import DriveSummary
 
 
 def replayed(world: str) -> tuple[Onboard, DriveSummary, list[Any]]:

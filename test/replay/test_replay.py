@@ -26,11 +26,9 @@ from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
-from smallwheel_ros.replay.drive_data import read_courses, with_gaps
-from smallwheel_ros.replay.inputs import read_remaps
-from smallwheel_ros.replay.one import replay
-from smallwheel_ros.replay.replay_report import replay_page
-from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
+from smallwheel_ros.replay.replay import replay
+from smallwheel_ros.replay.report import read_courses, replay_page, with_gaps
+from smallwheel_ros.replay.spec import ReplayError, ReplaySpec, read_remaps
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

@@ -171,7 +171,7 @@ def test_a_process_that_dies_costs_only_its_own_bag(bags, rover, tmp_path):
     script.write_text(
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from smallwheel_ros.replay.many import replay_all\n"
+        "from smallwheel_ros.replay.command import replay_all\n"
         "from smallwheel_ros.replay.spec import ReplaySpec\n"
         "def dies(result, path):\n"
         "    if 'drive_2' in str(path):\n"
@@ -180,7 +180,7 @@ def test_a_process_that_dies_costs_only_its_own_bag(bags, rover, tmp_path):
         "    rover, out, *bags = map(Path, sys.argv[1:])\n"
         "    specs = [ReplaySpec(bag, rover, out / bag.stem) for bag in bags]\n"
         "    for outcome in replay_all(specs, dies, jobs=2):\n"
-        "        print(outcome.spec.bag.stem, outcome.state, outcome.error)\n"
+        "        print(Path(outcome.bag).stem, outcome.state, outcome.error)\n"
     )
     command = [sys.executable, str(script), str(rover), str(out), *map(str, bags)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=180)

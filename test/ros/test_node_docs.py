@@ -11,7 +11,7 @@ from pathlib import Path
 
 from node_peer import documented_reasons
 
-from smallwheel_ros.estimator.sinkage_measurement import UpdateResult
+from smallwheel_ros.estimator.reading import UpdateResult
 from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.onboard.streams import StampFault
 

@@ -18,7 +18,7 @@ import pytest
 from drawbar_drives import with_pulls
 
 from smallwheel_ros.bags import BagMessage, BagReader, BagWriter
-from smallwheel_ros.replay.one import replay
+from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.ros.node_process import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive

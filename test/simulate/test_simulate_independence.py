@@ -11,9 +11,7 @@ import smallwheel_ros.simulate
 FOLDER = Path(smallwheel_ros.simulate.__file__).parent
 # What the truth may share with the rest of the package: nothing that computes soil or wheels.
 _COMMON = ("console", "errors", "files", "options", "tables")
-SHARED = {f"smallwheel_ros.{name}" for name in ("bags", "bags.files")} | {
-    f"smallwheel_ros.common.{name}" for name in _COMMON
-}
+SHARED = {"smallwheel_ros.bags"} | {f"smallwheel_ros.common.{name}" for name in _COMMON}
 
 
 def imported(source: str) -> set[str]:

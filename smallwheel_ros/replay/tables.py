@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a drive to steady measurements: one row for each wheel and stretch of way.
+"""The two tables of a drive: its estimates, and its steady stretches as measurements.
+
+A row of estimates is written while the replay goes on. From a drive to steady measurements there is
+one row for each wheel and stretch of way.
 
 Readings that a sensor takes one after the other are no independent evidence: they share the spot.
 So each row is the median of a wheel's readings over a stretch of way no shorter than a turn of the
@@ -13,22 +16,203 @@ those without are left out, since a table of measurements has no blank one; else
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.bags import Message, header
+from smallwheel_ros.bags.types import plain_fields
+from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.onboard.result import VALID, Result, mobility_fields, soil_fields
+from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.replay.spec import ReplayError
 
+_BLOCK = 1000  # rows; a replay that is killed loses at most these
+MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
+SOIL = "smallwheel_ros/msg/SoilEstimate"
+_ARROW = {"bool": "bool", "string": "string", "float64": "float64"}  # else an integer
+_FIRST = {
+    "stamp": "int64",
+    "time": "float64",
+    "wheel": "string",
+    "x": "float64",
+    "y": "float64",
+    "speed": "float64",
+    "travel": "float64",
+    "status": "string",
+    "status_text": "string",
+}
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
 _STEADY_SLIP, _STEADY_SHARE = 0.1, 0.5
 _DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
 _UNKNOWN = Quantity(math.nan, math.nan)
+
+
+# --- Files
+
+
+def _csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Return rows as CSV; None is a blank cell."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows by column as CSV; no file where there are none. Raises OutputError."""
+    path.unlink(missing_ok=True)
+    if rows:
+        write_bytes(path, _csv_text([rows[0], *(row.values() for row in rows)]).encode())
+
+
+@contextmanager
+def table(stem: Path, columns: Mapping[str, str]) -> Iterator[Callable[[list[Any]], None]]:
+    """Write NAME.csv and, where pyarrow is installed, NAME.parquet, by a function that takes a row.
+
+    While the `with` block lasts, the first is called NAME.csv.part. What is in it is whole rows,
+    readable at any time, whatever becomes of the program.
+
+    Parameters
+    ----------
+    stem
+        Path without suffix; files that are there are replaced.
+    columns
+        Names, and types (Arrow's), in the order of a row's cells, of which None is a blank one.
+
+    Raises
+    ------
+    ReplayError
+        If a file cannot be written.
+    """
+    whole, parquet, part = (
+        stem.with_name(stem.name + suffix) for suffix in (".csv", ".parquet", ".csv.part")
+    )
+    rows: list[list[Any]] = [list(columns)]
+
+    def put() -> None:
+        file.write(_csv_text(rows))
+        file.flush()
+        rows.clear()
+
+    def add(row: list[Any]) -> None:
+        rows.append(row)
+        if len(rows) >= _BLOCK:
+            put()
+
+    try:
+        whole.unlink(missing_ok=True)
+        parquet.unlink(missing_ok=True)
+        with part.open("w", newline="", encoding="utf-8") as file:
+            put()
+            yield add
+            put()
+        part.replace(whole)
+        _write_parquet(whole, parquet, columns)
+    except OSError as error:
+        path = error.filename or whole
+        raise ReplayError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _write_parquet(whole: Path, path: Path, columns: Mapping[str, str]) -> None:
+    """Turn the CSV file into Parquet, some megabytes at a time."""
+    try:
+        import pyarrow
+        from pyarrow.csv import ConvertOptions, open_csv
+        from pyarrow.parquet import ParquetWriter
+    except ImportError:
+        return
+    schema = pyarrow.schema(
+        [(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()]
+    )
+    options = ConvertOptions(column_types=schema)
+    with (
+        open_csv(whole, convert_options=options) as batches,
+        ParquetWriter(path, schema) as parquet,
+    ):
+        for batch in batches:
+            parquet.write_batch(batch)
+
+
+# --- Estimates
+
+
+@cache
+def columns() -> dict[str, str]:
+    """Return the table's columns in their order, with their types (Arrow's).
+
+    They are the fields of both messages; not the flags of what is valid, since an unknown cell is blank.
+    """
+    found = dict(_FIRST)
+    for prefix, message in (("", MOBILITY), ("soil_", SOIL)):
+        for name, kind in plain_fields(message).items():
+            if name not in VALID:
+                found.setdefault(f"{prefix}{name}", _ARROW.get(kind, "int64"))
+    deviations = {f"soil_{name}_standard_deviation": "float64" for name in "knm"}
+    return {**found, **deviations, "soil_changes": "int64"}
+
+
+class Estimate:
+    """One result, as a row of the table and as the two messages that the node publishes of it.
+
+    before: the one before it. What is said of the soil changes only when a stretch of way ends.
+    """
+
+    def __init__(self, result: Result, before: Estimate | None = None) -> None:
+        self.result, soil = result, result.soil
+        self._mobility = mobility_fields(result)
+        law = (soil.k, soil.n, soil.m, soil.log_covariance.tobytes())
+        self._state = (*law, soil.variety, soil.accepted, result.rejected)
+        if before is not None and before._state == self._state:
+            self._soil: dict[str, Any] = before._soil
+            self._soil_cells: dict[str, str] = before._soil_cells
+        else:
+            self._soil = soil_fields(soil, result.rejected)
+            cells = {f"soil_{name}": value for name, value in self._soil.items()}
+            for name, variance in zip("knm", soil.covariance.diagonal().tolist(), strict=True):
+                cells[f"soil_{name}_standard_deviation"] = max(variance, 0.0) ** 0.5
+            self._soil_cells = {name: str(cells[name]) for name in cells.keys() & columns().keys()}
+
+    def row(self, start: int) -> list[Any]:
+        """Return the cells in the order of `columns`, None for a blank one.
+
+        start: the bag's first log time, ns.
+        """
+        result, instant = self.result, self.result.instant
+        cells = self._mobility | self._soil_cells
+        for flag, names in VALID.items():
+            if not cells[flag]:
+                for name in names:
+                    cells[name] = cells[f"{name}_standard_deviation"] = None
+        cells["stamp"], cells["time"] = instant.stamp, (instant.stamp - start) / SECOND
+        cells["x"], cells["y"] = instant.vehicle or (None, None)
+        cells["wheel"], cells["status"] = result.wheel, result.status.name
+        cells["speed"], cells["travel"] = instant.speed, result.travel
+        cells["soil_changes"] = result.soil.soil_changes
+        return [cells[name] for name in columns()]
+
+    def mobility(self) -> Message:
+        """Return it as MobilityEstimate."""
+        stamp = header(self.result.instant.stamp, self.result.wheel)
+        return Message(header=stamp, **self._mobility)
+
+    def soil(self, frame: str) -> Message:
+        """Return it as SoilEstimate; frame: that of odometry."""
+        return Message(header=header(self.result.instant.stamp, frame), **self._soil)
+
+
+# --- Steady stretches
 
 
 class _Key(NamedTuple):

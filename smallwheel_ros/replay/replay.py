@@ -3,53 +3,69 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.bags import BagReader, DefinitionError
-from smallwheel_ros.bags.files import BagError, RawMessage, reason
-from smallwheel_ros.bags.storage import Key
+from smallwheel_ros.bags import (
+    BagError,
+    BagReader,
+    BagWriter,
+    DefinitionError,
+    Key,
+    Message,
+    RawMessage,
+    header,
+)
+from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.costmap.layers import wide
 from smallwheel_ros.costmap.map_file import write_map
 from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.replay.estimates import Estimate, columns, table, write_rows
-from smallwheel_ros.replay.folder import (
+from smallwheel_ros.replay.result import (
     BAG,
     ESTIMATES,
     FILES,
     MEASUREMENTS,
+    DriveSummary,
+    Replayed,
     begin,
     check_folder,
     claimed,
-    files_in,
     write_summary,
 )
-from smallwheel_ros.replay.inputs import (
+from smallwheel_ros.replay.spec import (
+    ReplayError,
+    ReplaySpec,
     check_enough,
-    in_bag,
     inputs_of,
-    proposal_text,
+    read_settings,
 )
-from smallwheel_ros.replay.new_bag import NewBag
-from smallwheel_ros.replay.result import Replayed
-from smallwheel_ros.replay.settings import read_settings
-from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
-from smallwheel_ros.replay.steady_segments import SteadySegments
-from smallwheel_ros.replay.summary import DriveSummary
+from smallwheel_ros.replay.tables import (
+    MOBILITY,
+    SOIL,
+    Estimate,
+    SteadySegments,
+    columns,
+    table,
+    write_rows,
+)
 
-Handler = Callable[[Any, int | None], object]
+_Handler = Callable[[Any, int | None], object]
 Progress = Callable[[int, int], None]
-AddRow = Callable[[list[Any]], None]
+Report = Callable[[Replayed, Path], object]
+_AddRow = Callable[[list[Any]], None]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
@@ -57,13 +73,16 @@ _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
     " would refuse them; with --no-clock stamps are judged only by each other"
 )
+_GRID, _TF = "nav_msgs/msg/OccupancyGrid", "tf2_msgs/msg/TFMessage"
+_POSE_PERIOD = SECOND // 20
+_SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a second
 
 
 def replay(
     spec: ReplaySpec,
     *,
     progress: Progress = lambda _done, _all: None,
-    report: Callable[[Replayed, Path], None] = lambda _result, _path: None,
+    report: Report = lambda _result, _path: None,
 ) -> Replayed:
     """Replay one bag into the spec's folder.
 
@@ -98,13 +117,13 @@ def replay(
             if begin(spec):
                 text = "an earlier replay into this folder was not finished; it is done anew"
                 result.notes.append(text)
-            bag = NewBag(folder / BAG, reader, session.copied)
+            bag = _NewBag(folder / BAG, reader, session.copied)
             with table(folder / ESTIMATES, columns()) as add_row, bag:
                 session.run(add_row, bag, stop, progress)
             write_rows(folder / MEASUREMENTS, list(result.segments.table()))
             session.write_map(folder / FILES["cost_map"])
             report(result, folder / FILES["report"])
-            write_summary(folder, result.document(files_in(folder)))
+            write_summary(folder, result.to_dict())
     return result
 
 
@@ -126,9 +145,9 @@ class _Session:
         self._time = reader.start_time  # of recording, of the message that is worked on
         description = settings.robot_description_topic
         present = {(topic.name, topic.type) for topic in reader.topics}
-        handlers: dict[Key, list[Handler]] = {}
+        handlers: dict[Key, list[_Handler]] = {}
         for topic in self._feed.topics:
-            key = (in_bag(topic.name, spec.remaps), topic.type)
+            key = (spec.in_bag(topic.name), topic.type)
             handlers.setdefault(key, []).append(topic.handle)
         self._clock: int | None = None
         self._last: Estimate | None = None
@@ -136,9 +155,9 @@ class _Session:
         if self._has_clock:
             handlers[_CLOCK] = [self._on_clock]
         unusable = self._open(handlers, present)
-        inputs = inputs_of(self._feed.topics, reader.topics, spec.remaps, description, unusable)
-        check_enough(self._onboard, inputs, lambda: proposal_text(reader, inputs, spec.bag))
-        described = (in_bag(description, spec.remaps), DESCRIPTION_TYPE)
+        inputs = inputs_of(spec, self._feed.topics, reader.topics, description, unusable)
+        check_enough(self._onboard, inputs, reader)
+        described = (spec.in_bag(description), DESCRIPTION_TYPE)
         used = {*handlers, _CLOCK, described} & present
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._read = {name for name, _ in used | self.copied}
@@ -157,10 +176,10 @@ class _Session:
             ),
         )
 
-    def _open(self, handlers: dict[Key, list[Handler]], present: Iterable[Key]) -> dict[Key, str]:
+    def _open(self, handlers: dict[Key, list[_Handler]], present: Iterable[Key]) -> dict[Key, str]:
         """Prepare for the messages of the inputs; say which ones the bag defines otherwise."""
         unusable = {}
-        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[Handler]]] = {}
+        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[_Handler]]] = {}
         for key in handlers.keys() & set(present):
             try:
                 self._takers[key] = (self._reader.decoder(*key), handlers[key])
@@ -168,7 +187,7 @@ class _Session:
                 unusable[key] = str(error)
         return unusable
 
-    def run(self, add_row: AddRow, bag: NewBag, stop: Stop, progress: Progress) -> None:
+    def run(self, add_row: _AddRow, bag: _NewBag, stop: Stop, progress: Progress) -> None:
         """Read the bag to its end, its damage, or a signal."""
         result, total = self.result, self.result.message_count
         self._add_row, self._bag = add_row, bag
@@ -280,3 +299,102 @@ class _Session:
         refused = sum(n for (_, why), n in onboard.counts.items() if why in _BY_CLOCK)
         if result.spec.clock and 2 * refused > onboard.received.total():
             result.notes.append(_HINT)
+
+
+class _NewBag(BagWriter):
+    """Writes originals as they are and estimates as the node would have published them.
+
+    It is stored as the old bag is, so that whoever reads that one reads this one too.
+
+    Attributes
+    ----------
+    prefix
+        Of the topics of the estimates: the node's name, or /replay before it where the bag has
+        the node's own estimates already.
+    left_out
+        Topics and types that are not copied, since their type cannot be understood.
+    damaged
+        Messages that are not copied, since they cannot be converted.
+    """
+
+    def __init__(self, path: Path, reader: BagReader, copied: set[Key]) -> None:
+        super().__init__(path, storage=reader.storage)
+        own = f"/{NODE_NAME}"
+        taken = any(topic.name.startswith(f"{own}/") for topic in reader.topics)
+        self.prefix = f"/replay{own}" if taken else own
+        found = {key: reader.as_channel(*key) for key in sorted(copied)}
+        self._channels = {key: channel for key, channel in found.items() if channel is not None}
+        self.left_out = [key for key, channel in found.items() if channel is None]
+        self.damaged = 0
+        self._has_tf = any(topic in ("/tf", "tf") for topic, _ in self._channels)
+        self._posed = -_POSE_PERIOD
+        self._soil_sent: int | None = None
+        self._soil_waits: tuple[int, Estimate, str] | None = None
+
+    def __enter__(self) -> _NewBag:
+        super().__enter__()
+        self.add(f"{self.prefix}/mobility", MOBILITY)
+        self.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
+        self.add(f"{self.prefix}/cost", _GRID, keeps_last=True)
+        return self
+
+    def copy(self, raw: RawMessage) -> None:
+        """Write a message of the bag, where its topic is copied."""
+        found = self._channels.get((raw.topic, raw.type))
+        if found is None:
+            return
+        channel, convert = found
+        try:
+            data = convert(raw.data)
+        except Exception:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
+            self.damaged += 1
+        else:
+            self.write_bytes(channel, raw.log_time, data)
+
+    def write_estimate(self, estimate: Estimate, log_time: int, frame: str) -> None:
+        """Write an estimate; frame: that of odometry."""
+        self.write(f"{self.prefix}/mobility", MOBILITY, log_time, estimate.mobility())
+        self._soil_waits = (log_time, estimate, frame)
+        stamp, sent = estimate.result.instant.stamp, self._soil_sent
+        if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
+            self._soil_sent = stamp
+            self.finish()
+
+    def write_grid(self, grid: Grid, stamp: int, log_time: int) -> None:
+        """Write a cost grid; stamp and log_time in ns."""
+        (x, y), (height, width) = grid.origin, grid.cells.shape
+        stamped = header(stamp, grid.frame)
+        place = Message(x=x, y=y, z=0.0)
+        origin = Message(position=place, orientation=Message(x=0.0, y=0.0, z=0.0, w=1.0))
+        info = Message(
+            map_load_time=stamped.stamp,
+            resolution=grid.resolution,
+            width=width,
+            height=height,
+            origin=origin,
+        )
+        message = Message(header=stamped, info=info, data=grid.cells.ravel())
+        self.write(f"{self.prefix}/cost", _GRID, log_time, message)
+
+    def write_pose(self, instant: Reading, log_time: int, frame: str) -> None:
+        """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
+        if self._has_tf or not frame or instant.vehicle is None or instant.heading is None:
+            return
+        if instant.stamp < self._posed + _POSE_PERIOD:
+            return
+        self._posed = instant.stamp
+        x, y = instant.vehicle
+        turn = Message(
+            x=0.0, y=0.0, z=math.sin(instant.heading / 2), w=math.cos(instant.heading / 2)
+        )
+        moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
+        stamped = header(instant.stamp, frame)
+        link = Message(header=stamped, child_frame_id="base_link", transform=moved)
+        self.write("/tf", _TF, log_time, Message(transforms=[link]))
+
+    def finish(self) -> None:
+        """Write the last soil, if it still waits."""
+        if self._soil_waits is not None:
+            log_time, estimate, frame = self._soil_waits
+            self.write(f"{self.prefix}/soil", SOIL, log_time, estimate.soil(frame))
+            self._soil_waits = None
