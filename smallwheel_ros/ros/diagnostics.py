@@ -15,7 +15,7 @@ from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.statements import statements
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.ros.cost_publisher import CostPublisher
+from smallwheel_ros.ros.outputs import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}

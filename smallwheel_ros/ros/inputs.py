@@ -20,11 +20,10 @@ from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.problems import Problem
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.conversions import message_class
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
-from smallwheel_ros.ros.first_lines import estimates, input_lines
+from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class
+from smallwheel_ros.ros.parameters import INPUT, LATCHED, overridable
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -33,6 +32,14 @@ except ImportError:  # no package of PyPI; ROS installations have it
 
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
 _SILENT_AFTER = 2.0  # s without a message of a topic that had some
+# What a stream measures; those of a wheel are `<wheel>/load` and so on.
+_MEASURED = {
+    "wheel_speed": "wheel speed",
+    "drawbar_pull": "drawbar pull",
+    "odom": "odometry",
+    "velocity": "velocity over ground",
+    "imu": "slope",
+}
 
 
 @dataclass
@@ -102,15 +109,15 @@ class Inputs:
         try:
             for topic in self._topics:
                 take = partial(self._take_one, topic)
-                self._subscribe(message_class(topic.type), topic.name, take, qos.INPUT)
+                self._subscribe(message_class(topic.type), topic.name, take, INPUT)
             # A classifier's grids come as they are made, a map server's was there before us.
             classes = self._take_classes
-            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
-            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
+            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, INPUT)
+            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, LATCHED, "latched")
             if TFMessage is not None:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
                 for name in dict.fromkeys(map(self._node.resolve_topic_name, ("/tf", "tf"))):
-                    self._subscribe(TFMessage, name, self._take_transforms, qos.INPUT)
+                    self._subscribe(TFMessage, name, self._take_transforms, INPUT)
         except Exception:
             self.stop()
             raise
@@ -138,7 +145,7 @@ class Inputs:
                 topic,
                 callback,
                 event_callbacks=events,
-                **qos.overridable(profile, entity),
+                **overridable(profile, entity),
             )
         )
 
@@ -221,9 +228,7 @@ class Inputs:
         types = sorted({info.topic_type for info in publishers})
         if kind not in types:
             return f"its publisher has another type, {', '.join(types)}"
-        asked = next(
-            (s.qos_profile for s in self._subscriptions if s.topic_name == topic), qos.INPUT
-        )
+        asked = next((s.qos_profile for s in self._subscriptions if s.topic_name == topic), INPUT)
         for info in publishers:
             compatibility, reason = qos_check_compatible(info.qos_profile, asked)
             if compatibility == QoSCompatibility.ERROR:
@@ -279,3 +284,56 @@ class Inputs:
             text += f"; {unused} messages could not be used, see the counts"
         level = WARN if settings.velocity == "none" else OK
         return status(name, level, "; ".join([text, *said]), values)
+
+
+# --- What the node logs of them as it starts
+
+
+def input_lines(topics: Iterable[Topic], resolved: Callable[[str], str]) -> list[str]:
+    """What is waited for: a line for each group of topics that measure the same.
+
+    resolved: gives the full name of a topic.
+    """
+    groups: dict[tuple[str, str], list[str]] = {}
+    for topic in topics:
+        measured = (stream.rpartition("/")[2] for stream in topic.streams)
+        what = " and ".join(dict.fromkeys(_MEASURED.get(name, name) for name in measured))
+        groups.setdefault((what, topic.type), []).append(resolved(topic.name))
+    return [
+        f"waits for {what}: {', '.join(names)} ({kind})" for (what, kind), names in groups.items()
+    ]
+
+
+def estimates(onboard: Onboard) -> str:
+    """What is estimated, and of which wheels, once all inputs are here."""
+    return f"estimates {_of_the_soil(onboard)}; {'; '.join(_of_wheels(onboard))}"
+
+
+def _of_the_soil(onboard: Onboard) -> str:
+    settings = onboard.settings
+    if len(settings.without_sinkage) == len(settings.wheels):
+        law = "nothing of the soil's law (no sinkage is measured)"
+    elif onboard.undeterminable:
+        law = "n and k D^m of the soil"  # why not m has been said as a warning
+    else:
+        law = "k, n and m of the soil"
+    ways = {
+        "the balance of the vehicle's forces": settings.mass and settings.velocity != "none",
+        "torque": settings.with_torque,
+        "drawbar pull": settings.with_drawbar_pull,
+    }
+    by = " and ".join(way for way, there in ways.items() if there)
+    strength = f" and its strength by {by}" if by else "; its strength stays as configured"
+    return f"{law}{strength}"
+
+
+def _of_wheels(onboard: Onboard) -> list[str]:
+    settings = onboard.settings
+    what = "sinkage, resistance, thrust and drawbar pull of"
+    if settings.velocity == "none":
+        what = "sinkage and resistance (no slip, thrust, pull: odometry comes from the wheels) of"
+    rolling = [wheel.name for wheel in settings.wheels if wheel.contact == ROLLING]
+    pressed = [wheel.name for wheel in settings.wheels if wheel.contact != ROLLING]
+    found = [f"{what} {', '.join(rolling)}"] if rolling else []
+    found += [f"sinkage of {', '.join(pressed)}"] if pressed else []
+    return found

@@ -25,11 +25,14 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
-from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.described import RobotDescription, VelocityFrame
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
-from smallwheel_ros.ros.first_lines import parameter_lines
-from smallwheel_ros.ros.parameters import NodeParameters
+from smallwheel_ros.ros.parameters import (
+    NodeParameters,
+    RobotDescription,
+    VelocityFrame,
+    no_events,
+    parameter_lines,
+)
 from smallwheel_ros.ros.session import Session
 
 EXIT_BAD_INPUT = 2
@@ -87,7 +90,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(
-            DiagnosticArray, "/diagnostics", 10, event_callbacks=qos.no_events()
+            DiagnosticArray, "/diagnostics", 10, event_callbacks=no_events()
         )
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
         self.create_service(Trigger, "~/reset", self._on_reset)

@@ -2,13 +2,17 @@
 """ROS parameters from the one table: declared with descriptors, checked, never silently ignored.
 
 They are read when the node is configured. While it is active none can be set: what the estimate goes by
-then is what its log says that it was configured with.
+then is what its log says that it was configured with. What nobody gives is taken from the robot's
+description and from tf. Parameters `qos_overrides.*` change the quality of service of a topic.
 """
 
 from __future__ import annotations
 
+import textwrap
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -16,10 +20,23 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.time import Time
+from std_msgs.msg import String
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.parameter import Parameter
+from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameter_table import GENERAL, NodeSettings, parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
@@ -27,8 +44,18 @@ from smallwheel_ros.onboard.parameters import (
     unknown_parameters,
     wheel_names,
 )
-from smallwheel_ros.onboard.robot_description import silent_parameters
-from smallwheel_ros.ros.qos import OVERRIDES
+from smallwheel_ros.onboard.robot_description import (
+    DESCRIPTION_TYPE,
+    Filled,
+    fill_silent,
+    needs_description,
+    silent_parameters,
+)
+
+try:
+    import tf2_ros
+except ImportError:  # no package of PyPI; ROS installations have it
+    tf2_ros = None
 
 _WHAT_TO_DO = (
     "deactivate it, set the parameter, then clean up, configure and activate it (ros2 lifecycle set"
@@ -36,6 +63,22 @@ _WHAT_TO_DO = (
 )
 # Where the velocity sensor is and looks: tf may say so where nothing is given.
 VELOCITY_SENSOR = ("velocity_lateral_position", "velocity_yaw")
+_WIDTH = 148  # characters of a line of the log: of 200, less what ROS puts before it
+
+
+def parameter_lines(changed: Mapping[str, object]) -> list[str]:
+    """The parameters that are not at their defaults, by name, in lines of at most 148 characters.
+
+    A single word that is longer (a path) stays whole.
+    """
+    words = ", ".join(f"{name}={value}" for name, value in changed.items())
+    return textwrap.wrap(
+        f"effective parameters, the others have their defaults: {words}",
+        _WIDTH,
+        subsequent_indent="  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 class NodeParameters:
@@ -209,3 +252,212 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
                 FloatingPointRange(from_value=parameter.low, to_value=parameter.high)
             ]
     return descriptor
+
+
+# --- What others say of the robot
+
+_UPRIGHT = 0.9  # cosine of 25 degrees, as for the axes of wheels: speeds along it are 10 % off
+
+
+class RobotDescription:
+    """Listens to the robot description, and gives the parameters what it says.
+
+    It does not listen where every parameter is given that a description can fill.
+
+    Attributes
+    ----------
+    lacking
+        A sentence for what the newest description could not fill.
+    """
+
+    def __init__(self, node: Node, table: NodeParameters) -> None:
+        self._node, self._table = node, table
+        self.lacking: list[str] = []
+        self._arrived = self._listens = False
+        topic = table.values()["robot_description_topic"]
+        if not silent_parameters(table.given()) or not isinstance(topic, str) or not topic:
+            return
+        try:
+            self._topic = node.resolve_topic_name(topic)
+            node.create_subscription(
+                String,
+                topic,
+                self._take,
+                LATCHED,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            )
+        except Exception as error:  # rcl's; its words have several lines
+            reason = " ".join(str(error).split())
+            self.lacking.append(f"robot description: cannot listen to {topic!r}: {reason}")
+            return
+        self._listens = True
+
+    @property
+    def waiting(self) -> str:
+        """What is waited for before the node can be configured, in words; empty: nothing."""
+        if not self._listens or self._arrived or self._table.wrong:
+            return ""
+        needed = needs_description(self._table.given())
+        if not needed:
+            return ""
+        publishers = self._node.count_publishers(self._topic)
+        why = "its publisher has sent nothing yet" if publishers else "no publisher"
+        return (
+            f"waiting for {self._topic} ({DESCRIPTION_TYPE}): {why}; {', '.join(needed)} are not"
+            " given and come from it"
+        )
+
+    def _take(self, message: String) -> None:
+        self._arrived = True
+        filled, problem = Filled(), ""
+        try:
+            filled = fill_silent(message.data, self._table.given())
+        except SmallwheelError as error:
+            problem = f"robot description: {error}"
+        else:
+            refused = self._table.fill(filled.values)
+            problem = f"robot description: {refused}" if refused else ""
+        self.lacking = [problem] if problem else filled.lacking
+        log = self._node.get_logger()
+        if not problem:
+            log.info(f"from {self._topic}: {filled.text}")
+        for text in self.lacking:
+            log.warning(text)
+
+
+class VelocityFrame:
+    """Looks the frame of `velocity_topic` up in tf, once, and gives the parameters what it finds.
+
+    It listens to tf only from the first message in a frame that is not the base frame until the
+    transform is known.
+
+    Attributes
+    ----------
+    lacking
+        A sentence while the frame is not the base frame and nobody says where the sensor is.
+    """
+
+    def __init__(self, node: Node, table: NodeParameters) -> None:
+        self._node, self._table = node, table
+        self._buffer: Any = None
+        self._listener: Any = None
+        self._known = ""  # frame that has been looked up
+        self.lacking: list[str] = []
+
+    def look_up(self, frame: str) -> None:
+        """Look a frame up, if that is needed; called now and then with the newest one."""
+        given, base = self._table.given(), str(self._table.values()["base_frame"])
+        silent = [name for name in VELOCITY_SENSOR if name not in given]
+        if not silent or frame in ("", base):
+            self.lacking = []
+            return
+        if frame == self._known:
+            return
+        try:
+            found, problem = self._in_base(frame, base)
+        except Exception as error:  # tf2's own, or a release with another interface
+            found, problem = {}, f"tf does not connect them ({' '.join(str(error).split())})"
+        if not problem:
+            problem = self._table.fill({name: found[name] for name in silent})
+        if problem:
+            self.lacking = [
+                f"velocity_topic is in frame {frame!r}, expected {base!r}: {problem}; {', '.join(silent)}"
+                " stay as they are: give them"
+            ]
+            return
+        self._known, self.lacking = frame, []
+
+    def _in_base(self, frame: str, base: str) -> tuple[dict[str, float], str]:
+        """Return the sensor's place and direction in the base frame, or why they are unknown."""
+        if tf2_ros is None:
+            return {}, "tf2_ros is not installed"
+        if self._buffer is None:
+            self._buffer = tf2_ros.Buffer()
+            self._listener = tf2_ros.TransformListener(self._buffer, self._node)
+        transform = self._buffer.lookup_transform(base, frame, Time()).transform
+        self._listener.unregister()
+        self._listener = self._buffer = None
+        turn = transform.rotation
+        yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
+        if yaw is None:
+            return {}, "the rotation in tf is no unit quaternion"
+        if 1.0 - 2.0 * (turn.x**2 + turn.y**2) < _UPRIGHT:
+            return {}, "by tf its z axis is not upright"
+        return dict(zip(VELOCITY_SENSOR, (transform.translation.y, yaw), strict=True)), ""
+
+
+# --- Quality of service
+
+# Deep enough for a second at 200 Hz in which the processor is busy with something else: what does not
+# fit is lost, and nobody is told. That goes for reliable topics too.
+_DEEP = 200
+# Matches reliable and best-effort publishers alike.
+INPUT = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.BEST_EFFORT)
+ESTIMATE = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.RELIABLE)
+# A late subscriber gets the newest.
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+OVERRIDES = "qos_overrides."
+_DEEPEST = 10_000  # messages
+_VALUES: dict[str, tuple[str, ...]] = {
+    name: tuple(policy.name.lower() for policy in kind if policy.name.lower() != "unknown")
+    for name, kind in (
+        ("history", HistoryPolicy),
+        ("reliability", ReliabilityPolicy),
+        ("durability", DurabilityPolicy),
+    )
+}
+_POLICIES = (*_VALUES, "depth")
+
+
+def no_events() -> PublisherEventCallbacks:
+    """Return callbacks for a publisher that waits for no event.
+
+    Each event costs time at every wait, and the diagnostics find the same out once a second.
+    """
+    return PublisherEventCallbacks(use_default_callbacks=False)
+
+
+def overridable(profile: QoSProfile, entity: str | None = None) -> dict[str, Any]:
+    """Return arguments for a publisher or subscription whose quality of service users may override.
+
+    entity: tells two of the same topic apart.
+    """
+    kinds = [QoSPolicyKind[name.upper()] for name in _POLICIES]
+    return {
+        "qos_profile": copy(profile),  # rclpy writes the overrides into it
+        "qos_overriding_options": QoSOverridingOptions(kinds, entity_id=entity),
+    }
+
+
+def override_problems(
+    values: Mapping[str, object], listened: Iterable[str], published: Iterable[str]
+) -> tuple[list[str], list[str]]:
+    """Say which parameters `qos_overrides.*` are wrong, and which nobody uses.
+
+    values: of these parameters. listened, published: resolved names of topics.
+    """
+    kinds = [(t, kind) for t in listened for kind in ("subscription", "subscription_latched")]
+    kinds += [(topic, "publisher") for topic in published]
+    known = {f"{OVERRIDES}{topic}.{kind}.{name}" for topic, kind in kinds for name in _POLICIES}
+    wrong, unused = [], []
+    for name, value in values.items():
+        if name not in known:
+            unused.append(
+                f"parameter {name} is not used: expected {OVERRIDES}TOPIC.KIND.POLICY, with the full"
+                " name of a topic of this node, KIND subscription or publisher, and POLICY one of"
+                f" {', '.join(_POLICIES)}"
+            )
+        elif name.endswith(".depth"):
+            if type(value) is not int or not 1 <= value <= _DEEPEST:
+                wrong.append(
+                    f"parameter {name} is {value!r}, expected an integer from 1 to {_DEEPEST}"
+                )
+        elif not isinstance(value, str) or value.lower() not in _VALUES[name.rsplit(".", 1)[1]]:
+            choices = " or ".join(_VALUES[name.rsplit(".", 1)[1]])
+            wrong.append(f"parameter {name} is {value!r}, expected {choices}")
+    return wrong, unused

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -16,19 +18,21 @@ from rclpy.clock import Clock
 from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.map_file import read_map, write_map
+from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.parameters import ParametersError
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.result import Result, soil_fields
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.statements import Kind, Statement, alarms
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
-from smallwheel_ros.ros.outputs import OUTPUTS, Outputs
-from smallwheel_ros.ros.qos import override_problems
-from smallwheel_ros.ros.soil_file import SoilFile
+from smallwheel_ros.ros.outputs import OUTPUTS, TERRAIN_CLASSES, Outputs
+from smallwheel_ros.ros.parameters import override_problems
 
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
@@ -296,3 +300,93 @@ class Session:
             if alarm.kind not in now:
                 log.info(f"no longer: {alarm.text}")
         self._alarms = now
+
+
+class SoilFile:
+    """The file of the parameter soil.file; an empty name is none.
+
+    problem: why the saved soil is not used, in words; empty where it is, or where there is none.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._path = Path(name).expanduser() if name else None
+        self.problem = ""
+
+    def restore(self, onboard: Onboard) -> str:
+        """Let a new estimate go on from the file; return in words what it goes on from.
+
+        Where there is a `problem`, the estimate may be half restored: it is not to be used.
+        """
+        self.problem = ""
+        if self._path is None or not self._path.exists():
+            return ""
+        try:
+            onboard.restore(self._path)
+            _check_finite(soil_fields(onboard.soil, onboard.rejected))
+        except SmallwheelError as error:
+            self.problem = f"the saved soil is not used: {error}"
+        except Exception as error:  # numbers that nobody has thought of
+            self.problem = (
+                f"the saved soil is not used: {self._path}: {type(error).__name__}: {error}; delete"
+                " the file to begin with the prior"
+            )
+        if self.problem:
+            return ""
+        return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
+
+    @property
+    def map_path(self) -> Path | None:
+        """Where the cost map is saved beside it."""
+        return (
+            None if self._path is None else self._path.with_name(f"{self._path.name}.cost_map.yaml")
+        )
+
+    def restore_map(self, cost_map: CostMap) -> str:
+        """Let a cost map go on from the one beside the soil; return in words what came of it."""
+        path = self.map_path
+        if path is None or not path.exists() or self.problem:
+            return ""
+        try:
+            grid = read_map(path)
+        except SmallwheelError as error:
+            return f"the saved cost map is not used: {error}"
+        cost_map.remember(grid)
+        return (
+            f"cost map restored from {path}: {int((grid.cells >= 0).sum())} cells in {grid.frame}"
+        )
+
+    def save_map(self, cost_map: CostMap) -> str:
+        """Save the cost map beside the soil; return in words what came of it."""
+        path, whole = self.map_path, cost_map.whole()
+        if path is None or whole is None:
+            return ""
+        if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
+            return f"{path} is left as it is: {cost_map.problem}"
+        try:
+            if path.exists() or path.with_suffix(".pgm").exists():
+                read_map(path)  # nothing but a saved map is replaced
+            write_map(path, whole)
+        except SmallwheelError as error:
+            return f"the cost map is not saved: {error}"
+        return f"{path} in {whole.frame}"
+
+    def save(self, onboard: Onboard) -> tuple[bool, str]:
+        """Save the soil; return whether that worked, and in words what came of it."""
+        if self._path is None:
+            return False, "nothing saved: parameter soil.file says where to, and is empty"
+        if onboard.soil.accepted == 0:
+            return False, "nothing saved: the soil has not been measured yet"
+        try:
+            check_may_replace(self._path)
+            onboard.save(self._path)
+        except SmallwheelError as error:
+            return False, f"nothing saved: {error}"
+        return True, f"{self._path}: {onboard.soil.accepted} measurements"
+
+
+def _check_finite(fields: dict[str, Any]) -> None:
+    for name, value in fields.items():
+        numbers = value if name == "covariance" else [value]
+        for number in numbers:
+            if isinstance(number, float) and not math.isfinite(number):
+                raise ValueError(f"{name} would be {number}")
