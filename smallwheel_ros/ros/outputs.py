@@ -7,7 +7,7 @@ import importlib
 import math
 import time
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, qos_check_compatible
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
@@ -27,14 +27,12 @@ from smallwheel_ros.costmap.vehicle import Pose
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
-from smallwheel_ros.onboard.feed import angles_of
+from smallwheel_ros.onboard.feed import Feed, angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
-from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.parameter_table import NodeSettings
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, no_events, overridable
+from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS, overridable
 
 OUTPUTS = {
     "~/mobility": (MobilityMessage, ESTIMATE),
@@ -43,6 +41,10 @@ OUTPUTS = {
     "~/cost": (OccupancyGrid, LATCHED),
 }
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
+
+
+# Takes topic, reason and words of something that went wrong.
+Report = Callable[[str, str, str], None]
 
 
 # --- Between messages and values; nothing is worked out here
@@ -67,27 +69,24 @@ def time_message(stamp: int) -> Time:
     return Time(sec=stamp // SECOND, nanosec=stamp % SECOND)
 
 
+def _header(stamp: int, frame: str) -> Header:
+    return Header(stamp=time_message(stamp), frame_id=frame)
+
+
 def mobility_message(result: Result) -> MobilityMessage:
     """Turn a wheel's result into its message."""
-    message = MobilityMessage(**mobility_fields(result))
-    message.header.stamp = time_message(result.instant.stamp)
-    message.header.frame_id = result.wheel
-    return message
+    header = _header(result.instant.stamp, result.wheel)
+    return MobilityMessage(header=header, **mobility_fields(result))
 
 
 def soil_message(soil: SoilEstimate, stamp: int, frame: str, rejected: int) -> SoilMessage:
-    """Turn an estimate of the soil into its message."""
-    message = SoilMessage(**soil_fields(soil, rejected))
-    message.header.stamp = time_message(stamp)
-    message.header.frame_id = frame
-    return message
+    """Turn an estimate of the soil into its message; stamp in ns."""
+    return SoilMessage(header=_header(stamp, frame), **soil_fields(soil, rejected))
 
 
 def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     """Turn a grid into its message; stamp in ns."""
-    message = OccupancyGrid()
-    message.header.stamp = time_message(stamp)
-    message.header.frame_id = grid.frame
+    message = OccupancyGrid(header=_header(stamp, grid.frame))
     info = message.info
     info.map_load_time = message.header.stamp
     info.resolution = grid.resolution
@@ -121,7 +120,7 @@ def grid_from(message: OccupancyGrid) -> Grid:
 # lightness too, for those who cannot tell red from green.
 _MARGINS = (0.0, 0.1, 0.2)  # and the red, green and blue of each
 _COLOURS = ((0.55, 0.95, 0.75), (0.0, 0.55, 0.9), (0.1, 0.1, 0.45))
-_UNKNOWN = (0.6, 0.6, 0.6)
+_UNKNOWN = [0.6, 0.6, 0.6]
 _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
 
@@ -137,47 +136,34 @@ def markers(newest: Iterable[Result], frame: str) -> MarkerArray:
     return array
 
 
-def deletion() -> MarkerArray:
-    """Take all markers away: viewers keep them for ever otherwise."""
-    return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
-
-
-def _of_wheel(number: int, result: Result, frame: str) -> Iterator[Marker]:
+def _of_wheel(number: int, result: Result, frame: str) -> list[Marker]:
     instant, place, wheel = result.instant, result.instant.place, result.instant.wheel
     depth = instant.sinkage or result.sinkage_predicted
     if place is None or depth is None:
-        return
-    margin = result.forces.margin if result.forces is not None else None
-    for namespace, kind in (
-        ("sinkage", Marker.CYLINDER),
-        ("sinkage_text", Marker.TEXT_VIEW_FACING),
-    ):
-        marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
-        marker.header.stamp = time_message(instant.stamp)
-        marker.header.frame_id = frame
+        return []
+    header = _header(instant.stamp, frame)
+    column = Marker(header=header, ns="sinkage", id=number, type=Marker.CYLINDER)
+    words = Marker(header=header, ns="sinkage_text", id=number, type=Marker.TEXT_VIEW_FACING)
+    for marker in (column, words):
         marker.pose.position.x, marker.pose.position.y = place
         marker.pose.orientation.w = 1.0
-        height = max(_EXAGGERATION * depth.value, 1e-3)
-        if kind == Marker.CYLINDER:
-            marker.pose.position.z = -0.5 * height
-            marker.scale.x = marker.scale.y = wheel.width
-            marker.scale.z = height
-            marker.color = _colour(None if margin is None else margin.value)
-        else:
-            marker.pose.position.z = wheel.diameter
-            marker.scale.z = 0.5 * wheel.width
-            marker.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
-            held = "" if margin is None else f"\nholds {math.degrees(math.atan(margin.value)):.0f}°"
-            marker.text = f"{wheel.name}\n{1e3 * depth.value:.1f} mm{held}"
-        yield marker
-
-
-def _colour(margin: float | None) -> ColorRGBA:
+    margin = None if result.forces is None else result.forces.margin
     if margin is None:
-        red, green, blue = _UNKNOWN
+        colour, held = _UNKNOWN, ""
     else:
-        red, green, blue = (float(np.interp(margin, _MARGINS, part)) for part in _COLOURS)
-    return ColorRGBA(r=red, g=green, b=blue, a=0.9)
+        colour = [float(np.interp(margin.value, _MARGINS, part)) for part in _COLOURS]
+        held = f"\nholds {math.degrees(math.atan(margin.value)):.0f}°"
+    height = max(_EXAGGERATION * depth.value, 1e-3)
+    column.pose.position.z = -0.5 * height
+    column.scale.x = column.scale.y = wheel.width
+    column.scale.z = height
+    column.color.r, column.color.g, column.color.b = colour
+    column.color.a = 0.9
+    words.pose.position.z = wheel.diameter
+    words.scale.z = 0.5 * wheel.width
+    words.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+    words.text = f"{wheel.name}\n{1e3 * depth.value:.1f} mm{held}"
+    return [column, words]
 
 
 # --- The cost map
@@ -185,15 +171,15 @@ def _colour(margin: float | None) -> ColorRGBA:
 TERRAIN_CLASSES = "terrain_classes"
 # s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
 # where they belong once it comes again: at once where tf tells of it, else after so long.
-AGAIN_AFTER = 5.0
+_AGAIN_AFTER = 5.0
 _LAST = 0.5  # s for listeners to take the last grid
 
 
 class CostPublisher:
-    """Keeps the cost map of a vehicle, and publishes it.
+    """Keeps the cost map of a vehicle (`map`), and publishes it.
 
-    received: how many grids of terrain classes have come. report: takes stream, reason and words of
-    a grid that cannot be used.
+    received, published: how many grids of terrain classes have come, and how many of costs were sent.
+    report: takes what is wrong with a grid that cannot be used.
     """
 
     def __init__(
@@ -201,7 +187,7 @@ class CostPublisher:
         settings: CostSettings,
         wheels: Sequence[Wheel],
         publisher: LifecyclePublisher,
-        report: Callable[[str, str, str], None],
+        report: Report,
     ) -> None:
         self._publisher = publisher
         self._report = report
@@ -209,18 +195,13 @@ class CostPublisher:
         self._last: Any = None
         self._sent: Any = None  # the newest grid, and when that was by time.monotonic()
         self._sent_at = 0.0
-        self._corner: tuple[float, float] | None = (
-            None  # of the grid, where tf had it when it was sent
-        )
+        # Of that grid, where tf had it when it was sent.
+        self._corner: tuple[float, float] | None = None
         self._corrected = False
         self.received = 0
         self.published = 0
-        self._ground = GroundMapper(CostMap(settings, wheels))
-
-    @property
-    def map(self) -> CostMap:
-        """The cost map itself."""
-        return self._ground.map
+        self.map = CostMap(settings, wheels)
+        self._ground = GroundMapper(self.map)
 
     def add(self, result: Result, frame: str) -> None:
         """Take a result of the estimate; frame is that of the odometry."""
@@ -244,31 +225,30 @@ class CostPublisher:
 
     def on_transforms(self, message: Any) -> None:
         """Take transforms (tf2_msgs/TFMessage): the grid is sent again once its frame has moved."""
+        of_grid = None if self._sent is None else self._sent.header.frame_id
         for found in message.transforms:
-            if found.child_frame_id == self.map.frame != "":
-                by, turn = found.transform.translation, found.transform.rotation
-                yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
-                if yaw is not None and math.isfinite(by.x + by.y + yaw):
-                    self.map.place_frame(found.header.frame_id, Pose(by.x, by.y, yaw))
-        if self._sent is None:
-            return
-        frame, resolution = self._sent.header.frame_id, self._sent.info.resolution
-        for found in message.transforms:
-            if found.child_frame_id == frame:
-                corner = self._corner_by(found.transform)
-                if self._corner is None:
-                    self._corner = corner
-                elif not math.dist(corner, self._corner) < 0.5 * resolution:
-                    self._corrected = True
+            frame = found.child_frame_id
+            if frame not in (self.map.frame, of_grid):
+                continue
+            by, turn = found.transform.translation, found.transform.rotation
+            yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
+            pose = Pose(by.x, by.y, yaw or 0.0)
+            if frame == self.map.frame != "" and yaw is not None and math.isfinite(sum(pose)):
+                self.map.place_frame(found.header.frame_id, pose)
+            if frame == of_grid:
+                self._look_at_corner(pose)
 
-    def _corner_by(self, transform: Any) -> tuple[float, float]:
-        """The far corner of the grid that was sent, in the frame above that of the grid."""
-        info, by, turn = self._sent.info, transform.translation, transform.rotation
-        x = info.origin.position.x + info.width * info.resolution
-        y = info.origin.position.y + info.height * info.resolution
-        yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
-        cosine, sine = math.cos(yaw or 0.0), math.sin(yaw or 0.0)
-        return by.x + cosine * x - sine * y, by.y + sine * x + cosine * y
+    def _look_at_corner(self, pose: Pose) -> None:
+        """See whether the far corner of the grid that was sent has moved in the frame above it."""
+        info = self._sent.info
+        corner = pose.place(
+            info.origin.position.x + info.width * info.resolution,
+            info.origin.position.y + info.height * info.resolution,
+        )
+        if self._corner is None:
+            self._corner = corner
+        elif not math.dist(corner, self._corner) < 0.5 * info.resolution:
+            self._corrected = True
 
     def clear(self) -> None:
         """Forget the ground: the soil is another one, or time has gone back."""
@@ -280,13 +260,12 @@ class CostPublisher:
 
         now (ns): its stamp before any measurement.
         """
+        again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
         if self.map.changed:
             grid = self.map.grid()
             if grid is not None:
                 self._send(grid_message(grid, self._stamp or now))
-        elif self._sent is not None and (
-            self._corrected or time.monotonic() >= self._sent_at + AGAIN_AFTER
-        ):
+        elif again and self._sent is not None:
             self._send(self._sent)
 
     def empty(self) -> None:
@@ -308,19 +287,16 @@ class CostPublisher:
 
 # --- All of it
 
-# Takes topic, reason and words of something that went wrong.
-Report = Callable[[str, str, str], None]
-
 
 class Outputs:
     """The publishers of a configured node; `destroy` them in the end.
 
-    settings: of the node. newest: each wheel's newest result. cost: the cost map.
+    newest: each wheel's newest result. cost: the cost map.
     """
 
-    def __init__(self, node: LifecycleNode, settings: NodeSettings, report: Report) -> None:
-        self._node = node
-        self._report = report
+    def __init__(self, node: LifecycleNode, feed: Feed, report: Report) -> None:
+        self._node, self._feed, self._report = node, feed, report
+        settings = feed.settings
         self._publishers: list[LifecyclePublisher] = []
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
         self.newest: dict[str, Result] = {}
@@ -338,7 +314,7 @@ class Outputs:
     def _publisher(self, topic: str) -> LifecyclePublisher:
         kind, profile = OUTPUTS[topic]
         publisher = self._node.create_lifecycle_publisher(
-            kind, topic, event_callbacks=no_events(), **overridable(profile)
+            kind, topic, event_callbacks=NO_PUBLISHER_EVENTS, **overridable(profile)
         )
         self._publishers.append(publisher)
         return publisher
@@ -378,43 +354,40 @@ class Outputs:
         """Publish a wheel's mobility."""
         self._mobility.publish(mobility_message(result))
 
-    def keep(self, results: Sequence[Result], frame: str) -> None:
-        """Publish the soil at its rate, and keep what the timers publish.
-
-        frame: of the odometry, empty where it is not known.
-        """
+    def keep(self, results: Sequence[Result]) -> None:
+        """Publish the soil at its rate, and keep what the timers publish."""
         for result in results:
-            self.cost.add(result, frame)
+            self.cost.add(result, self._feed.odometry_frame)
             self.newest[result.wheel] = result
-            stamp, sent = result.instant.stamp, self._soil_sent
             self._soil_waits = result
+            stamp, sent = result.instant.stamp, self._soil_sent
             if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-                self.publish_waiting_soil(frame)
+                self.publish_waiting_soil()
 
-    def publish_waiting_soil(self, frame: str) -> None:
+    def publish_waiting_soil(self) -> None:
         """Publish the newest soil unless it has been already."""
-        result = self._soil_waits
+        result, frame = self._soil_waits, self._feed.odometry_frame
         if result is not None:
             stamp = result.instant.stamp
             self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
             self._soil_sent, self._soil_waits = stamp, None
 
-    def publish_soil_of(self, onboard: Onboard, frame: str) -> None:
+    def publish_soil(self) -> None:
         """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
-        stamp = self._node.get_clock().now().nanoseconds
-        rejected = onboard.rejected
-        self._soil.publish(soil_message(onboard.soil, stamp, frame, rejected))
+        onboard, stamp = self._feed.onboard, self._node.get_clock().now().nanoseconds
+        frame = self._feed.odometry_frame
+        self._soil.publish(soil_message(onboard.soil, stamp, frame, onboard.rejected))
 
     def publish_cost(self) -> None:
         """Publish the cost map if it has changed."""
         self.cost.publish(self._node.get_clock().now().nanoseconds)
 
-    def publish_markers(self, frame: str) -> None:
+    def publish_markers(self) -> None:
         """Publish the markers if anybody looks at them."""
         if self.newest and self._markers.get_subscription_count():
-            self._markers.publish(markers(self.newest.values(), frame))
+            self._markers.publish(markers(self.newest.values(), self._feed.odometry_frame))
 
     def delete_markers(self) -> None:
-        """Take the markers away that were published."""
+        """Take the markers away that were published: viewers keep them for ever otherwise."""
         if self._markers.is_activated:
-            self._markers.publish(deletion())
+            self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))

@@ -99,6 +99,8 @@ class NodeParameters:
     ----------
     unknown
         A sentence for each given parameter that nobody knows.
+    problems
+        A sentence for each parameter that was given another value than it can have, by its name.
     """
 
     def __init__(
@@ -111,13 +113,13 @@ class NodeParameters:
             for name, parameter in node.get_parameters_by_prefix("").items()
         }
         self._overrides = [name for name in given if name.startswith(OVERRIDES)]
-        self._problems: dict[str, str] = {}
+        self.problems: dict[str, str] = {}
         self._table: dict[str, Parameter] = {}
         try:
             wheels = wheel_names(given.get("wheels"))
         except ParametersError as error:
             wheels = []
-            self._problems["wheels"] = str(error)
+            self.problems["wheels"] = str(error)
         self.unknown = unknown_parameters(given, wheels) if wheels else []
         for parameter in parameters_for(wheels) if wheels else GENERAL:
             # `ros2 param dump` writes null for one that is not set, which ROS reads as a text.
@@ -164,11 +166,6 @@ class NodeParameters:
         self._filled(", ".join(f"{change.name}={change.value}" for change in changes))
         return ""
 
-    @property
-    def wrong(self) -> bool:
-        """Whether a value was given that does not fit its parameter."""
-        return bool(self._problems)
-
     def read(self) -> NodeSettings:
         """Return what the parameters say; models and effects are read from their files.
 
@@ -177,8 +174,8 @@ class NodeParameters:
         ParametersError
             With one sentence for each parameter that is missing or wrong.
         """
-        if self._problems:
-            raise ParametersError("; ".join(self._problems.values()))
+        if self.problems:
+            raise ParametersError("; ".join(self.problems.values()))
         return settings_from(self.values())
 
     def _declare(self, parameter: Parameter, value: object) -> None:
@@ -186,43 +183,39 @@ class NodeParameters:
         self._table[name] = parameter
         if self._node.has_parameter(name):
             self._node.undeclare_parameter(name)
-        if value is not None and name not in self._problems:
-            problem = parameter.problem(value)
-            if problem is not None:
-                self._problems[name] = problem
-        if value is None or name in self._problems:
+        problem = None if value is None else parameter.problem(value)
+        if problem is not None:
+            self.problems.setdefault(name, problem)
+        if value is None or name in self.problems:
             value = parameter.default
         descriptor = _descriptor(parameter)
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
-        known = {c.name: _plain(c.value) for c in changes if c.name in self._table}
-        problem = self._problem(known) or self._problem_of_quality([c.name for c in changes])
-        if problem is None:
-            for name in known:
-                self._problems.pop(name, None)
-            if not self._filling:
-                self._silent -= known.keys()
-        return SetParametersResult(successful=problem is None, reason=problem or "")
-
-    def _problem(self, values: Mapping[str, object]) -> str | None:
-        for name, value in values.items():
-            parameter = self._table[name]
-            if value is None:
-                return f"parameter {name} cannot be deleted, expected {parameter.expected}"
-            problem = parameter.problem(value)
+        for change in changes:
+            problem = self._problem(change.name, _plain(change.value))
             if problem is not None:
-                return problem
-            if self._is_active() and not self._filling:
-                return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
-        return None
+                return SetParametersResult(successful=False, reason=problem)
+        for change in changes:
+            self.problems.pop(change.name, None)
+            if not self._filling:
+                self._silent.discard(change.name)
+        return SetParametersResult(successful=True)
 
-    def _problem_of_quality(self, names: Sequence[str]) -> str | None:
-        for name in names:
+    def _problem(self, name: str, value: object) -> str | None:
+        """Why a parameter cannot be set to a value now; None: it can."""
+        active, parameter = self._is_active(), self._table.get(name)
+        if parameter is None:
             # The first time it is rclpy that declares it, for a topic that is being made.
-            if name.startswith(OVERRIDES) and self._is_active() and self._node.has_parameter(name):
+            if name.startswith(OVERRIDES) and active and self._node.has_parameter(name):
                 return f"parameter {name} only counts at the start of the node"
-        return None
+            return None
+        if value is None:
+            return f"parameter {name} cannot be deleted, expected {parameter.expected}"
+        problem = parameter.problem(value)
+        if problem is None and active and not self._filling:
+            return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
+        return problem
 
 
 def _plain(value: object) -> object:
@@ -242,15 +235,13 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     if parameter.choices:
         allowed = ", ".join(str(choice) for choice in parameter.choices)
         descriptor.additional_constraints = f"one of: {allowed}"
-    if parameter.low is not None and parameter.high is not None:
+    low, high = parameter.low, parameter.high
+    if low is not None and high is not None:
         if parameter.kind == "integer":
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(parameter.low), to_value=int(parameter.high))
-            ]
+            span = IntegerRange(from_value=int(low), to_value=int(high))
+            descriptor.integer_range = [span]
         else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=parameter.low, to_value=parameter.high)
-            ]
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
 
 
@@ -273,29 +264,24 @@ class RobotDescription:
     def __init__(self, node: Node, table: NodeParameters) -> None:
         self._node, self._table = node, table
         self.lacking: list[str] = []
-        self._arrived = self._listens = False
+        self._topic = ""  # that it listens to
+        self._arrived = False
         topic = table.values()["robot_description_topic"]
         if not silent_parameters(table.given()) or not isinstance(topic, str) or not topic:
             return
         try:
-            self._topic = node.resolve_topic_name(topic)
             node.create_subscription(
-                String,
-                topic,
-                self._take,
-                LATCHED,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                String, topic, self._take, LATCHED, event_callbacks=NO_SUBSCRIPTION_EVENTS
             )
+            self._topic = node.resolve_topic_name(topic)
         except Exception as error:  # rcl's; its words have several lines
             reason = " ".join(str(error).split())
             self.lacking.append(f"robot description: cannot listen to {topic!r}: {reason}")
-            return
-        self._listens = True
 
     @property
     def waiting(self) -> str:
         """What is waited for before the node can be configured, in words; empty: nothing."""
-        if not self._listens or self._arrived or self._table.wrong:
+        if not self._topic or self._arrived or self._table.problems:
             return ""
         needed = needs_description(self._table.given())
         if not needed:
@@ -309,15 +295,12 @@ class RobotDescription:
 
     def _take(self, message: String) -> None:
         self._arrived = True
-        filled, problem = Filled(), ""
         try:
             filled = fill_silent(message.data, self._table.given())
+            problem = self._table.fill(filled.values)
         except SmallwheelError as error:
-            problem = f"robot description: {error}"
-        else:
-            refused = self._table.fill(filled.values)
-            problem = f"robot description: {refused}" if refused else ""
-        self.lacking = [problem] if problem else filled.lacking
+            filled, problem = Filled(), str(error)
+        self.lacking = [f"robot description: {problem}"] if problem else filled.lacking
         log = self._node.get_logger()
         if not problem:
             log.info(f"from {self._topic}: {filled.text}")
@@ -388,6 +371,9 @@ class VelocityFrame:
 
 # --- Quality of service
 
+# Waiting for events costs time at every turn, and the diagnostics find the same out once a second.
+NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 # Deep enough for a second at 200 Hz in which the processor is busy with something else: what does not
 # fit is lost, and nobody is told. That goes for reliable topics too.
 _DEEP = 200
@@ -414,14 +400,6 @@ _VALUES: dict[str, tuple[str, ...]] = {
 _POLICIES = (*_VALUES, "depth")
 
 
-def no_events() -> PublisherEventCallbacks:
-    """Return callbacks for a publisher that waits for no event.
-
-    Each event costs time at every wait, and the diagnostics find the same out once a second.
-    """
-    return PublisherEventCallbacks(use_default_callbacks=False)
-
-
 def overridable(profile: QoSProfile, entity: str | None = None) -> dict[str, Any]:
     """Return arguments for a publisher or subscription whose quality of service users may override.
 
@@ -446,18 +424,20 @@ def override_problems(
     known = {f"{OVERRIDES}{topic}.{kind}.{name}" for topic, kind in kinds for name in _POLICIES}
     wrong, unused = [], []
     for name, value in values.items():
+        policy = name.rpartition(".")[2]
         if name not in known:
             unused.append(
                 f"parameter {name} is not used: expected {OVERRIDES}TOPIC.KIND.POLICY, with the full"
                 " name of a topic of this node, KIND subscription or publisher, and POLICY one of"
                 f" {', '.join(_POLICIES)}"
             )
-        elif name.endswith(".depth"):
-            if type(value) is not int or not 1 <= value <= _DEEPEST:
-                wrong.append(
-                    f"parameter {name} is {value!r}, expected an integer from 1 to {_DEEPEST}"
-                )
-        elif not isinstance(value, str) or value.lower() not in _VALUES[name.rsplit(".", 1)[1]]:
-            choices = " or ".join(_VALUES[name.rsplit(".", 1)[1]])
-            wrong.append(f"parameter {name} is {value!r}, expected {choices}")
+            continue
+        if policy == "depth":
+            fits = type(value) is int and 1 <= value <= _DEEPEST
+            expected = f"an integer from 1 to {_DEEPEST}"
+        else:
+            fits = isinstance(value, str) and value.lower() in _VALUES[policy]
+            expected = " or ".join(_VALUES[policy])
+        if not fits:
+            wrong.append(f"parameter {name} is {value!r}, expected {expected}")
     return wrong, unused

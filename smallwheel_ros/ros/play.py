@@ -30,7 +30,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
+from smallwheel_ros.bags import BagReader, RawMessage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.grid import Grid
@@ -70,12 +70,6 @@ def own_node(name: str) -> Iterator[Node]:
     finally:
         node.destroy_node()  # left to the garbage collector, it stays on the network for as long
         rclpy.try_shutdown()
-
-
-def _keeps_last(reader: BagReader, topic: BagTopic) -> bool:
-    """Whether a topic was recorded as latched: who listens late gets its last messages."""
-    found = reader.as_channel(topic.name, topic.type)
-    return found is not None and any(q.durability.name == "TRANSIENT_LOCAL" for q in found[0].qos)
 
 
 class Player:
@@ -125,7 +119,7 @@ class Player:
         self.stop = Stop()
         with BagReader(self._bag, salvage=True) as reader:
             types = {topic.name: topic.type for topic in reader.topics}
-            kept = {t.name: _keeps_last(reader, t) for t in reader.topics}
+            channels = {key: reader.as_channel(*key) for key in types.items()}
             self.message_count = reader.message_count
             begin = reader.start_time or 0
             duration = ((reader.end_time or 0) - begin) / SECOND
@@ -141,10 +135,14 @@ class Player:
             raise PlayError(f"bag {self._bag} has no message of a type that is installed here")
         self._newest_match = 0.0  # time.monotonic()
         self._listeners = dict.fromkeys(self.topics, 0)
-        self._publishers = {
-            name: self._publisher(name, classes[name], _KEPT if kept[name] else _RELIABLE)
-            for name in self.topics
-        }
+        self._publishers = {}
+        for name, kind in self.topics.items():
+            channel = channels[name, kind]
+            recorded = () if channel is None else channel[0].qos
+            # One that was recorded as latched: who listens late gets its last messages.
+            latched = any(profile.durability.name == "TRANSIENT_LOCAL" for profile in recorded)
+            quality = _KEPT if latched else _RELIABLE
+            self._publishers[name] = self._publisher(name, classes[name], quality)
         self._ticks = clock and _CLOCK not in self.topics
         if self._ticks:
             self._publishers[_CLOCK] = self._publisher(_CLOCK, Clock, _RELIABLE)
@@ -181,20 +179,21 @@ class Player:
             self._listeners[topic] = event.current_count
         self._newest_match = time.monotonic()
 
-    def _begin_at(self) -> float:
-        unheard = self.unheard()
-        if len(unheard) == len(self.topics):
-            return math.inf
-        return self._newest_match + (_QUIET if unheard else _MUTUAL)
-
     def wait_for_listeners(self, limit: float) -> None:
         """Wait for listeners, at most `limit` s.
 
         Until every topic is heard, or some are and 2 s have passed since the last listener came:
         nobody here needs the others, as far as can be known.
         """
+
+        def begin() -> float:
+            unheard = self.unheard()
+            if len(unheard) == len(self.topics):
+                return math.inf
+            return self._newest_match + (_QUIET if unheard else _MUTUAL)
+
         deadline = time.monotonic() + limit
-        while (left := min(self._begin_at(), deadline) - time.monotonic()) > 0:
+        while (left := min(begin(), deadline) - time.monotonic()) > 0:
             self.spin(min(left, 0.05))
 
     def nobody_listens(self) -> str:
@@ -204,10 +203,8 @@ class Player:
         lonely = [name for name in unheard if name not in vain]
         said = []
         if vain:
-            said.append(
-                f"subscribed to with another type or quality of service, and not heard:"
-                f" {', '.join(vain)}"
-            )
+            words = "subscribed to with another type or quality of service, and not heard"
+            said.append(f"{words}: {', '.join(vain)}")
         if len(lonely) == len(self.topics):
             said.append("nobody listens to any topic: played all the same")
         elif lonely:
@@ -219,36 +216,28 @@ class Player:
 
         Those of best effort confirm nothing, and are not waited for.
         """
-        deadline = time.monotonic() + CONFIRM
-        return [
-            name
-            for name, publisher in self._publishers.items()
-            if not publisher.wait_for_all_acked(
-                Duration(seconds=max(deadline - time.monotonic(), 0.0))
-            )
-        ]
+        deadline, lacking = time.monotonic() + CONFIRM, []
+        for name, publisher in self._publishers.items():
+            left = Duration(seconds=max(deadline - time.monotonic(), 0.0))
+            if not publisher.wait_for_all_acked(left):
+                lacking.append(name)
+        return lacking
 
     def _messages(self) -> Iterator[RawMessage]:
         """Give the bag's messages that can be published, over and over when it loops."""
         while True:
             with BagReader(self._bag, salvage=True) as reader:
-                converters = {
-                    (topic.name, topic.type): reader.as_channel(topic.name, topic.type)
-                    for topic in reader.topics
-                    if not reader.is_ros2
+                channels = {
+                    (t.name, t.type): reader.as_channel(t.name, t.type) for t in reader.topics
                 }
                 for raw in reader.raw_messages(list(self.topics), start=self._begin):
-                    found = converters.get((raw.topic, raw.type))
-                    if found is None:
-                        yield raw
-                        continue
+                    channel = channels[raw.topic, raw.type]
                     try:
-                        data = bytes(found[1](raw.data))
+                        data = raw.data if channel is None else channel[1](raw.data)
                     except Exception as error:  # damaged bytes make rosbags raise as it likes
-                        raise PlayError(
-                            f"topic {raw.topic}: a message is damaged ({error})"
-                        ) from error
-                    yield raw._replace(data=data)
+                        words = f"topic {raw.topic}: a message is damaged ({error})"
+                        raise PlayError(words) from error
+                    yield raw._replace(data=bytes(data))
             if not self._loop:
                 return
 
@@ -274,7 +263,7 @@ class Player:
             if self._ticks and raw.log_time >= clock + _CLOCK_PERIOD:
                 clock = raw.log_time
                 self._publishers[_CLOCK].publish(Clock(clock=time_message(clock)))
-            self._publishers[raw.topic].publish(bytes(raw.data))
+            self._publishers[raw.topic].publish(raw.data)
             self._stop_if_asked()
 
 
@@ -371,32 +360,31 @@ def drive_through(
     """
     if rclpy.ok():
         raise DriveThroughError("rclpy is running in this process already: shut it down first")
-    with own_node("smallwheel_drive_through") as node:
-        recorder = _Recorder(node, alive, by_sinkage)
-        with Player(node, bag, rate=rate) as player:
-            recorder.record(player, seconds, progress)
-        return recorder.recording
+    with own_node("smallwheel_drive_through") as node, Player(node, bag, rate=rate) as player:
+        return _Recorder(node, player, alive, by_sinkage).record(seconds, progress)
 
 
 class _Recorder:
     """Records what the node publishes, and waits for it."""
 
-    def __init__(self, node: Node, alive: Callable[[], str | None], by_sinkage: bool) -> None:
-        self._alive, self._by_sinkage = alive, by_sinkage
-        self.recording = Recording()
+    def __init__(
+        self, node: Node, player: Player, alive: Callable[[], str | None], by_sinkage: bool
+    ) -> None:
+        self._player, self._alive, self._by_sinkage = player, alive, by_sinkage
+        self._recording = Recording()
         self._sent: dict[int, float] = {}
         self._diagnosed = 0  # messages of diagnostics
-        own = f"/{NODE_NAME}"
-        node.create_subscription(
-            MobilityEstimate, f"{own}/mobility", self._on_mobility, _EVERYTHING
-        )
-        node.create_subscription(SoilEstimate, f"{own}/soil", self._on_soil, LATCHED)
-        node.create_subscription(OccupancyGrid, f"{own}/cost", self._on_cost, LATCHED)
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        for kind, topic, callback, quality in (
+            (MobilityEstimate, f"/{NODE_NAME}/mobility", self._on_mobility, _EVERYTHING),
+            (SoilEstimate, f"/{NODE_NAME}/soil", self._on_soil, LATCHED),
+            (OccupancyGrid, f"/{NODE_NAME}/cost", self._on_cost, LATCHED),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
+        ):
+            node.create_subscription(kind, topic, callback, quality)
 
-    def record(self, player: Player, seconds: float, progress: Callable[[], object]) -> None:
+    def record(self, seconds: float, progress: Callable[[], object]) -> Recording:
         """Play everything; wait for the node before it, for its answers meanwhile and after it."""
-        found = self.recording
+        found, player = self._recording, self._player
 
         def deaf() -> list[str]:
             unheard = player.unheard() if self._by_sinkage else ()
@@ -407,14 +395,14 @@ class _Recorder:
                 return found.unanswered < _MOST_UNANSWERED
             return now - int(found.mobility[-1]["stamp"]) < _FURTHEST_BEHIND
 
-        self._wait(player, lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
+        self._wait(lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
         # Topics that the node does not need may stay unheard.
         player.wait_for_listeners(_PATIENCE)
         # The node knows that we listen when its first soil has come, and that we publish when it misses
         # nobody who does: what a stranger sends is lost.
-        self._wait(player, lambda: bool(found.soil), lambda: "it published no soil")
-        self._wait(player, lambda: self._diagnosed > 0, None)
-        self._wait(player, lambda: self._missed().isdisjoint(player.topics), None)
+        self._wait(lambda: bool(found.soil), lambda: "it published no soil")
+        self._wait(lambda: self._diagnosed > 0)
+        self._wait(lambda: self._missed().isdisjoint(player.topics))
 
         def silent() -> str:
             return f"{len(found.mobility)} answers until then"
@@ -426,7 +414,7 @@ class _Recorder:
             if now - begin > seconds * SECOND:
                 break
             # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
-            self._wait(player, answered, silent if self._by_sinkage else None)
+            self._wait(answered, silent if self._by_sinkage else None)
             if self._by_sinkage and raw.type == _SINKAGE:
                 message = deserialize_message(bytes(raw.data), WheelSinkage)
                 self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
@@ -435,53 +423,52 @@ class _Recorder:
             progress()
             if found.published % 10 == 0:
                 player.spin(0.0)
-        self._wait(player, lambda: found.unanswered <= 0, None)
+        self._wait(lambda: found.unanswered <= 0)
         # The last soil, and diagnostics that know of the last message, come by timers, the soil more
         # often; the first diagnostics may be under way already.
         until = self._diagnosed + 2
-        self._wait(player, lambda: self._diagnosed >= until, None)
+        self._wait(lambda: self._diagnosed >= until)
+        return found
 
-    def _wait(
-        self, player: Player, done: Callable[[], bool], failure: Callable[[], str] | None
-    ) -> None:
+    def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None = None) -> None:
         """Spin until it is done; too long without an answer is an error where there are words for one."""
         limit = _PATIENCE if failure is not None else _LAST
-        answers, newest = len(self.recording.mobility), time.monotonic()
+        answers, newest = len(self._recording.mobility), time.monotonic()
         while not done():
             dead = self._alive()
             if dead is not None:
                 raise DriveThroughError(f"the node {NODE_NAME} has died: {dead}")
-            if len(self.recording.mobility) > answers:
-                answers, newest = len(self.recording.mobility), time.monotonic()
+            if len(self._recording.mobility) > answers:
+                answers, newest = len(self._recording.mobility), time.monotonic()
             if time.monotonic() - newest > limit:
                 if failure is None:
                     return
                 raise DriveThroughError(
                     f"the node {NODE_NAME} does not answer within {limit:.0f} s: {failure()}"
                 )
-            player.spin(0.02)
+            self._player.spin(0.02)
 
     def _missed(self) -> set[str]:
         """Topics of which the node says that nobody publishes them; it says so once a second."""
-        inputs = self.recording.diagnostics.get(f"{NODE_NAME}: inputs", "")
+        inputs = self._recording.diagnostics.get(f"{NODE_NAME}: inputs", "")
         return set(re.findall(r"waiting for (\S+) \([^)]*\): no publisher", inputs))
 
     def _on_mobility(self, message: Any) -> None:
         sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)
         if sent is not None:
-            self.recording.latencies.append(time.monotonic() - sent)
-        self.recording.mobility.append(_row(message))
+            self._recording.latencies.append(time.monotonic() - sent)
+        self._recording.mobility.append(_row(message))
 
     def _on_soil(self, message: Any) -> None:
-        self.recording.soil.append(_row(message))
+        self._recording.soil.append(_row(message))
 
     def _on_diagnostics(self, message: Any) -> None:
         self._diagnosed += 1
-        newest = self.recording.mobility[-1]["stamp"] if self.recording.mobility else 0
+        newest = self._recording.mobility[-1]["stamp"] if self._recording.mobility else 0
         for status in message.status:
-            self.recording.diagnostics[status.name] = status.message
+            self._recording.diagnostics[status.name] = status.message
             if status.name.endswith(_ALARMS) and status.level != DiagnosticStatus.OK:
-                self.recording.warnings.append((newest, status.message))
+                self._recording.warnings.append((newest, status.message))
 
     def _on_cost(self, message: Any) -> None:
-        self.recording.cost = grid_from(message)
+        self._recording.cost = grid_from(message)

@@ -309,7 +309,7 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     try:
         for part, name in (
             (CostPublisher, "__init__"),
-            (Outputs, "publish_soil_of"),
+            (Outputs, "publish_soil"),
             (Inputs, "listen"),
         ):
             with monkeypatch.context() as patch:
