@@ -105,21 +105,9 @@ def own_ros(log_folder: Path) -> dict[str, str]:
 class NodeProcess:
     """The node in a process of its own; use it in a `with` statement, which ends it.
 
-    Parameters
-    ----------
-    parameters
-        Parameter files, later ones win.
-    log
-        File for what it prints.
-    overrides
-        Further parameters as ROS writes them, such as {"use_sim_time": "true"}.
-    environment
-        Variables that differ from this process's.
-
-    Attributes
-    ----------
-    process_id
-        Number of the process, once it is started.
+    parameters: parameter files, later ones win. log: file for what it prints. overrides: further
+    parameters as ROS writes them, such as {"use_sim_time": "true"}. environment: variables that differ
+    from this process's. process_id: number of the process, once it is started.
     """
 
     def __init__(

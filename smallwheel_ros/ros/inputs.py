@@ -41,10 +41,6 @@ _MEASURED = {
 }
 
 
-# A topic that has not given what is needed of it yet: name, type, parts of its messages, and why.
-_Missing = tuple[str, str, str, str]
-
-
 @dataclass
 class _Stream:
     """By which topic a stream of the estimate comes: messages until now, and when the newest came."""
@@ -81,7 +77,7 @@ class Inputs:
                 self._streams[stream] = _Stream(name, topic.type, detail, 0, now)
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
-        self._said_missing: set[_Missing] = set()
+        self._said_missing: set[tuple[str, str]] = set()
         self._all_here = False  # and said
         self._measured_at = now
 
@@ -163,22 +159,23 @@ class Inputs:
 
         What has been said is not said again.
         """
-        new = [one for one in self._missing() if one not in self._said_missing]
-        self._said_missing.update(new)
-        groups: dict[tuple[str, str, str], list[str]] = {}
-        for topic, kind, details, why in new:
-            groups.setdefault((kind, details, why), []).append(topic)
-        for (kind, details, why), topics in groups.items():
-            self._node.get_logger().warning(_waiting(", ".join(topics), kind, details, why))
+        groups: dict[str, list[str]] = {}
+        for topic, why in self._missing():
+            if (topic, why) not in self._said_missing:
+                self._said_missing.add((topic, why))
+                groups.setdefault(why, []).append(topic)
+        for why, topics in groups.items():
+            self._node.get_logger().warning(f"still waiting for {', '.join(topics)} {why}")
 
-    def _missing(self) -> list[_Missing]:
+    def _missing(self) -> list[tuple[str, str]]:
+        """Topics that have not given what is needed of them yet, and of each the type and why."""
         missing: dict[tuple[str, str], str] = {}
         for name, stream in self._streams.items():
             if self._onboard.received[name] == 0:
                 key = (stream.topic, stream.type)
                 missing[key] = missing.get(key, "") + stream.detail
         return [
-            (topic, kind, details, self._why(topic, kind))
+            (topic, f"({kind}{details}): {self._why(topic, kind)}")
             for (topic, kind), details in missing.items()
         ]
 
@@ -204,7 +201,7 @@ class Inputs:
         """
         settings, now = self._onboard.settings, time.monotonic()
         elapsed, self._measured_at = max(now - self._measured_at, 1e-6), now
-        words = [_waiting(*missing) for missing in self._missing()]
+        words = [f"still waiting for {topic} {why}" for topic, why in self._missing()]
         values = {}
         for key, stream in self._streams.items():
             count, newest = self._onboard.received[key], self._onboard.newest(key)
@@ -233,10 +230,6 @@ class Inputs:
             text += f"; {unused} messages could not be used, see the counts"
         level = WARN if settings.velocity == "none" else OK
         return status(name, level, "; ".join([text, *said]), values)
-
-
-def _waiting(topics: str, kind: str, details: str, why: str) -> str:
-    return f"still waiting for {topics} ({kind}{details}): {why}"
 
 
 # --- What the node logs of them as it starts

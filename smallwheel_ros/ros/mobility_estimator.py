@@ -40,8 +40,7 @@ EXIT_BAD_INPUT = 2
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 _Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
 
-# Services without arguments: what does their work, and what is lacking for it in a node that is not
-# configured.
+# What does the work of a service, and what is lacking for it in a node that is not configured.
 _SERVICES = {
     "reset": (Session.reset, "there is nothing to reset"),
     "save_soil": (Session.save, "there is no soil to save"),
@@ -210,10 +209,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
-        unknown = list(self._table.unknown)
         if self._session is not None:
             self._frames.look_up(self._session.velocity_frame)
-        unknown += [*self._description.lacking, *self._frames.lacking]
+        unknown = [*self._table.unknown, *self._description.lacking, *self._frames.lacking]
         if self.problem:
             found, unknown = [status(f"{name}: parameters", ERROR, self.problem)], []
         elif self._session is None and self.autostart and self.waiting:
@@ -229,8 +227,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         doubled = namesakes(self)
         if doubled:
             found.append(status(f"{name}: name", WARN, doubled))
-            if not self._doubled:
-                self.get_logger().warning(doubled)
+        if doubled and not self._doubled:
+            self.get_logger().warning(doubled)
         self._doubled = doubled
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()

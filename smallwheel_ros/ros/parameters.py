@@ -88,19 +88,10 @@ class NodeParameters:
     type, range and description. A value that does not fit is not declared but remembered, so that
     the node can say in its own words what is wrong, and somebody can mend it while it runs.
 
-    Parameters
-    ----------
-    is_active
-        Whether the node works by the parameters now: then nobody can set one.
-    filled
-        Called, with names and values in words, when parameters that nobody gave have got another value.
-
-    Attributes
-    ----------
-    unknown
-        A sentence for each given parameter that nobody knows.
-    problems
-        A sentence for each parameter that was given another value than it can have, by its name.
+    is_active: whether the node works by the parameters now: then nobody can set one. filled: called,
+    with names and values in words, when parameters that nobody gave have got another value. unknown: a
+    sentence for each given parameter that nobody knows. problems: a sentence for each parameter that
+    was given a value that it cannot have, by its name.
     """
 
     def __init__(
@@ -108,10 +99,8 @@ class NodeParameters:
     ) -> None:
         self._node = node
         self._is_active, self._filled = is_active, filled
-        given = {
-            name: _plain(parameter.value)
-            for name, parameter in node.get_parameters_by_prefix("").items()
-        }
+        found = node.get_parameters_by_prefix("")
+        given = {name: _plain(parameter.value) for name, parameter in found.items()}
         self._overrides = [name for name in given if name.startswith(OVERRIDES)]
         self.problems: dict[str, str] = {}
         self._table: dict[str, Parameter] = {}
@@ -253,12 +242,8 @@ _UPRIGHT = 0.9  # cosine of 25 degrees, as for the axes of wheels: speeds along 
 class RobotDescription:
     """Listens to the robot description, and gives the parameters what it says.
 
-    It does not listen where every parameter is given that a description can fill.
-
-    Attributes
-    ----------
-    lacking
-        A sentence for what the newest description could not fill.
+    It does not listen where every parameter is given that a description can fill. lacking: a sentence
+    for what the newest description could not fill.
     """
 
     def __init__(self, node: Node, table: NodeParameters) -> None:
@@ -312,12 +297,8 @@ class VelocityFrame:
     """Looks the frame of `velocity_topic` up in tf, once, and gives the parameters what it finds.
 
     It listens to tf only from the first message in a frame that is not the base frame until the
-    transform is known.
-
-    Attributes
-    ----------
-    lacking
-        A sentence while the frame is not the base frame and nobody says where the sensor is.
+    transform is known. lacking: a sentence while the frame is not the base frame and nobody says where
+    the sensor is.
     """
 
     def __init__(self, node: Node, table: NodeParameters) -> None:

@@ -77,23 +77,9 @@ class Player:
 
     A bag of ROS 1 is converted on the way; a damaged one is played to where it ends.
 
-    Parameters
-    ----------
-    rate
-        Times as fast as recorded.
-    start
-        s after the bag's beginning.
-    loop
-        Again and again.
-    clock
-        Publish /clock from the times of recording, for nodes with use_sim_time.
-
-    Attributes
-    ----------
-    topics
-        Type of each topic that is published.
-    skipped
-        The same of the topics whose type is not installed here.
+    rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again. clock:
+    publish /clock from the times of recording, for nodes with use_sim_time. topics: type of each topic
+    that is published. skipped: the same of the topics whose type is not installed here.
 
     Raises
     ------
@@ -286,31 +272,19 @@ class DriveThroughError(SmallwheelError):
 
 @dataclass
 class Recording:
-    """What the node published.
+    """What the node published."""
 
-    Attributes
-    ----------
-    mobility, soil
-        One row per message: its fields, with `stamp` (ns) and `frame_id` of the header.
-    diagnostics
-        Message of the newest entry of each name.
-    warnings
-        Stamp (ns) of the newest estimate, and message, of each alarm in the diagnostics.
-    cost
-        Newest grid of the cost map.
-    published, sinkages
-        Messages that were played, and how many of them were sinkages.
-    latencies
-        s from each sinkage's publication to its answer, waiting for other topics included.
-    """
-
+    # One row per message: its fields, with `stamp` (ns) and `frame_id` of the header.
     mobility: list[dict[str, Any]] = field(default_factory=list)
     soil: list[dict[str, Any]] = field(default_factory=list)
+    # Message of the newest entry of each name.
     diagnostics: dict[str, str] = field(default_factory=dict)
+    # Stamp (ns) of the newest estimate, and message, of each alarm in the diagnostics.
     warnings: list[tuple[int, str]] = field(default_factory=list)
-    cost: Grid | None = None
-    published: int = 0
-    sinkages: int = 0
+    cost: Grid | None = None  # the newest of the cost map
+    published: int = 0  # messages that were played
+    sinkages: int = 0  # how many of them were sinkages
+    # s from each sinkage's publication to its answer, waiting for other topics included.
     latencies: list[float] = field(default_factory=list)
 
     @property

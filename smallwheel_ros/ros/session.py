@@ -87,21 +87,10 @@ def _check_topics(node: LifecycleNode, feed: Feed, overrides: Mapping[str, objec
 class Session:
     """The estimate of a configured node, with its topics; it is made whole or raises.
 
-    Parameters
-    ----------
-    overrides
-        Values of the parameters `qos_overrides.*` that were given.
-    wall
-        A clock that goes on while /clock stands still.
-
-    Attributes
-    ----------
-    unused
-        A sentence for each parameter of the quality of service that nobody uses.
-    restored
-        What saved soil and cost map it goes on from, in words; empty where there is none.
-    velocity_frame
-        Frame of the newest message of velocity_topic; empty until there is one.
+    overrides: values of the parameters `qos_overrides.*` that were given. wall: a clock that goes on
+    while /clock stands still. unused: a sentence for each of those parameters that nobody uses.
+    restored: what saved soil and cost map it goes on from, in words; empty where there is none.
+    velocity_frame: frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
     ------
@@ -141,7 +130,11 @@ class Session:
         self.restored = "; ".join(filter(None, [restored, remembered]))
 
     def _new_feed(self) -> Feed:
-        return Feed(Onboard(self._settings.onboard, on_result=self._answer), self._settings)
+        # A result is published at once: those of the other wheels are worked out after it.
+        def publish(result: Result) -> None:
+            self._safely("~/mobility", self._outputs.answer, result)
+
+        return Feed(Onboard(self._settings.onboard, on_result=publish), self._settings)
 
     @property
     def active(self) -> bool:
@@ -212,13 +205,11 @@ class Session:
 
     def _take(self, topic: Topic, message: Any) -> None:
         self._last_arrival = time.monotonic()
-        self._safely(topic.name, self._handle, topic, message)
-        self._log_problems()
-
-    def _handle(self, topic: Topic, message: Any) -> None:
         if topic.name == self._settings.velocity_topic:
             self.velocity_frame = message.header.frame_id
-        self._keep(topic.handle(message, self._node.get_clock().now().nanoseconds))
+        now = self._node.get_clock().now().nanoseconds
+        self._safely(topic.name, lambda: self._keep(topic.handle(message, now)))
+        self._log_problems()
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
         """Do something of which a defect must not take a robot's node down; it is loud all the same.
@@ -239,10 +230,6 @@ class Session:
 
     def _log_problems(self) -> None:
         self._inputs.log(self._onboard.take_problems())
-
-    def _answer(self, result: Result) -> None:
-        """Publish a result at once: those of the other wheels are worked out after it."""
-        self._safely("~/mobility", self._outputs.answer, result)
 
     def _keep(self, results: Sequence[Result]) -> None:
         if self._time_jumps != self._onboard.time_jumps:
