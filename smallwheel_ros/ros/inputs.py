@@ -12,7 +12,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from smallwheel_ros.onboard.feed import Feed, Topic
@@ -90,24 +90,27 @@ class Inputs:
 
     def listen(self) -> None:
         """Subscribe to the topics. Where that fails, to none."""
-        take_classes = self._take_classes
-        wanted: list[tuple[Any, str, Callable[[Any], None], dict[str, Any]]] = [
-            (message_class(topic.type), topic.name, partial(self._take, topic), overridable(INPUT))
-            for topic in self._topics
-        ]
-        # A classifier's grids come as they are made, a map server's was there before us.
-        for how in (overridable(INPUT), overridable(LATCHED, "latched")):
-            wanted.append((OccupancyGrid, TERRAIN_CLASSES, take_classes, how))
-        if TFMessage is not None:
-            # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
-            for name in dict.fromkeys(map(self._node.resolve_topic_name, ("/tf", "tf"))):
-                wanted.append((TFMessage, name, self._take_transforms, overridable(INPUT)))
+
+        def subscribe(
+            kind: Any,
+            topic: str,
+            take: Callable[[Any], None],
+            profile: QoSProfile = INPUT,
+            entity: str | None = None,
+        ) -> None:
+            how = {"event_callbacks": NO_SUBSCRIPTION_EVENTS, **overridable(profile, entity)}
+            self._subscriptions.append(self._node.create_subscription(kind, topic, take, **how))
+
         try:
-            for kind, name, callback, how in wanted:
-                made = self._node.create_subscription(
-                    kind, name, callback, event_callbacks=NO_SUBSCRIPTION_EVENTS, **how
-                )
-                self._subscriptions.append(made)
+            for topic in self._topics:
+                subscribe(message_class(topic.type), topic.name, partial(self._take, topic))
+            # A classifier's grids come as they are made, a map server's was there before us.
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, self._take_classes)
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, self._take_classes, LATCHED, "latched")
+            if TFMessage is not None:
+                # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
+                for name in dict.fromkeys(map(self._node.resolve_topic_name, ("/tf", "tf"))):
+                    subscribe(TFMessage, name, self._take_transforms)
         except Exception:
             self.stop()
             raise
