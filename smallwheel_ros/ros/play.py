@@ -390,7 +390,7 @@ class _Recorder:
             # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
             self._wait(answered, silent if self._by_sinkage else None)
             if self._by_sinkage and raw.type == _SINKAGE:
-                message = deserialize_message(bytes(raw.data), WheelSinkage)
+                message = deserialize_message(raw.data, WheelSinkage)
                 self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
                 found.sinkages += 1
             found.published += 1
